@@ -40,6 +40,7 @@ from printmend.infer.posterior import DRAWS
 from printmend.invert import start
 from printmend.machine import Mechanism
 from printmend.measure import write_trace
+from printmend.messages import Said, catalogue
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe, expected_error_mm
@@ -570,6 +571,12 @@ def _patterns(name: str) -> dict[str, str]:
 
 def _german(text: str) -> str | None:
     """Return what the page would say in German, by its own list and rules; None where it would stay English."""
+    if isinstance(text, Said):
+        entry = catalogue().get(text.id)
+        parts = {name: _german(value) if isinstance(value, Said) else value for name, value in text.values.items()}
+        if None in parts.values():
+            return None
+        return text.id.join(parts.values()) if entry is None else entry[1].format(**parts)
     listed = (PAGE / "said.de.js").read_text(encoding="utf-8")
     into = _patterns("said.de.js")
 
@@ -621,6 +628,9 @@ def test_why_something_did_not_work_is_said_in_the_pages_own_words() -> None:
         for call in ast.walk(ast.parse(inspect.getsource(module))):
             given = call.keywords if isinstance(call, ast.Call) else []
             for word in (one for one in given if one.arg in ("wanted", "came", "todo")):
+                if isinstance(word.value, ast.Call) and getattr(word.value.func, "id", "") == "say":
+                    seen += 1
+                    continue  # tests/test_messages.py looks at its German
                 text = _told(word.value, vars(module)).replace("`", "")
                 if not text.strip("7 ()×"):
                     continue
@@ -641,7 +651,6 @@ _OTHERS = ("ripple", "offset", "jump", "lead", "periodic-1", "backlash", "wobble
 
 
 def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
-    screw = " ".join(Path(inspect.getsourcefile(diagnosis.screw) or "").read_text(encoding="utf-8").split())
     for kind in _KINDS.split():
         for value, sd in ((0.02, 0.0), (-0.3, 0.05), (3.0, 0.001)):
             one = advise(NamedFault("x", kind, value, sd, "mm", "words"), corexy=value > 1)
@@ -701,9 +710,6 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
             assert _german(_change(now, before, 0.01).words)
     for acts in (0.0, 0.01):
         assert _german(in_words(np.full(2, 0.01), np.full(2, acts), 0.002).removeprefix("warning: "))
-    for words in ("told to ±", "the heights span", "no heights were measured", "no height was measured after"):
-        assert words in screw
-        assert any(words in line for line in (PAGE / "said.de.js").read_text(encoding="utf-8").splitlines())
 
 
 def _check_effects() -> None:

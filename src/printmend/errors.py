@@ -18,6 +18,9 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
+from printmend.messages import said
+
+WHY = "why"  # id of an error as a message: its subject, what was wanted, what came, what to do
 _LONGEST = 300  # characters of each part of a message
 
 
@@ -32,7 +35,9 @@ class PrintmendError(Exception):
 
     def __init__(self, subject: object, *, wanted: str, came: str, todo: str) -> None:
         self.subject, self.wanted, self.came, self.todo = str(subject), wanted, came, todo
-        super().__init__(f"{_line(str(subject))}: wanted {_line(wanted)}, got {_line(came)}; {_line(todo)}")
+        a, b, c, d = (_line(part) for part in (str(subject), wanted, came, todo))
+        self.message = said(WHY, {"a": a, "b": b, "c": c, "d": d}, f"{a}: wanted {b}, got {c}; {d}")
+        super().__init__(str(self.message))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Let the error cross from a worker's process as it is."""
@@ -43,7 +48,8 @@ class PrintmendError(Exception):
 def _line(text: str) -> str:
     """Return one line that a terminal can show: came may quote a foreign file, with anything in it."""
     plain = " ".join("".join(c if c.isprintable() or c.isspace() else "�" for c in text).split())
-    return plain if len(plain) <= _LONGEST else plain[: _LONGEST - 1] + "…"
+    plain = plain if len(plain) <= _LONGEST else plain[: _LONGEST - 1] + "…"
+    return text if plain == text else plain  # a message stays one
 
 
 def reason(error: Exception) -> str:

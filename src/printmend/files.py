@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from printmend.errors import InputError, UnwritableError, reason
+from printmend.messages import say
 
 try:
     import fcntl
@@ -32,14 +33,14 @@ def read_text(path: str | Path, *, wanted: str, todo: str, error: type[InputErro
         with open(path, "rb") as file:
             data = file.read(MAX_TEXT_BYTES + 1)
     except (OSError, ValueError) as problem:
-        came = "a folder" if isinstance(problem, IsADirectoryError) else reason(problem)
-        raise error(path, wanted=wanted, came=came, todo="check the path") from None
+        came = say("folder") if isinstance(problem, IsADirectoryError) else reason(problem)
+        raise error(path, wanted=wanted, came=came, todo=say("check-path")) from None
     if len(data) > MAX_TEXT_BYTES:
-        raise error(path, wanted=wanted, came=f"more than {MAX_TEXT_BYTES // 1_000_000} MB", todo=todo)
+        raise error(path, wanted=wanted, came=say("more-than-mb", MAX_TEXT_BYTES // 1000000), todo=todo)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise error(path, wanted=wanted, came="bytes that are not UTF-8 text", todo=todo) from None
+        raise error(path, wanted=wanted, came=say("bytes-not-utf-8-text"), todo=todo) from None
 
 
 @contextlib.contextmanager
@@ -151,7 +152,7 @@ def _unwritable(path: Path, came: str) -> UnwritableError:
     todo = "choose another place, or make the folder" if "no such" in came else "choose another place"
     if "space" in came or "quota" in came:
         todo = "make room on the disk, or choose another place"
-    return UnwritableError(path, wanted="a file that can be written", came=came, todo=todo)
+    return UnwritableError(path, wanted=say("file-can-be-written"), came=came, todo=todo)
 
 
 def _umask() -> int:

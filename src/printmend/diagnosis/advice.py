@@ -4,8 +4,9 @@ import math
 from dataclasses import dataclass
 
 from printmend.effects import EFFECTS
-from printmend.effects.words import CARRIES, SOON_MM, Care
+from printmend.effects.words import SOON_MM, Care
 from printmend.effects.words import Fault as NamedFault
+from printmend.messages import say, within
 
 CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations from 0 at which a fault is certain, or very likely
 REPAIR_MM = 0.5  # effect on a print above which a part should be replaced
@@ -33,13 +34,13 @@ def advise(fault: NamedFault, *, corexy: bool = False, rails: bool = False) -> A
     kind = fault.kind.rstrip("0123456789.").removesuffix("-")  # harmonic-2 is a harmonic
     title, meaning, effect, repair, software = _said(kind, where, fault, size)
     if rails and kind == "play":
-        repair = "Look at the rails and the head first: this play may be theirs. Then tighten the belt."
+        repair = say("look-rails-head-first-play-may")
     nothing = repair.startswith("Nothing to repair")
     urgency = (
         "software" if nothing else "repair" if effect >= REPAIR_MM else "soon" if effect >= SOON_MM else "software"
     )
     if urgency == "software" and not repair.startswith("Nothing"):
-        repair = f"Nothing, as long as it stays this small. If it grows: {repair[0].lower()}{repair[1:]}"
+        repair = say("nothing-while-small", within(repair))
     return Advice(title, meaning, _sure(fault), effect, urgency, repair, software)
 
 
@@ -56,30 +57,33 @@ def _said(kind: str, where: str, fault: NamedFault, size: float) -> "Said":
 def _sure(fault: NamedFault) -> str:
     """Say how sure a fault is, and between which values it lies (two standard deviations)."""
     if fault.sd <= 0:
-        return "seen; its size is an estimate without an error bar"
+        return say("seen-size-estimate-without-error-bar")
     sigmas = abs(fault.value) / fault.sd
     word = "certain" if sigmas >= CERTAIN_SIGMAS else "very likely" if sigmas >= LIKELY_SIGMAS else "likely"
     low, high = sorted((abs(fault.value) - 2 * fault.sd, abs(fault.value) + 2 * fault.sd))
     digits = 3 if fault.sd < 0.01 else 2
     first, last = f"{max(low, 0):.{digits}f}", f"{high:.{digits}f}"
-    return f"{word}: {last} {fault.unit}" if first == last else f"{word}: between {first} and {last} {fault.unit}"
+    return say("sure-of", word, last, fault.unit) if first == last else say("between", word, first, last, fault.unit)
 
 
 Said = tuple[str, str, float, str, str]
-_CARRIES = CARRIES
+
+
+def _carries() -> str:
+    return say("printmend-carries-all")
 
 
 def _scale(where: str, fault: NamedFault, size: float) -> Said:
     effect = size / 100 * SPAN_MM
     word = "large" if fault.value > 0 else "small"
     repair = (
-        "Look at the pulley's size and number of teeth; replace it if it is the wrong one." if size > 2 else
-        "Nothing to repair: correct the steps per millimetre (`printmend export` writes them)."
+        say("look-pulley-s-size-number-teeth") if size > 2 else
+        say("nothing-repair-correct-steps-per-millimetre")
     )  # fmt: skip
     return (
-        f"{where} prints {size:.2f} % too {word}",
-        f"Every 100 mm along {where} come out {effect:.2f} mm too {'long' if fault.value > 0 else 'short'}.",
-        effect, repair, "The firmware can hold it, or printmend.",
+        say("prints-too", where, f"{size:.2f}", word),
+        say("every-100-mm-along-come-out", where, f"{effect:.2f}", "long" if fault.value > 0 else "short"),
+        effect, repair, say("firmware-can-hold-printmend"),
     )  # fmt: skip
 
 
@@ -87,198 +91,196 @@ def _harmonic(where: str, fault: NamedFault, size: float) -> Said:
     k = int(fault.kind.split("-")[1])
     effect = size / k
     if k == 1:
-        title, meaning = f"{where} pulley is off its centre", f"The pulley wobbles {size:.2f} mm about its shaft"
-        repair = "Replace the pulley; if the new one wobbles too, the motor's shaft is bent."
+        title = say("pulley-off-centre", where)
+        meaning = say("pulley-wobbles", f"{size:.2f}", f"{effect:.2f}")
+        repair = say("replace-pulley-if-new-one-wobbles")
     else:
         shape = {2: "oval", 3: "three-cornered", 4: "four-cornered"}.get(k, "uneven")
-        title, meaning = f"{where} pulley is {shape}", f"The pulley is {size:.2f} mm out of round, {k} times a turn"
-        repair = "Replace the pulley: it is worn, squeezed or badly made."
+        title = say("pulley", where, shape)
+        meaning = say("pulley-out-of-round", f"{size:.2f}", k, f"{effect:.2f}")
+        repair = say("replace-pulley-worn-squeezed-badly-made")
     if effect < SOON_MM:
-        repair = "Nothing to replace."
-    return (
-        title, f"{meaning}; lines swing by {effect:.2f} mm to either side, again and again.", effect, repair, _CARRIES,
-    )  # fmt: skip
+        repair = say("nothing-replace")
+    return title, meaning, effect, repair, _carries()
 
 
 def _play(where: str, fault: NamedFault, size: float) -> Said:
     return (
-        f"{where} belt has play",
-        f"After each change of direction {where} stands still for {size:.2f} mm.",
+        say("belt-has-play", where),
+        say("after-each-change-direction-stands-still", where, f"{size:.2f}"),
         size,
-        "Tighten the belt; then look at the pulley's grub screw." if size >= SOON_MM else "Nothing to tighten.",
-        "printmend carries it: it takes the slack up at each reversal. A tight belt is better: less to take up.",
+        say("tighten-belt-then-look-pulley-s") if size >= SOON_MM else say("nothing-tighten"),
+        say("printmend-carries-takes-slack-up-each"),
     )
 
 
 def _loose(where: str, fault: NamedFault, size: float) -> Said:
     return (
-        f"{where} belt is loose on an uneven pulley",
-        f"After each change of direction {where} stands still for about {size:.2f} mm, more at some angles.",
+        say("belt-loose-uneven-pulley", where),
+        say("after-each-change-direction-stands-still-2", where, f"{size:.2f}"),
         size,
-        "Tighten the belt. The pulley pulls it tight and lets it go once a turn: replace the pulley if it still does.",
-        "printmend carries it.",
+        say("tighten-belt-pulley-pulls-tight-lets"),
+        say("printmend-carries"),
     )
 
 
 def _by_angle(where: str, fault: NamedFault, size: float) -> Said:
     return (
-        f"{where} pulley is loose on its shaft",
-        f"After each change of direction {where} stands still for about {size:.2f} mm; how much depends on the angle.",
+        say("pulley-loose-shaft", where),
+        say("after-each-change-direction-stands-still-3", where, f"{size:.2f}"),
         size,
-        "Tighten the grub screw on the flat of the motor's shaft, then the belt.",
-        "printmend carries it while it stays as it is; a loose screw seldom does.",
+        say("tighten-grub-screw-flat-motor-s"),
+        say("printmend-carries-while-stays-loose-screw"),
     )
 
 
 def _friction(where: str, fault: NamedFault, size: float) -> Said:
     return (
-        f"{where} runs stiffly, and its belt stretches",
-        f"After a change of direction {where} lags by {size:.2f} mm, more the farther it is from the motor.",
+        say("runs-stiffly-belt-stretches", where),
+        say("after-change-direction-lags-mm-more", where, f"{size:.2f}"),
         size,
-        "Clean and oil the guides, look for a wheel or bearing that binds; then tighten the belt.",
-        "printmend carries it.",
+        say("clean-oil-guides-look-wheel-bearing"),
+        say("printmend-carries"),
     )
 
 
 def _elastic(where: str, fault: NamedFault, size: float) -> Said:
     if "idler" in fault.words:
         return (
-            f"{where} belt stretches, or an idler wobbles",
-            "The pulley's error changes along the belt: the belt stretches, or an idler of nearly the pulley's size is "
-            "off its centre.",
-            size, "Tighten the belt, unless it is tight; look whether an idler wobbles.", _CARRIES,
+            say("belt-stretches-idler-wobbles", where),
+            say("pulley-s-error-changes-along-belt"),
+            size, say("tighten-belt-unless-tight-look-whether"), _carries(),
         )  # fmt: skip
     return (
-        f"{where} belt stretches",
-        "The pulley's error is felt near the motor and fades along the belt.",
-        size, "Tighten the belt, unless it is tight.", _CARRIES,
+        say("belt-stretches", where),
+        say("pulley-s-error-felt-near-motor"),
+        size, say("tighten-belt-unless-tight"), _carries(),
     )  # fmt: skip
 
 
 def _ripple(where: str, fault: NamedFault, size: float) -> Said:
     return (
-        f"{where} motor steps unevenly",
-        f"Micro-steps are uneven by {size:.3f} mm.",
-        size, "Nothing to repair; another motor driver may run smoother.", _CARRIES,
+        say("motor-steps-unevenly", where),
+        say("micro-steps-uneven-mm", f"{size:.3f}"),
+        size, say("nothing-repair-another-motor-driver-may"), _carries(),
     )  # fmt: skip
 
 
 def _drift(where: str, fault: NamedFault, size: float) -> Said:
     return (
-        f"{where} stretches unevenly along the bed",
-        f"The scale changes along {where}, by up to {size:.2f} mm.",
-        size, "Look along the belt and the guide for a bend or a place that binds.", _CARRIES,
+        say("stretches-unevenly-along-bed", where),
+        say("scale-changes-along-up-mm", where, f"{size:.2f}"),
+        size, say("look-along-belt-guide-bend-place"), _carries(),
     )  # fmt: skip
 
 
 def _warp(where: str, fault: NamedFault, size: float) -> Said:
     return (
-        f"{where} runs unevenly along its way",
-        f"Along {where} the print swings by up to {size:.2f} mm, at the same places each time but not once a turn of "
-        "the motor: the belt's teeth are uneven or stretched, or the guide is.",
+        say("runs-unevenly-along-way", where),
+        say("along-print-swings-up-mm-same", where, f"{size:.2f}"),
         size,
-        "Look along the belt for a worn or stretched stretch, and along the guide for a dent; replace what is worn."
-        if size >= SOON_MM else "Nothing to replace.",
-        _CARRIES,
+        say("look-along-belt-worn-stretched-stretch")
+        if size >= SOON_MM else say("nothing-replace"),
+        _carries(),
     )  # fmt: skip
 
 
 def _period(where: str, fault: NamedFault, size: float) -> Said:
     length = fault.kind.removeprefix("period-")
     return (
-        f"{where} swings every {length} mm",
-        f"Lines swing by {size:.2f} mm to either side, again and again, but not once a turn of the printer's own "
-        "pulley: an idler that the belt runs over is off its centre, or dirty, or the pulley is another one.",
+        say("swings-every-mm", where, length),
+        say("lines-swing-mm-either-side-again", f"{size:.2f}"),
         size,
-        "Clean the idlers and look which of them wobbles, or the pulley; replace it." if size >= SOON_MM
-        else "Nothing to replace.",
-        _CARRIES,
+        say("clean-idlers-look-them-wobbles-pulley") if size >= SOON_MM
+        else say("nothing-replace"),
+        _carries(),
     )  # fmt: skip
 
 
 def _offset(where: str, fault: NamedFault, size: float) -> Said:
     return (
-        f"{where} is shifted",
-        f"Everything lies {size:.2f} mm to one side: shapes are right.",
-        0.0, "Nothing to repair.", "printmend or the firmware's home offset carries it.",
+        say("shifted", where),
+        say("everything-lies-mm-one-side-shapes", f"{size:.2f}"),
+        0.0, say("nothing-repair"), say("printmend-firmware-s-home-offset-carries"),
     )  # fmt: skip
 
 
 def _skew(where: str, fault: NamedFault, size: float) -> Said:
     effect = SPAN_MM * math.tan(math.radians(size))
     return (
-        "The frame is not square",
-        f"Right angles come out {size:.2f}° off: {effect:.2f} mm on 100 mm.",
+        say("frame-not-square"),
+        say("right-angles-come-out-off-mm", f"{size:.2f}", f"{effect:.2f}"),
         effect,
-        "Loosen the frame, square it, tighten it." if effect >= SOON_MM else "Nothing to repair.",
-        "The firmware can hold it (`printmend export`), or printmend.",
+        say("loosen-frame-square-tighten") if effect >= SOON_MM else say("nothing-repair"),
+        say("firmware-can-hold-printmend-export-printmend"),
     )
 
 
 def _axes(where: str, fault: NamedFault, size: float) -> Said:
     effect = size / 100 * SPAN_MM
     return (
-        f"X prints {size:.2f} % {'larger' if fault.value > 0 else 'smaller'} than Y",
-        f"Squares come out as rectangles, whichever motor turns: {effect:.2f} mm on 100 mm.", effect,
-        "Look whether the belts run along the guides, from the idlers to the head." if effect >= SOON_MM
-        else "Nothing to repair.", _CARRIES,
+        say("x-prints-larger" if fault.value > 0 else "x-prints-smaller", f"{size:.2f}"),
+        say("squares-come-out-rectangles-whichever-motor", f"{effect:.2f}"), effect,
+        say("look-whether-belts-run-along-guides") if effect >= SOON_MM
+        else say("nothing-repair"), _carries(),
     )  # fmt: skip
 
 
 def _bow(where: str, fault: NamedFault, size: float) -> Said:
-    return _guides("The guides are bent", f"Straight lines bow, by up to {size:.2f} mm in the bed's corners.", size)
+    return _guides(say("guides-bent"), say("straight-lines-bow-up-mm-bed", f"{size:.2f}"), size)
 
 
 def _wavy(where: str, fault: NamedFault, size: float) -> Said:
-    return _guides("The guides are wavy", f"Straight lines snake, by up to {size:.2f} mm.", size)
+    return _guides(say("guides-wavy"), say("straight-lines-snake-up-mm", f"{size:.2f}"), size)
 
 
 def _guides(title: str, meaning: str, size: float) -> Said:
-    repair = "Look along the rods or rails; replace a bent one." if size >= SOON_MM else "Nothing to replace."
-    return title, meaning, size, repair, _CARRIES
+    repair = say("look-along-rods-rails-replace-bent") if size >= SOON_MM else say("nothing-replace")
+    return title, meaning, size, repair, _carries()
 
 
 def _jump(where: str, fault: NamedFault, size: float) -> Said:
     return (
-        f"{where} lost its place during the print",
-        f"From one point on everything lies {size:.2f} mm off: the belt jumped a tooth, or the motor missed steps.",
+        say("lost-place-during-print", where),
+        say("from-one-point-everything-lies-mm", f"{size:.2f}"),
         max(size, REPAIR_MM),
-        "Tighten the belt, oil the guides, print slower or give the motor more current.",
-        "Software cannot carry this: nobody knows when it jumps next.",
+        say("tighten-belt-oil-guides-print-slower"),
+        say("software-cannot-carry-nobody-knows-when"),
     )
 
 
 def _lead(where: str, fault: NamedFault, size: float) -> Said:
     effect = size / 100 * SPAN_MM
     return (
-        f"Prints come out too {'tall' if fault.value > 0 else 'low'}", f"{effect:.2f} mm on 100 mm of height.", effect,
-        "Nothing to repair: correct the Z steps per millimetre, or let printmend.", _CARRIES,
+        say("prints-come-out-too", "tall" if fault.value > 0 else "low"),
+        say("mm-100-mm-height", f"{effect:.2f}"), effect,
+        say("nothing-repair-correct-z-steps-per"), _carries(),
     )  # fmt: skip
 
 
 def _uneven(where: str, fault: NamedFault, size: float) -> Said:
     return (
-        "The Z screw lifts unevenly", f"Layers are too thick and too thin in turns, by up to {size:.2f} mm.", size,
-        "Clean and grease the Z screw; replace it if that does not help.", _CARRIES,
+        say("z-screw-lifts-unevenly"), say("layers-too-thick-too-thin-turns", f"{size:.2f}"), size,
+        say("clean-grease-z-screw-replace-if"), _carries(),
     )  # fmt: skip
 
 
 def _backlash(where: str, fault: NamedFault, size: float) -> Said:
     return (
-        "The Z nut has play", f"After each Z-hop the nozzle is {size:.2f} mm too high or too low.", size,
-        "Replace the Z nut, or fit one with a spring.", _CARRIES,
+        say("z-nut-has-play"), say("after-each-z-hop-nozzle-mm", f"{size:.2f}"), size,
+        say("replace-z-nut-fit-one-spring"), _carries(),
     )  # fmt: skip
 
 
 def _wobble(where: str, fault: NamedFault, size: float) -> Said:
     return (
-        "The Z screw is bent", f"It pushes the layers aside by {size:.2f} mm, in a pattern that repeats up the walls.",
-        size, "Roll the Z screw on a flat table; replace a bent one. Loosen the guide at its upper end.", _CARRIES,
+        say("z-screw-bent"), say("pushes-layers-aside-mm-pattern-repeats", f"{size:.2f}"),
+        size, say("roll-z-screw-flat-table-replace"), _carries(),
     )  # fmt: skip
 
 
 def _other(where: str, fault: NamedFault, size: float) -> Said:
-    return f"{where}: {fault.kind}", fault.words, size if fault.unit == "mm" else 0.0, "Have a look.", _CARRIES
+    return f"{where}: {fault.kind}", fault.words, size if fault.unit == "mm" else 0.0, say("have-a-look"), _carries()
 
 
 _SAY = {

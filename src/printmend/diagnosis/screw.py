@@ -14,6 +14,7 @@ from printmend.effects.words import NAMED_SIGMAS, amount
 from printmend.errors import TraceError
 from printmend.identify.drive.sight import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
 from printmend.identify.screw import first_push_mm, fit_height
+from printmend.messages import say
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
@@ -99,7 +100,7 @@ def find_screw(
         if push.faults:
             push, clean = _push_and_planar(trace, z_mm, printer, residual)
             if not asked:
-                lift = replace(lift, gaps={"lead": "Z lead and backlash: no heights were measured (z_measured_mm)"})
+                lift = replace(lift, gaps={"lead": say("z-lead-backlash-no-heights-were")})
     if not asked and not push.faults:  # of an ordinary print of some layers nobody asks what it says of Z
         return ScrewFound(None, trace, {"wobble": ""}) if push.said else None
     faults, series = (*lift.faults, *push.faults), None
@@ -126,7 +127,7 @@ def heights_mm(trace: Trace, printer: Printer) -> np.ndarray | None:
         if values is not None and (off := (values < low) | (values > high)).any():
             raise TraceError(
                 "trace", wanted=f"{name} from {low:g} to {high:g} mm", came=f"{values[off][0]:g}",
-                todo="check the unit and --printer",
+                todo=say("check-unit-printer"),
             )  # fmt: skip
     known = np.isfinite(trace.z_mm)
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
@@ -187,7 +188,7 @@ def _lift(z_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> _Part:
         if backlash_mm:
             faults.append(_fault("backlash", backlash_mm, height.backlash_sd_mm, "mm"))
     else:
-        gaps["backlash"] = "Z backlash: no height was measured after the nozzle came down"
+        gaps["backlash"] = say("z-backlash-no-height-measured-after")
     return _Part(np.where(sure, height.terms, 0.0), backlash_mm, said, gaps, tuple(faults), sds)
 
 
@@ -274,11 +275,11 @@ def _waves_words(found: list[tuple[int, float, float]]) -> str:
 
 
 def _unsure_gap(what: str, sd_mm: float) -> str:
-    return f"Z {what}: told to ± {sd_mm:.2f} mm only; measure more heights, spread over two turns"
+    return say("z-told-mm-only-measure-more", what, f"{sd_mm:.2f}")
 
 
 def _too_low_gap(what: str, span_mm: float, lead_mm: float) -> str:
-    return f"Z {what}: the heights span {span_mm:.1f} mm, a turn of the screw is {lead_mm:g} mm; measure up to two"
+    return say("z-heights-span-mm-turn-screw", what, f"{span_mm:.1f}", f"{lead_mm:g}")
 
 
 def _fault(kind: str, value: float, sd: float, unit: str) -> dict[str, Any]:

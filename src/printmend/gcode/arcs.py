@@ -7,6 +7,7 @@ import numpy as np
 from printmend.errors import GcodeError
 from printmend.gcode import kernels as k
 from printmend.gcode.read import Moves
+from printmend.messages import say
 
 _MAX_CHORDS = 20_000_000  # a file of a few lines can ask for endless turns
 
@@ -33,8 +34,8 @@ def straightened(moves: Moves, tolerance_mm: float) -> Moves:
         room -= len(chord_points)
         if room < 0:
             raise GcodeError(
-                "arcs", wanted=f"at most {_MAX_CHORDS} chords", came="arcs that need more",
-                todo="check the file's radii and turns",
+                "arcs", wanted=say("most-chords", _MAX_CHORDS), came=say("arcs-need-more"),
+                todo=say("check-file-s-radii-turns"),
             )  # fmt: skip
     source = np.repeat(np.arange(len(moves)), counts)
     first = np.concatenate([[0], np.cumsum(counts)])

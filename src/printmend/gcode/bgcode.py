@@ -16,6 +16,7 @@ import numpy as np
 
 from printmend.errors import GcodeError
 from printmend.gcode import kernels as k
+from printmend.messages import say
 
 MAGIC = b"GCDE"  # the first bytes of a binary G-code file
 GCODE, THUMBNAIL = 1, 5  # kinds of blocks
@@ -26,7 +27,6 @@ _WINDOWS = {2: 11, 3: 12}  # heatshrink: compression → window bits; the look-a
 _MAX_BLOCK_BYTES = 64 << 20  # thumbnails are the largest blocks, and far below
 _MAX_RATIO, _RATIO_MATTERS_BYTES = 300, 32 << 20  # deflate cannot reach 1100; real files stay below 20
 _TEXT_BYTES = 65535  # of G-code in a block: slicers write as much
-_TODO = "slice or copy the file again"
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,13 @@ def read_header(handle: IO[bytes], name: str) -> tuple[bytes, bool]:
     """Return the file header as it is, and whether blocks have a CRC-32."""
     raw = handle.read(_HEADER.size)
     if len(raw) < _HEADER.size:
-        raise GcodeError(name, wanted="a bgcode header of 10 bytes", came=f"{len(raw)} bytes", todo=_TODO)
+        raise GcodeError(
+            name, wanted=say("bgcode-header-10-bytes"), came=say("bytes", len(raw)), todo=say("slice-copy-file-again")
+        )
     magic, version, checksum = _HEADER.unpack(raw)
     if magic != MAGIC or version != 1 or checksum > 1:
         came = f"version {version} with checksum type {checksum}"
-        raise GcodeError(
-            name, wanted="bgcode version 1 with CRC-32 or no checksum", came=came, todo="export plain G-code"
-        )
+        raise GcodeError(name, wanted=say("bgcode-version-1-crc-32-no"), came=came, todo=say("export-plain-g-code"))
     return raw, checksum == 1
 
 
@@ -64,25 +64,35 @@ def read_blocks(handle: IO[bytes], name: str, *, checked: bool) -> Iterator[Bloc
         kind, compression, size = _BLOCK.unpack(head)
         if kind >= _BLOCK_KINDS or compression > 3 or size > _MAX_BLOCK_BYTES:
             came = f"type {kind}, compression {compression}, {size} bytes"
-            raise GcodeError(name, wanted="a bgcode block", came=came, todo=_TODO)
+            raise GcodeError(name, wanted=say("bgcode-block"), came=came, todo=say("slice-copy-file-again"))
         length = size
         if compression:
             more = handle.read(4)
             head += more
             length = int.from_bytes(more, "little") if len(more) == 4 else _MAX_BLOCK_BYTES + 1
             if len(more) == 4 and length > _MAX_BLOCK_BYTES:
-                raise GcodeError(name, wanted="a bgcode block", came=f"{length} compressed bytes", todo=_TODO)
+                raise GcodeError(
+                    name,
+                    wanted=say("bgcode-block"),
+                    came=say("compressed-bytes", length),
+                    todo=say("slice-copy-file-again"),
+                )
         unpacked, packed = unpacked + size, packed + _BLOCK.size + length
         if unpacked > max(_RATIO_MATTERS_BYTES, _MAX_RATIO * packed):
             came = f"{packed} bytes that would unpack to {unpacked}"
-            raise GcodeError(name, wanted="plain bgcode", came=came, todo=_TODO)
+            raise GcodeError(name, wanted=say("plain-bgcode"), came=came, todo=say("slice-copy-file-again"))
         parameters = handle.read(6 if kind == THUMBNAIL else 2)
         data = handle.read(length) if length <= _MAX_BLOCK_BYTES else b""
         crc = handle.read(4) if checked else b""
         if len(parameters) < 2 or len(data) < length or (checked and len(crc) < 4):
             raise _cut_off(name)
         if checked and zlib.crc32(head + parameters + data) != int.from_bytes(crc, "little"):
-            raise GcodeError(name, wanted="intact bgcode", came=f"a wrong CRC in a block of type {kind}", todo=_TODO)
+            raise GcodeError(
+                name,
+                wanted=say("intact-bgcode"),
+                came=say("wrong-crc-block-type", kind),
+                todo=say("slice-copy-file-again"),
+            )
         encoding = int.from_bytes(parameters[:2], "little")
         yield Block(kind, compression, encoding, size, data, head + parameters + data + crc)
 
@@ -94,7 +104,7 @@ def block_text(block: Block, name: str) -> bytes:
         return data
     if block.encoding > 2:
         came = f"encoding {block.encoding}"
-        raise GcodeError(name, wanted="bgcode with no encoding or MeatPack", came=came, todo="export plain G-code")
+        raise GcodeError(name, wanted=say("bgcode-no-encoding-meatpack"), came=came, todo=say("export-plain-g-code"))
     packed = np.frombuffer(data, np.uint8)
     out = np.empty(2 * len(packed) + 2, np.uint8)
     return out[: k.unpack(packed, out)].tobytes()
@@ -141,11 +151,11 @@ def write_like(source: Path, handle: IO[bytes], texts: Iterable[bytes | memoryvi
 
 def no_gcode(name: str) -> GcodeError:
     """Return the error of a binary file that holds no G-code."""
-    return GcodeError(name, wanted="bgcode with a G-code block", came="none", todo="give a sliced file")
+    return GcodeError(name, wanted=say("bgcode-g-code-block"), came=say("none"), todo=say("give-sliced-file"))
 
 
 def _cut_off(name: str) -> GcodeError:
-    return GcodeError(name, wanted="a whole bgcode block", came="the end of the file", todo=_TODO)
+    return GcodeError(name, wanted=say("whole-bgcode-block"), came=say("end-file"), todo=say("slice-copy-file-again"))
 
 
 def _gcode_block(text: bytes, like: Block, checked: bool) -> bytes:
@@ -153,7 +163,7 @@ def _gcode_block(text: bytes, like: Block, checked: bool) -> bytes:
     if like.encoding:
         if b"\xff" in text:  # would read as the start of a command
             came = "a byte 0xFF in the text"
-            raise GcodeError("bgcode", wanted="text that MeatPack can hold", came=came, todo="export plain G-code")
+            raise GcodeError("bgcode", wanted=say("text-meatpack-can-hold"), came=came, todo=say("export-plain-g-code"))
         out = np.empty(2 * len(text) + 6 * text.count(b"\n") + 16, np.uint8)
         data = out[: k.pack(np.frombuffer(text, np.uint8), True, out)].tobytes()
     size = len(data)
@@ -181,8 +191,12 @@ def _decompressed(block: Block, name: str) -> bytes:
 
             data = heatshrink2.decompress(block.data, window_sz2=_WINDOWS[block.compression], lookahead_sz2=4)
     except (zlib.error, RuntimeError, ValueError) as error:
-        raise GcodeError(name, wanted="compressed bgcode", came=f"broken data ({error})", todo=_TODO) from None
+        raise GcodeError(
+            name, wanted=say("compressed-bgcode"), came=say("broken-data", error), todo=say("slice-copy-file-again")
+        ) from None
     # The last bits of heatshrink's last byte can decode to one more byte.
     if len(data) < block.size or (block.compression < 2 and len(data) > block.size):
-        raise GcodeError(name, wanted=f"a block of {block.size} bytes", came=f"{len(data)}", todo=_TODO)
+        raise GcodeError(
+            name, wanted=say("block-bytes", block.size), came=f"{len(data)}", todo=say("slice-copy-file-again")
+        )
     return data[: block.size]

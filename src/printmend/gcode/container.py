@@ -14,13 +14,13 @@ import numpy as np
 from printmend.errors import GcodeError, reason
 from printmend.gcode import bgcode, threemf
 from printmend.gcode.machine import Flavour, detect_flavour
+from printmend.messages import say
 
 Text = bytes | memoryview
 CHUNK_BYTES = 4 << 20  # read at once
 MAX_LINE_BYTES = 1 << 20  # a longer line is no G-code
 HINT_BYTES = 1 << 20  # of a file's beginning and of its end, where slicers say what it is
 _TEXT_SHARE = 0.7  # of the bytes in a file's head that G-code has as printable characters and line ends
-_TODO = "give a sliced file"
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _identify(path: Path, name: str) -> GcodeFile:
         with path.open("rb") as handle:
             head = handle.read(1 << 16)
     except OSError as error:
-        raise GcodeError(name, wanted="a G-code file", came=reason(error), todo="check the path") from None
+        raise GcodeError(name, wanted=say("g-code-file"), came=reason(error), todo=say("check-path")) from None
     if head.startswith(bgcode.MAGIC):
         found = GcodeFile(name, path, "bgcode")
         return GcodeFile(name, path, "bgcode", (Part(found),))
@@ -139,11 +139,16 @@ def _identify(path: Path, name: str) -> GcodeFile:
 def refuse_binary(head: bytes, name: str) -> None:
     """Raise `GcodeError` for what is mostly not text; some foreign bytes in comments are no reason to."""
     if not head:
-        raise GcodeError(name, wanted="G-code with motion", came="an empty file", todo=_TODO)
+        raise GcodeError(name, wanted=say("g-code-motion"), came=say("empty-file"), todo=say("give-sliced-file"))
     codes = np.frombuffer(head, np.uint8)
     printable = ((codes >= 32) & (codes < 127)) | ((codes >= 9) & (codes <= 13))
     if printable.mean() < _TEXT_SHARE:
-        raise GcodeError(name, wanted="G-code text, .bgcode or .gcode.3mf", came="other binary data", todo=_TODO)
+        raise GcodeError(
+            name,
+            wanted=say("g-code-text-bgcode-gcode-3mf"),
+            came=say("other-binary-data"),
+            todo=say("give-sliced-file"),
+        )
 
 
 def _whole_lines(pieces: Iterable[bytes], name: str) -> Iterator[np.ndarray]:
@@ -168,7 +173,7 @@ def _whole_lines(pieces: Iterable[bytes], name: str) -> Iterator[np.ndarray]:
 def endless_line(name: str) -> GcodeError:
     """Return the error of a file that has a line too long for G-code."""
     came = f"a line of more than {MAX_LINE_BYTES} bytes"
-    return GcodeError(name, wanted="G-code in lines", came=came, todo=_TODO)
+    return GcodeError(name, wanted=say("g-code-lines"), came=came, todo=say("give-sliced-file"))
 
 
 def _bgcode_texts(path: Path, name: str) -> Iterator[bytes]:

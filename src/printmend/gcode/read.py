@@ -12,6 +12,7 @@ from printmend.gcode.extruder import settle_extruder
 from printmend.gcode.layers import layers_of
 from printmend.gcode.machine import Flavour, MachineState, detect_flavour, initial_state, says_a_extrudes
 from printmend.gcode.mark import find_e_rule
+from printmend.messages import say
 from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.units import counted
@@ -112,7 +113,7 @@ def _program(name: str, text: np.ndarray, hints: tuple[bytes, ...], printer: Pri
     state = _state_of(text[:HINT_BYTES], hints, printer)
     moves = moves_of(interpret_text(text, state, name))
     if not len(moves):
-        raise GcodeError(name, wanted="G-code with motion", came="no G0–G3 move", todo="give a sliced file")
+        raise GcodeError(name, wanted=say("g-code-motion"), came=say("no-g0-g3-move"), todo=say("give-sliced-file"))
     return Program(name, text, moves)
 
 
@@ -218,16 +219,10 @@ def e_warning(state: MachineState) -> str | None:
     and no other would read it otherwise.
     """
     if state.counts.m83:
-        return (
-            "this file prints before it says M82 or M83: its E is read as relative, as its numbers say; a printer "
-            "starts with absolute E, so put M83 at its top unless the printer's start macro says it"
-        )
+        return say("file-prints-before-says-m82-m83")
     rule = int(state.counts.rule)
     if rule != state.flavour.g90_influences_e:
-        return (
-            f"the numbers of this file fit only a printer on which {_RULES[rule]}; for another one let the file say "
-            "M82 or M83 after its last G90 or G91"
-        )
+        return say("numbers-file-fit-only-printer-another", _RULES[rule])
     if state.unsure_moves:
         return (
             f"firmwares read E of {counted(state.unsure_moves, 'printing move')} of this file differently (G91 stands "

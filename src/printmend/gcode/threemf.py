@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import IO
 
 from printmend.errors import GcodeError
+from printmend.messages import say
 
 _PLATE = re.compile(r"Metadata/plate_\d+\.gcode")
 _MAX_BYTES = 8 << 30  # of one plate, unpacked
@@ -15,7 +16,6 @@ _MAX_OTHER_BYTES = 1 << 30  # of any other member, unpacked
 _MAX_WHOLE_BYTES = 32 << 30  # of all members, unpacked
 _MAX_RATIO = 300  # deflate cannot reach 1100; real G-code stays below 20
 _RATIO_MATTERS_BYTES = 32 << 20  # smaller members may be packed as tightly as they like
-_TODO = "export the plate again"
 _COPY_BYTES = 1 << 20  # at once
 _SETTINGS_BYTES = 4 << 20  # of a settings file that are read
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError)
@@ -24,7 +24,9 @@ BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImpl
 
 def broken(name: str, error: Exception) -> GcodeError:
     """Return the error of a project that is no intact archive."""
-    return GcodeError(name, wanted="an intact .gcode.3mf", came=f"a broken zip ({error})", todo=_TODO)
+    return GcodeError(
+        name, wanted=say("intact-gcode-3mf"), came=say("broken-zip", error), todo=say("export-plate-again")
+    )
 
 
 def open_zip(handle: IO[bytes], name: str) -> zipfile.ZipFile:
@@ -50,7 +52,7 @@ def open_zip(handle: IO[bytes], name: str) -> zipfile.ZipFile:
             (member.flag_bits & 1, f"the encrypted member {path!r}"),
         ):
             if wrong:
-                raise GcodeError(name, wanted="a plain .gcode.3mf", came=came, todo=_TODO)
+                raise GcodeError(name, wanted=say("plain-gcode-3mf"), came=came, todo=say("export-plate-again"))
         seen.add(path)
     return archive
 
@@ -60,7 +62,7 @@ def plates(archive: zipfile.ZipFile, name: str) -> tuple[str, ...]:
     found = [path for path in archive.namelist() if _PLATE.fullmatch(path)]
     if not found:
         came = "no Metadata/plate_N.gcode"
-        raise GcodeError(name, wanted="a sliced .gcode.3mf", came=came, todo="slice the plate before exporting it")
+        raise GcodeError(name, wanted=say("sliced-gcode-3mf"), came=came, todo=say("slice-plate-before-exporting"))
     return tuple(sorted(found, key=lambda path: int(re.findall(r"\d+", path)[-1])))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from printmend.errors import TraceError
 from printmend.measure.plan import ProbePlan
+from printmend.messages import say
 from printmend.path import Instrument
 from printmend.picture.ruler import Ruler
 
@@ -57,7 +58,8 @@ def is_asking(note: str) -> bool:
 def asked(plan: ProbePlan, span: tuple[int, int], across_mm: float, scale: str) -> str:
     """Say which distance, of about ``across_mm``, would settle the ``scale``, which came from where these words say."""
     one, other = (
-        f"dot {at} ({side_of(plan, at)}, X{plan.marks_mm[at, 0]:.0f} Y{plan.marks_mm[at, 1]:.0f})" for at in span
+        say("dot-x-y", at, side_of(plan, at), f"{plan.marks_mm[at, 0]:.0f}", f"{plan.marks_mm[at, 1]:.0f}")
+        for at in span
     )
     if len(plan.sheets) > 1:
         other += f" of sheet {plan.sheet_of[span[0]] + 1}"
@@ -87,8 +89,8 @@ def scaled_by(
     excess = seen / distance_mm - 1.0  # of the image's lengths
     if not abs(excess) <= MOST_SCALE_SHARE:
         raise TraceError(
-            "--distance", wanted=f"about {seen:.2f} mm from dot {span[0]} to dot {span[1]}, outer edges",
-            came=f"{distance_mm:g}{inches(distance_mm, seen)}", todo="measure these two dots again, in mm",
+            "--distance", wanted=say("about-mm-from-dot-dot-outer", f"{seen:.2f}", span[0], span[1]),
+            came=f"{distance_mm:g}{inches(distance_mm, seen)}", todo=say("measure-these-two-dots-again-mm"),
         )  # fmt: skip
     stretch, left, note = settled(excess, math.atan2(other[1] - one[1], other[0] - one[0]), distance_mm, instrument)
     middle = np.nanmean(measured_mm, axis=0)

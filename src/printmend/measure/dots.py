@@ -13,6 +13,7 @@ import numpy as np
 
 from printmend.errors import ScanError
 from printmend.measure.plan import ProbePlan
+from printmend.messages import say
 from printmend.path import frozen
 from printmend.units import SIGMA_PER_MEDIAN
 
@@ -74,7 +75,9 @@ def _coarse(
     diameters = np.sqrt(4 * areas / np.pi) * coarse_mm
     fitting = np.flatnonzero((diameters > least) & (diameters < most))
     if not len(fitting):
-        raise ScanError(subject, wanted="dots of plastic", came="a page without any", todo="scan the printed side")
+        raise ScanError(
+            subject, wanted=say("dots-plastic"), came=say("page-without-any"), todo=say("scan-printed-side")
+        )
     peaks = np.zeros(len(areas) + 1, np.float32)
     np.maximum.at(peaks, labels[labels > 0], signal[labels > 0])
     contrast = float(np.median(peaks[fitting + 1]))

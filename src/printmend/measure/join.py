@@ -8,6 +8,7 @@ from printmend.errors import ScanError
 from printmend.measure.plan import LEAST_SHARED, ProbePlan
 from printmend.measure.register import find_pose, turn_onto
 from printmend.measure.scan import Reading
+from printmend.messages import say
 
 LEAST_TURN_SINE = 0.35  # |sin| of the turn between two scans below which they do not tell the scanner's axes apart
 LEAST_SPREAD_SHARE = 0.25  # share of the pattern over which the marks that join two scans must spread
@@ -27,8 +28,8 @@ def check_sheets(readings: Sequence[Reading], plan: ProbePlan) -> None:
     missing = sorted(set(range(1, len(plan.sheets) + 1)) - shown)
     if missing:
         raise ScanError(
-            readings[0].path, wanted=f"scans of all {len(plan.sheets)} sheets of this print",
-            came=f"none of sheet {' and '.join(map(str, missing))}", todo="name the scans of all of them",
+            readings[0].path, wanted=say("scans-all-sheets-print", len(plan.sheets)),
+            came=say("none-sheet", " and ".join(map(str, missing))), todo=say("name-scans-all-them"),
         )  # fmt: skip
 
 
@@ -55,12 +56,12 @@ def scanner_axes(places_mm: Sequence[np.ndarray]) -> tuple[np.ndarray, str, bool
         rows.append(np.eye(2) - double)
         sines.append(abs(s))
     if max(sines, default=0.0) < LEAST_TURN_SINE:
-        return np.eye(2), "the scans are not turned by a quarter: the scanner's own axes stay unknown", False
+        return np.eye(2), say("scans-not-turned-quarter-scanner-s"), False
     (even, skew), *_ = np.linalg.lstsq(np.vstack(rows), np.array(wanted), rcond=None)
     stretch = np.eye(2) + np.array([[even, skew], [skew, -even]])
     return (
         stretch,
-        f"the scanner's axes differ by {200 * even:+.2f} % and lean by {np.degrees(2 * skew):+.3f}°: removed",
+        say("scanner-s-axes-differ-lean-removed", f"{200 * even:+.2f}", f"{np.degrees(2 * skew):+.3f}"),
         True,
     )
 
@@ -130,6 +131,6 @@ def _check_shared(both: np.ndarray, reading: Reading, plan: ProbePlan) -> None:
     spread = np.ptp(marks, axis=0).max() if len(marks) else 0.0
     if both.sum() < LEAST_SHARED or spread < LEAST_SPREAD_SHARE * np.ptp(plan.marks_mm, axis=0).max():
         raise ScanError(
-            reading.path, wanted=f"at least {LEAST_SHARED} marks that another scan shows, too",
-            came=f"{int(both.sum())}", todo="let neighbouring scans overlap by a third",
+            reading.path, wanted=say("least-marks-another-scan-shows-too", LEAST_SHARED),
+            came=f"{int(both.sum())}", todo=say("let-neighbouring-scans-overlap-third"),
         )  # fmt: skip

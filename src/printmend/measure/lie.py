@@ -8,6 +8,7 @@ import numpy as np
 from printmend.errors import ScanError
 from printmend.measure.register import Pose
 from printmend.measure.walls import RASTER_MM, Walls
+from printmend.messages import say
 from printmend.picture.image import COMMON_DPI
 from printmend.picture.silhouette import COARSE_MM, Silhouette
 
@@ -149,7 +150,7 @@ def _check_resolution(shown: np.ndarray, plastic: np.ndarray, thicken_mm: float,
         likely = min(COMMON_DPI, key=lambda value: abs(np.log(value * scale / dpi)))
         raise ScanError(
             subject, wanted="the part at its own size", came=f"one of {1 / scale:.2f} times its size at {dpi:g} dpi",
-            todo=f"this scan seems to have {likely:g} dpi: say --dpi {likely:g}",
+            todo=say("scan-seems-have-dpi-say-dpi", f"{likely:g}", f"{likely:g}"),
         )  # fmt: skip
 
 

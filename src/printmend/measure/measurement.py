@@ -17,6 +17,7 @@ from printmend.measure.join import aligned, check_sheets, joined, mean_of, scann
 from printmend.measure.plan import ProbePlan, read_plan
 from printmend.measure.register import find_pose
 from printmend.measure.scan import Reading, check_whole, read_scan
+from printmend.messages import say
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.picture.image import with_legend, write_image
 from printmend.units import MM_PER_INCH
@@ -129,7 +130,7 @@ def _readings(
     for path in paths:
         reading = read_scan(path, plan, dpi=dpi, whole=len(paths) == 1)
         if (same := next((one for one in readings if is_same_picture(one, reading)), None)) is not None:
-            notes.append(f"{path} is the same picture as {same.path}: counted once. Lay the print anew for each scan")
+            notes.append(say("same-picture-counted-once-lay-print", path, same.path))
             continue
         if drawn is not None and not readings:
             drawn.append(reading)
@@ -197,10 +198,7 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     wave_mm = wave_left_mm(on_bed, plan.marks_mm)
     instrument = replace(instrument, wave_mm=max(instrument.wave_mm, wave_mm))
     if wave_mm > LEAST_DISAGREEMENT_MM:
-        notes.append(
-            f"the scans disagree: {wave_mm:.3f} mm of where dots lie, typically, may be theirs, "
-            "and counts as not known. Take them on one scanner, the plate flat on its glass, and measure again"
-        )
+        notes.append(say("scans-disagree-mm-where-dots-lie", f"{wave_mm:.3f}"))
     rulers = [(one.stretched(stretch), reading.marks.pose.matrix) for reading in readings for one in reading.rulers]
     measured, instrument, said = scaled_by_rulers(rulers, measured, instrument)
     return measured, sigma, instrument, [*notes, *said]

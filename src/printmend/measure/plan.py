@@ -15,12 +15,12 @@ import numpy as np
 
 from printmend.errors import InputError
 from printmend.files import read_text, replacing
+from printmend.messages import say
 from printmend.path import Origin, Trace, frozen
 
 FORMAT, VERSION = "printmend probe", 1
 LEAST_SHARED = 25  # marks that two scans must share to be joined
 _DIGITS = 8  # hexadecimal digits of a plan's identity
-_TODO = "write it again with `printmend probe`"
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,18 +191,26 @@ def plan_text(plan: ProbePlan) -> str:
 def read_plan(path: str | Path) -> ProbePlan:
     """Read probe.json. Raises `InputError` when it is none."""
     try:
-        table = json.loads(read_text(path, wanted="a probe.json", todo=_TODO))
+        table = json.loads(read_text(path, wanted=say("probe-json"), todo=say("write-again-printmend-probe")))
     except (ValueError, RecursionError):
-        raise InputError(path, wanted="a probe.json", came="a file that is not JSON", todo=_TODO) from None
+        raise InputError(
+            path, wanted=say("probe-json"), came=say("file-not-json"), todo=say("write-again-printmend-probe")
+        ) from None
     if not isinstance(table, dict) or table.get("format") != FORMAT:
-        raise InputError(path, wanted="a probe.json", came="another JSON file", todo=_TODO)
+        raise InputError(
+            path, wanted=say("probe-json"), came=say("another-json-file"), todo=say("write-again-printmend-probe")
+        )
     if table.get("version") != VERSION:
         came = f"version {table.get('version')!r}"
-        raise InputError(path, wanted=f"version {VERSION} of probe.json", came=came, todo=_TODO)
+        raise InputError(
+            path, wanted=say("version-probe-json", VERSION), came=came, todo=say("write-again-printmend-probe")
+        )
     try:
         return _plan(table)
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
-        raise InputError(path, wanted="a whole probe.json", came=f"{error!r}", todo=_TODO) from None
+        raise InputError(
+            path, wanted=say("whole-probe-json"), came=f"{error!r}", todo=say("write-again-printmend-probe")
+        ) from None
 
 
 def _plan(table: dict[str, Any]) -> ProbePlan:

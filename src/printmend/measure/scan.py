@@ -11,6 +11,7 @@ from printmend.measure.identity import lattice_pitch
 from printmend.measure.marks import Marks, read_marks
 from printmend.measure.plan import ProbePlan
 from printmend.measure.register import narrowing
+from printmend.messages import say
 from printmend.path import FLATBED, Instrument
 from printmend.picture.fiducials import (
     LEAST_TAGS,
@@ -26,7 +27,6 @@ from printmend.picture.fiducials import (
 from printmend.picture.image import COMMON_DPI, read_image
 from printmend.picture.page import (
     PHOTO,
-    PHOTO_TODO,
     SHEET,
     USUAL_DPI,
     check_sheet,
@@ -109,8 +109,8 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None, wh
         check_sheet(path, _scales(dots_mm, marks, plan.sheets[sheet]))
     elif said_dpi is None and (share := narrowing(marks.measured_mm, plan.sheets[sheet])):
         raise ScanError(
-            path, wanted="a flat scan", came=f"a picture that narrows by {share:.1%} to one side, as a photo does",
-            todo=f"{PHOTO_TODO}. If it is a scan, say its --dpi",
+            path, wanted=say("flat-scan"), came=say("picture-narrows-one-side-photo-does", f"{share:.1%}"),
+            todo=say("photo-or-say-dpi"),
         )  # fmt: skip
     if whole:
         check_whole(path, marks.found, plan.sheets[sheet])
@@ -166,12 +166,12 @@ def _scaled(dots: Dots, tags: Tags, dpi: float) -> tuple[np.ndarray, str, Instru
     that is to be trusted."""
     plain = dots.centre_px * (MM_PER_INCH / dpi)
     if len(tags) < LEAST_TAGS:
-        return plain, f"scale from {dpi:g} dpi", FLATBED
+        return plain, say("scale-from-dpi", f"{dpi:g}"), FLATBED
     fit, _ = fit_affine(tags)
     if np.ptp(tag_corners_mm()[tags.ids].reshape(-1, 2), axis=0).min() >= LEAST_TAG_SPREAD_MM:
         placed = np.hstack([dots.centre_px, np.ones((len(dots), 1))]) @ fit
-        return placed, f"scale and axes from {len(tags)} tags", SHEET
-    return dots.centre_px * np.sqrt(abs(np.linalg.det(fit[:2]))), f"scale from {len(tags)} tags", FLATBED
+        return placed, say("scale-axes-from-tags", len(tags)), SHEET
+    return dots.centre_px * np.sqrt(abs(np.linalg.det(fit[:2]))), say("scale-from-tags", len(tags)), FLATBED
 
 
 def _scale_ratio(dots: Dots, dots_mm: np.ndarray, marks: Marks, dpi: float, plan: ProbePlan) -> float | None:
@@ -204,9 +204,9 @@ def _resolution_error(
             spacing = found.match.pitch * other / dpi
             return ScanError(
                 path,
-                wanted=f"marks {plan.pitch_mm:.1f} mm apart",
-                came=f"marks {spacing:.1f} mm apart at {dpi:g} dpi",
-                todo=f"this scan seems to have {other:g} dpi: say --dpi {other:g}",
+                wanted=say("marks-mm-apart", f"{plan.pitch_mm:.1f}"),
+                came=say("marks-mm-apart-dpi", f"{spacing:.1f}", f"{dpi:g}"),
+                todo=say("scan-seems-have-dpi-say-dpi", f"{other:g}", f"{other:g}"),
             )
     return _unknown_dots(path, dots, plan)
 
@@ -215,9 +215,9 @@ def _unknown_dots(path: str | Path, dots: Dots, plan: ProbePlan) -> ScanError:
     spacing = f" about {lattice_pitch(dots.centre_px):.0f} px apart" if len(dots) > 4 else ""
     return ScanError(
         path,
-        wanted=f"the {len(plan)} marks of this probe.json",
-        came=f"{len(dots)} dots{spacing} that are not they",
-        todo="give this print's own probe.json and scan all of it; else the printer skipped steps: print again",
+        wanted=say("marks-probe-json", len(plan)),
+        came=say("dots-not-they", len(dots), spacing),
+        todo=say("give-print-s-own-probe-json"),
     )
 
 
@@ -230,7 +230,7 @@ def check_whole(path: str | Path, found: np.ndarray, plan: ProbePlan) -> None:
     side = (("left", "right"), ("front", "back"))[axis][int(gone[axis] > middle[axis])]
     raise ScanError(
         path,
-        wanted=f"at least {LEAST_FOUND_SHARE:.0%} of the {len(plan)} marks",
-        came=f"{int(found.sum())}, most missing at the {side} of the bed",
-        todo="scan the whole print, with a free margin",
+        wanted=say("least-marks", f"{LEAST_FOUND_SHARE:.0%}", len(plan)),
+        came=say("most-missing-bed", int(found.sum()), side),
+        todo=say("scan-whole-print-free-margin"),
     )

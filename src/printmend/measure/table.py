@@ -24,6 +24,7 @@ from printmend.errors import TraceError, reason
 from printmend.files import replacing
 from printmend.measure.axes import AXES_TODO, wrong_axes
 from printmend.measure.whose import check_origin
+from printmend.messages import say
 from printmend.path import Instrument, Origin, Trace
 from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
@@ -73,9 +74,9 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
     if both.sum() < MIN_MEASURED and offset is None:
         raise TraceError(
             path,
-            wanted=f"at least {MIN_MEASURED} measured points",
-            came=f"{int(both.sum())} in {len(commanded)} rows",
-            todo="measure more of the print; `printmend probe` makes one that is worth measuring",
+            wanted=say("least-measured-points", MIN_MEASURED),
+            came=say("rows", int(both.sum()), len(commanded)),
+            todo=say("measure-more-print-printmend-probe-makes"),
         )
     home = np.array(printer.home_mm)
     _check_unit(path, commanded, measured, home)
@@ -103,7 +104,7 @@ def _walls(path: Path, names: list[str], columns: dict[str, np.ndarray]) -> tupl
     if not any(name in names for name in WALL):
         return None, None
     if missing := [name for name in WALL if name not in names]:
-        raise TraceError(path, wanted="nx, ny and offset_mm for walls", came=f"no {missing[0]}", todo="add the column")
+        raise TraceError(path, wanted=say("nx-ny-offset-mm-walls"), came=say("no", missing[0]), todo=say("add-column"))
     nx, ny, offset = (columns[name] for name in WALL)
     whole = np.isfinite(nx) & np.isfinite(ny) & np.isfinite(offset)
     length = np.hypot(nx, ny)
@@ -111,9 +112,9 @@ def _walls(path: Path, names: list[str], columns: dict[str, np.ndarray]) -> tupl
         wrong := np.flatnonzero(whole & ~((length > 0.5) & (length < 2.0) & (np.abs(offset) < _FARTHEST_WALL_MM)))
     ).size:
         raise TraceError(
-            path, wanted="nx, ny of length 1 and an offset in mm",
-            came=f"({nx[wrong[0]]:g}, {ny[wrong[0]]:g}), {offset[wrong[0]]:g} in row {wrong[0] + 1} after the header",
-            todo="correct the row, or leave its cells empty",
+            path, wanted=say("nx-ny-length-1-offset-mm"),
+            came=say("row-after-header", *(f"{each[wrong[0]]:g}" for each in (nx, ny, offset)), wrong[0] + 1),
+            todo=say("correct-row-leave-cells-empty"),
         )  # fmt: skip
     if whole.sum() == 0:
         return None, None
@@ -127,17 +128,17 @@ def _instrument(path: Path, columns: dict[str, np.ndarray]) -> Instrument | None
     for name, value in found.items():
         if not 0 <= value <= _MOST_DOUBT:
             raise TraceError(
-                path, wanted=f"{name} from 0 to {_MOST_DOUBT}", came=f"{value:g}", todo="leave the column out"
+                path, wanted=say("from-0", name, _MOST_DOUBT), came=f"{value:g}", todo=say("leave-column-out")
             )
     alike = {name: float(columns[name][0]) for name in TOGETHER if name in columns}
     for name, value in alike.items():
         if not -1 <= value <= 1:
-            raise TraceError(path, wanted=f"{name} from -1 to 1", came=f"{value:g}", todo="leave the column out")
+            raise TraceError(path, wanted=say("from-1-1", name), came=f"{value:g}", todo=say("leave-column-out"))
     instrument = Instrument(**found, **alike)
     if np.linalg.eigvalsh(replace(instrument, scale_sd=1.0, axes_sd=1.0, lean_sd=1.0).covariance)[0] < _ROUNDED:
         raise TraceError(
-            path, wanted=f"{', '.join(TOGETHER)} that are possible together",
-            came=", ".join(f"{getattr(instrument, name):g}" for name in TOGETHER), todo="leave these columns out",
+            path, wanted=say("possible-together", ", ".join(TOGETHER)),
+            came=", ".join(f"{getattr(instrument, name):g}" for name in TOGETHER), todo=say("leave-these-columns-out"),
         )  # fmt: skip
     return instrument if found else None
 
@@ -183,11 +184,11 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None,
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:
-        raise TraceError(path, wanted="a trace.csv", came=reason(error), todo="check the path") from None
+        raise TraceError(path, wanted=say("trace-csv"), came=reason(error), todo=say("check-path")) from None
     try:
         data.decode("utf-8")
     except UnicodeDecodeError:
-        raise TraceError(path, wanted="a UTF-8 table", came="other bytes", todo="save it as CSV, UTF-8") from None
+        raise TraceError(path, wanted=say("utf-8-table"), came=say("other-bytes"), todo=say("save-csv-utf-8")) from None
     data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     first, _, rest = data.partition(b"\n")
     rest = _BLANK_ROW.sub(b"", rest)  # spreadsheets write them below a table; an empty line keeps the others' numbers
@@ -205,9 +206,9 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None,
     if len(values) == 0:
         raise TraceError(
             path,
-            wanted=f"at least {MIN_MEASURED} measured points",
-            came="no rows",
-            todo="add the measured points",
+            wanted=say("least-measured-points", MIN_MEASURED),
+            came=say("no-rows"),
+            todo=say("add-measured-points"),
         )
     blank_rows = len(_BLANK_LINE.findall(rest.strip()))
     return names, {name: values[:, i] for i, name in enumerate(wanted)}, _origin(names, cells), blank_rows
@@ -227,18 +228,18 @@ def _check_header(path: Path, names: list[str], line: str) -> None:
     if missing and line.count(";") >= len(REQUIRED) - 1:
         raise TraceError(
             path,
-            wanted="cells separated by commas",
-            came="semicolons",
-            todo="save it with commas and decimal points",
+            wanted=say("cells-separated-commas"),
+            came=say("semicolons"),
+            todo=say("save-commas-decimal-points"),
         )
     if missing and line.count("\t") >= len(REQUIRED) - 1:
-        raise TraceError(path, wanted="cells separated by commas", came="tabs", todo="save it with commas")
+        raise TraceError(path, wanted=say("cells-separated-commas"), came=say("tabs"), todo=say("save-commas"))
     if missing:
         came = f"the header {line[:80]!r}" if line.strip() else "an empty first line"
-        raise TraceError(path, wanted=f"a column {missing[0]}", came=came, todo=HEADER_TODO)
+        raise TraceError(path, wanted=say("column", missing[0]), came=came, todo=HEADER_TODO)
     known = [name for name in names if name in KNOWN]
     if twice := sorted({name for name in known if known.count(name) > 1}):
-        raise TraceError(path, wanted=f"one column {twice[0]}", came="two", todo="remove one of them")
+        raise TraceError(path, wanted=say("one-column", twice[0]), came=say("two"), todo=say("remove-one-them"))
 
 
 def _check_quotes(path: Path, text: bytes) -> None:
@@ -247,8 +248,8 @@ def _check_quotes(path: Path, text: bytes) -> None:
         is_odd = line.count(b'"') % 2 and len(line) < csv.field_size_limit()
         if is_odd and len(list(csv.reader([line.decode(), ""]))) == 1:
             raise TraceError(
-                path, wanted="a row a line", came=f"a quote in line {number} that is not closed there",
-                todo="close it, or take it away",
+                path, wanted=say("row-line"), came=say("quote-line-not-closed-there", number),
+                todo=say("close-take-away"),
             )  # fmt: skip
 
 
@@ -264,9 +265,8 @@ def _check_width(path: Path, text: bytes, width: int, first: int) -> None:
         is_wide = len(cells) > width or first > width
         if any(cells) and is_wide and (len(cells) != first or any(cells[width:])):
             raise TraceError(
-                path, wanted=f"{width} cells a row, as the header has", came=f"{len(cells)} cells in line {number}",
-                todo="write numbers with a decimal point, and a text that has a comma in quotes: a comma begins a new "
-                "cell",
+                path, wanted=say("cells-row-header-has", width), came=say("cells-line", len(cells), number),
+                todo=say("write-numbers-decimal-point-text-has"),
             )  # fmt: skip
 
 
@@ -300,7 +300,7 @@ def _parse_slowly(path: Path, text: str, names: list[str], places: list[int]) ->
     """Parse cell by cell, so that the first odd cell can be named."""
     rows = []
     if max(map(len, text.split("\n"))) > csv.field_size_limit():
-        raise TraceError(path, wanted="a row a line", came="an endless line", todo=HEADER_TODO)
+        raise TraceError(path, wanted=say("row-line"), came=say("endless-line"), todo=HEADER_TODO)
     reader = csv.reader(io.StringIO(text))
     for cells in reader:
         if not any(cell.strip() for cell in cells):
@@ -309,9 +309,9 @@ def _parse_slowly(path: Path, text: str, names: list[str], places: list[int]) ->
         if len(cells) <= max(places):
             raise TraceError(
                 path,
-                wanted=f"{len(names)} cells in line {line}",
+                wanted=say("cells-line", len(names), line),
                 came=f"{len(cells)}",
-                todo="leave a cell empty where nothing was measured, but keep its comma",
+                todo=say("leave-cell-empty-where-nothing-measured"),
             )
         rows.append([_number(path, cells[place].strip(), names[place], line) for place in places])
     return np.array(rows, float).reshape(-1, len(places))
@@ -327,9 +327,9 @@ def _number(path: Path, cell: str, name: str, line: int) -> float:
     if not math.isfinite(value):
         raise TraceError(
             path,
-            wanted=f"a number for {name} in line {line}",
+            wanted=say("number-line", name, line),
             came=repr(cell[:40]),
-            todo="leave the measured cells empty where nothing was measured",
+            todo=say("leave-measured-cells-empty-where-nothing"),
         )
     return value
 
@@ -339,14 +339,14 @@ def _check_values(path: Path, names: list[str], columns: dict[str, np.ndarray]) 
         if (empty := np.flatnonzero(np.isnan(columns[name]))).size:
             raise TraceError(
                 path,
-                wanted=f"{name} in every row",
-                came=f"an empty cell in row {empty[0] + 1} after the header",
-                todo="write every commanded way-point; only measured cells may be empty",
+                wanted=say("every-row", name),
+                came=say("empty-cell-row-after-header", empty[0] + 1),
+                todo=say("write-every-commanded-way-point-only"),
             )
     if "layer" in columns and (np.abs(columns["layer"]) > _MOST_LAYERS).any():
-        raise TraceError(path, wanted=f"layers up to {_MOST_LAYERS}", came="a number beyond", todo="correct it")
+        raise TraceError(path, wanted=say("layers-up", _MOST_LAYERS), came=say("number-beyond"), todo=say("correct"))
     if "sigma_mm" in columns and (columns["sigma_mm"] < 0).any():
-        raise TraceError(path, wanted="sigma_mm ≥ 0", came="a negative one", todo="correct it or leave it empty")
+        raise TraceError(path, wanted=say("sigma-mm-0"), came=say("negative-one"), todo=say("correct-leave-empty"))
 
 
 def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: np.ndarray) -> None:
@@ -365,7 +365,7 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
     spread = np.sqrt((x**2).mean())
     slope = _slope(x.ravel(), y.ravel())
     if (wrong := wrong_axes(commanded, measured)) is not None:
-        raise TraceError(path, wanted="positions along the printer's own x and y", came=wrong, todo=AXES_TODO)
+        raise TraceError(path, wanted=say("positions-along-printer-s-own-x"), came=wrong, todo=AXES_TODO)
     wide = np.median(np.abs(y)) / max(float(np.median(np.abs(x))), 1e-9)  # shuffled rows have no slope, but their width
     for factor, unit in ((MM_PER_INCH, "inches"), (10.0, "centimetres")):
         for column, ratio in (("measured", slope * factor), ("commanded", slope / factor)):
@@ -373,9 +373,9 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
             if 0.63 < ratio < 1.58 and wide < 3 * abs(slope) and (spread > 4.0 or column == "commanded"):
                 raise TraceError(
                     path,
-                    wanted="millimetres",
-                    came=f"{column} positions that look like {unit} (a factor of {factor:g})",
-                    todo=f"multiply the {column} columns by {factor:g}",
+                    wanted=say("millimetres"),
+                    came=say("positions-look-like-factor", column, unit, f"{factor:g}"),
+                    todo=say("multiply-columns", column, f"{factor:g}"),
                 )
     # the same places in another order are put right, or named, by who knows the printer's way: `promise.misfit_rows`
     apart = np.median(np.abs(np.sort(x, axis=0) - np.sort(y, axis=0)), axis=0) / np.maximum(x.std(axis=0), 1e-9)
@@ -387,17 +387,17 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
         ):
             raise TraceError(
                 path,
-                wanted="measured positions that follow the commanded ones",
-                came=f"a slope of {slope:.3g} between them in {axis}",
-                todo="check the unit, the order of the rows, and whether x and y are swapped or mirrored",
+                wanted=say("measured-positions-follow-commanded-ones"),
+                came=say("slope-between-them", f"{slope:.3g}", axis),
+                todo=say("check-unit-order-rows-whether-x"),
             )
     for factor, unit in ((MM_PER_INCH, "inches"), (10.0, "centimetres")):
         if np.abs(home).max() > 20 and np.allclose(commanded[0] * factor, home, atol=0.02 * factor):
             raise TraceError(
                 path,
-                wanted="millimetres",
-                came=f"a home position in {unit} (a factor of {factor:g})",
-                todo=f"multiply all columns by {factor:g}",
+                wanted=say("millimetres"),
+                came=say("home-position-factor", unit, f"{factor:g}"),
+                todo=say("multiply-all-columns", f"{factor:g}"),
             )
 
 
@@ -425,7 +425,7 @@ def _check_bed(path: Path, commanded: np.ndarray, measured: np.ndarray, printer:
             row = int(np.argmax(mask))
             raise TraceError(
                 path,
-                wanted=f"{what} points on the bed of {printer.name}",
-                came=f"({points[row, 0]:g}, {points[row, 1]:g}) in row {row + 1} after the header",
-                todo="check the unit and --printer",
+                wanted=say("points-bed", what, printer.name),
+                came=say("row-after-header-2", f"{points[row, 0]:g}", f"{points[row, 1]:g}", row + 1),
+                todo=say("check-unit-printer"),
             )

@@ -7,6 +7,7 @@ measured as a known model and has a name of its own by now may be the same, if i
 from pathlib import Path
 
 from printmend.errors import TraceError
+from printmend.messages import say
 from printmend.path import Origin
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.printer.known import bare_name
@@ -21,6 +22,6 @@ def check_origin(subject: str | Path, origin: Origin | None, printer: Printer) -
     if not is_other and (bare_name(origin.printer) in known) != (bare_name(printer.name) in known):
         return
     raise TraceError(
-        subject, wanted=f"a measurement of {printer.name}", came=f"one of {origin.printer}",
-        todo="take that printer; if it is this one under another name, correct the name in it",
+        subject, wanted=say("measurement", printer.name), came=say("one", origin.printer),
+        todo=say("take-printer-if-one-under-another"),
     )  # fmt: skip

@@ -12,6 +12,7 @@ from PIL import Image
 
 from printmend.errors import ScanError
 from printmend.files import replacing
+from printmend.messages import say
 
 MOST_PIXELS = 150_000_000  # A4 at 1200 dpi has 139 million
 LEAST_SIDE_PX = 300  # shorter side of an image; a smaller one shows nothing
@@ -37,15 +38,15 @@ def read_image(path: str | Path) -> tuple[np.ndarray, float | None]:
                 pixels = _pixels(image)
     except (Image.DecompressionBombError, MemoryError) as error:
         said = re.search(r"\((\d+) pixels\)", str(error))
-        came = f"{int(said[1]) // 10**6} million" if said else "an image that would fill the memory"
+        came = say("million", int(said[1]) // 10**6) if said else "an image that would fill the memory"
         raise _too_large(path, came) from None
     except FileNotFoundError:
-        raise ScanError(path, wanted="a scan", came="no such file", todo="check the path") from None
+        raise ScanError(path, wanted=say("scan"), came=say("no-such-file"), todo=say("check-path")) from None
     except IsADirectoryError:
-        raise ScanError(path, wanted="a scan", came="a folder", todo="name the image in it") from None
+        raise ScanError(path, wanted=say("scan"), came=say("folder"), todo=say("name-image")) from None
     except (OSError, SyntaxError, ValueError, EOFError, IndexError, TypeError) as error:
         came = "a damaged image" if "truncated" in str(error).lower() else "no image that can be read"
-        raise ScanError(path, wanted="a PNG, TIFF or JPEG scan", came=came, todo="scan it again") from None
+        raise ScanError(path, wanted=say("png-tiff-jpeg-scan"), came=came, todo=say("scan-again")) from None
     return pixels, _dpi(stated)
 
 
@@ -54,7 +55,7 @@ def write_image(path: str | Path, image: np.ndarray, *, dpi: float) -> None:
     picture = Image.fromarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
     kind = Image.registered_extensions().get(Path(path).suffix.lower())
     if kind not in _SAVE:
-        raise ScanError(path, wanted="a name ending in .png, .jpg or .tif", came="another", todo="rename it")
+        raise ScanError(path, wanted=say("name-ending-png-jpg-tif"), came=say("another"), todo=say("rename"))
     with replacing(Path(path), "wb") as file:
         picture.save(file, kind, dpi=(dpi, dpi), **_SAVE[kind])
 
@@ -83,15 +84,15 @@ def _check_size(path: str | Path, size: tuple[int, int]) -> None:
     if min(size) < LEAST_SIDE_PX:
         raise ScanError(
             path,
-            wanted=f"a scan of at least {LEAST_SIDE_PX} pixels a side",
+            wanted=say("scan-least-pixels-side", LEAST_SIDE_PX),
             came=f"{size[0]} × {size[1]}",
-            todo="scan at 600 dpi",
+            todo=say("scan-600-dpi"),
         )
 
 
 def _too_large(path: str | Path, came: str) -> ScanError:
     return ScanError(
-        path, wanted=f"at most {MOST_PIXELS // 10**6} million pixels", came=came, todo="scan at 600 dpi, cropped"
+        path, wanted=say("most-million-pixels", MOST_PIXELS // 10**6), came=came, todo=say("scan-600-dpi-cropped")
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image
 
 from printmend.errors import ScanError
+from printmend.messages import say
 from printmend.path import FLATBED, Instrument
 from printmend.picture.fiducials import LEAST_TAGS, Lens, Tags, find_tags, fit_lens, is_flat, rectify
 from printmend.picture.image import read_image
@@ -32,10 +33,6 @@ WINDOW_RIM_MM = 1.0  # rim of the window that is left out: the line along which 
 MOST_SHEET_SCALE = 0.012  # share by which a print on the sheet may be too large or too small …
 AXES_AGREE_SHARE = 0.004  # … where x and y agree to this share: beyond, the sheet was printed to another scale
 _EXIF, _EXPOSURE, _FOCAL, _FOCAL_FILM = 0x8769, 0x829A, 0x920A, 0xA405
-PHOTO_TODO = (
-    "print the sheet of tags (`printmend probe --sheet sheet.pdf`), lay the print on it, and take the photo from above "
-    "with all tags in it; or on a whole sheet of A4 or letter paper on a dark table; or scan it"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +58,11 @@ class Page:
         return "tags" in self.scale
 
 
+def photo_todo() -> str:
+    """Return what to do for a photo whose scale is known."""
+    return say("print-sheet-tags-printmend-probe-sheet")
+
+
 def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.0) -> Page:
     """Read an image of something ``tall_mm`` high: a scan, or a photo or scan of it on the sheet of tags.
 
@@ -79,7 +81,7 @@ def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.
     lens, error_mm = fit_lens(tags, image.shape)
     if is_flat(tags, error_mm):
         flat, _, px_per_mm = rectify(image, lens, *_window())
-        return Page(flat, px_per_mm, SHEET, f"scale and axes from {len(tags)} tags")
+        return Page(flat, px_per_mm, SHEET, say("scale-axes-from-tags", len(tags)))
     return _photographed(image, lens, _window(), PHOTO, tags_said(tags, error_mm), focal_mm, tall_mm)
 
 
@@ -104,22 +106,24 @@ def inside_mm(sheet: Sheet) -> tuple[np.ndarray, np.ndarray]:
 
 def sheet_said(sheet: Sheet) -> str:
     """Say what a photo of a sheet of paper says of its scale."""
-    return (
-        f"perspective and scale from the edges of {sheet.name} paper, straight to {sheet.error_mm:.2f} mm (paper is "
-        "cut to 0.3 mm: a ruler in the picture, or --distance, tells the scale better)"
-    )
+    return say("perspective-scale-from-edges-paper-straight", sheet.name, f"{sheet.error_mm:.2f}")
 
 
 def tags_said(tags: Tags, error_mm: float) -> str:
     """Say where a photo's scale came from."""
-    return f"perspective and lens from {len(tags)} tags, which fit to {error_mm:.2f} mm"
+    return say("perspective-lens-from-tags-fit-mm", len(tags), f"{error_mm:.2f}")
 
 
 def refuse_bare_photo(path: str | Path, tags: Tags, *, camera: bool) -> None:
     """Raise `ScanError` for a photo, taken by a ``camera``, that shows too few tags."""
     if camera:
-        came = f"a photo that shows {len(tags)}" if len(tags) else "a photo without any"
-        raise ScanError(path, wanted=f"at least {LEAST_TAGS} tags of the reference sheet", came=came, todo=PHOTO_TODO)
+        came = say("photo-shows", len(tags)) if len(tags) else say("photo-without-any")
+        raise ScanError(
+            path,
+            wanted=say("least-tags-reference-sheet", LEAST_TAGS),
+            came=came,
+            todo=photo_todo(),
+        )
 
 
 def check_sheet(path: str | Path, scales: tuple[float, float]) -> None:
@@ -130,8 +134,8 @@ def check_sheet(path: str | Path, scales: tuple[float, float]) -> None:
     common = sum(scales) / 2
     if abs(common - 1) > MOST_SHEET_SCALE and abs(scales[0] - scales[1]) < AXES_AGREE_SHARE:
         raise ScanError(
-            path, wanted="the sheet of tags printed at 100 %", came=f"one that seems printed at {100 / common:.0f} %",
-            todo="print it again without `fit to page`, until its line measures 100 mm; or scan without it",
+            path, wanted=say("sheet-tags-printed-100"), came=say("one-seems-printed", f"{100 / common:.0f}"),
+            todo=say("print-again-without-fit-page-until"),
         )  # fmt: skip
 
 

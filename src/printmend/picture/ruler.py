@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from printmend.errors import ScanError
+from printmend.messages import say
 
 FINE_PX_PER_MM = 12.0  # resolution of the picture in which rulers are looked for
 THICKEST_MM, SHORTEST_MM, LONGEST_MM = 0.45, 1.2, 14.0  # width and lengths of a line
@@ -84,8 +85,8 @@ def find_rulers(image: np.ndarray, px_per_mm: float, *, subject: str) -> tuple[R
             inches |= any(abs(row.excess + 1 - unit_mm) < SCALE_SHARE * unit_mm for unit_mm in INCHES)
     if inches and not found:
         raise ScanError(
-            subject, wanted="a ruler with a line for every millimetre", came="one in inches",
-            todo="turn its millimetre side to the print, or leave it out",
+            subject, wanted=say("ruler-line-every-millimetre"), came=say("one-inches"),
+            todo=say("turn-millimetre-side-print-leave-out"),
         )  # fmt: skip
     return tuple(found)
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from printmend.errors import ScanError
+from printmend.messages import say
 
 COARSE_MM = 0.17  # side of a pixel of the reduced picture
 SPECK_MM, GAP_MM = 0.35, 0.5  # plastic thinner than this is dirt; gaps narrower than this close
@@ -57,7 +58,7 @@ def find_silhouette(
     colour, level = _plastic_colour(excess)
     if level is None:
         raise ScanError(
-            subject, wanted="plastic that stands out against its background", came="a page without any",
+            subject, wanted="plastic that stands out against its background", came=say("page-without-any"),
             todo="lay paper of another colour behind the part: white behind dark plastic, black behind light",
         )  # fmt: skip
     mask = (excess @ colour > level).astype(np.uint8)
@@ -74,7 +75,7 @@ def find_silhouette(
         areas[np.unique(labels[ruler > 0])] = 0.0
     keep = (areas >= LEAST_PIECE_MM2) & (areas >= LEAST_PIECE_SHARE * areas.max())
     if not keep.any():
-        raise ScanError(subject, wanted="a printed part", came="a page without one", todo="scan the printed side")
+        raise ScanError(subject, wanted="a printed part", came="a page without one", todo=say("scan-printed-side"))
     kept = keep[labels]
     if kept[0].any() or kept[-1].any() or kept[:, 0].any() or kept[:, -1].any():
         raise ScanError(

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from printmend.errors import ConfigError
+from printmend.messages import say
 from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, RRF_PAUSE, Axis, Extruder, Printer
 
 # A slicer that draws the filament back by less than this has its motor on the tool head, mm. Bowden profiles of
@@ -22,7 +23,6 @@ _PLA = {"first_layer_temperature": "205", "temperature": "205", "nozzle_temperat
         "bed_temperature_initial_layer": "60", "initial_extruder": "0", "initial_tool": "0",
         "current_extruder": "0", "initial_no_support_extruder": "0"}  # fmt: skip
 _PLACEHOLDER = re.compile(r"[{\[]\s*(\w+)\s*(?:\[\s*(?:\d+|\w+)\s*\])?\s*[}\]]")
-_TODO = "export the printer's profile from the slicer, or start from a preset"
 
 
 Values = Mapping[str, Any]
@@ -48,8 +48,8 @@ def profile_of(text: str, *, model: str | None, subject: str, todo: str = "") ->
     technology = _first(values, ("printer_technology",)) or "FFF"
     if technology.upper() != "FFF":
         raise ConfigError(
-            subject, wanted="a printer that lays lines of plastic", came=f"a resin printer ({technology})",
-            todo="name another: nothing of this one moves in X and Y",
+            subject, wanted=say("printer-lays-lines-plastic"), came=say("resin-printer", technology),
+            todo=say("name-another-nothing-one-moves-x"),
         )  # fmt: skip
     return values
 
@@ -71,7 +71,7 @@ def parse_slicer(values: Values, *, like: Printer, name: str, subject: str) -> t
     kinematics = "corexy" if _first(values, ("printer_structure",)) == "corexy" else like.kinematics
     if kinematics != like.kinematics:
         raise ConfigError(
-            subject, wanted=f"a {like.kinematics} printer, as --like", came="a CoreXY", todo="name a CoreXY preset"
+            subject, wanted=say("printer-like", like.kinematics), came=say("corexy"), todo=say("name-corexy-preset")
         )
     z = replace(like.z, max_mm=height_mm)
     pause = _PAUSES.get(_first(values, ("gcode_flavor",)) or "", PAUSE)
@@ -83,11 +83,21 @@ def _json(text: str, subject: str) -> Values:
     try:
         values = json.loads(text)
     except (ValueError, RecursionError):
-        raise ConfigError(subject, wanted="a slicer's profile in JSON", came="broken JSON", todo=_TODO) from None
+        raise ConfigError(
+            subject,
+            wanted=say("slicer-s-profile-json"),
+            came=say("broken-json"),
+            todo=say("export-printer-s-profile-from-slicer"),
+        ) from None
     if not isinstance(values, dict) or "printable_area" not in values:
         base = values.get("inherits") if isinstance(values, dict) else None
-        came = f"none: it stands in {base!r}, which this one inherits" if base else "none"
-        raise ConfigError(subject, wanted="a printer's profile with its printable_area", came=came, todo=_TODO)
+        came = say("none-stands-one-inherits", repr(base)) if base else say("none")
+        raise ConfigError(
+            subject,
+            wanted=say("printer-s-profile-printable-area"),
+            came=came,
+            todo=say("export-printer-s-profile-from-slicer"),
+        )
     return values
 
 
@@ -117,11 +127,13 @@ def _chosen(sections: list[str], model: str | None, subject: str, todo: str) -> 
         return next((name for name in fitting if "0.4" in name), fitting[0])
     models = list(dict.fromkeys(_NOZZLE.sub("", name) for name in fitting or names))
     if not models:
-        raise ConfigError(subject, wanted="a bundle with a printer", came="none", todo=_TODO)
+        raise ConfigError(
+            subject, wanted=say("bundle-printer"), came=say("none"), todo=say("export-printer-s-profile-from-slicer")
+        )
     advice = "; ".join(filter(None, (todo, f"a part of a name is enough: {', '.join(models)}")))
     raise ConfigError(
-        subject, wanted="one printer, named with --model" if not wanted else f"a printer {model!r} of this bundle",
-        came=f"{len(models)}" if fitting else "none", todo=advice,
+        subject, wanted=say("one-printer-named-model") if not wanted else say("printer-bundle", repr(model)),
+        came=f"{len(models)}" if fitting else say("none"), todo=advice,
     )  # fmt: skip
 
 
@@ -158,7 +170,10 @@ def _number(values: Mapping[str, Any], names: tuple[str, ...], otherwise: float,
         return otherwise if value is None else float(value.split(",")[0])
     except ValueError:
         raise ConfigError(
-            subject, wanted=f"a number for {names[0]}", came=value[:40] if value else "", todo=_TODO
+            subject,
+            wanted=say("number", names[0]),
+            came=value[:40] if value else "",
+            todo=say("export-printer-s-profile-from-slicer"),
         ) from None
 
 
@@ -170,10 +185,15 @@ def _bed_mm(values: Mapping[str, Any], subject: str) -> tuple[tuple[float, float
         points = [tuple(float(part) for part in str(corner).lower().split("x")) for corner in corners]
         xs, ys = {point[0] for point in points}, {point[1] for point in points}
     except (ValueError, IndexError):
-        raise ConfigError(subject, wanted="a bed shape as 0x0,220x0,…", came=str(shape)[:40], todo=_TODO) from None
+        raise ConfigError(
+            subject,
+            wanted=say("bed-shape-0x0-220x0"),
+            came=str(shape)[:40],
+            todo=say("export-printer-s-profile-from-slicer"),
+        ) from None
     if len(points) != 4 or len(xs) != 2 or len(ys) != 2:
         todo = "round beds belong to machines that cannot be learned yet"
-        raise ConfigError(subject, wanted="a rectangular bed", came=f"{len(points)} corners", todo=todo)
+        raise ConfigError(subject, wanted=say("rectangular-bed"), came=say("corners", len(points)), todo=todo)
     return (min(xs), min(ys)), (max(xs), max(ys))
 
 
@@ -191,9 +211,14 @@ def _without_margin(
     low = (low_mm[0] - margin[0], low_mm[1] - margin[1])
     high = (high_mm[0] + margin[0], high_mm[1] + margin[1])
     names = [name for name, wide in zip("XY", margin, strict=True) if wide]
-    said = (
-        f"the margin of {max(margin):g} mm that the slicer keeps free in {' and '.join(names)}: the bed is taken from "
-        f"{low[0]:g}, {low[1]:g} to {high[0]:g}, {high[1]:g}; correct it where yours is another"
+    said = say(
+        "margin-mm-slicer-keeps-free-bed",
+        f"{max(margin):g}",
+        " and ".join(names),
+        f"{low[0]:g}",
+        f"{low[1]:g}",
+        f"{high[0]:g}",
+        f"{high[1]:g}",
     )
     return (low, high), (said,)
 

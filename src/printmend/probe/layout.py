@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.errors import ConfigError
+from printmend.messages import say
 from printmend.printer import Printer
 
 # tan = 1/golden ratio: the worst number to approximate by fractions, so no pulley angle repeats early.
@@ -48,9 +49,9 @@ def mark_area_mm(printer: Printer) -> tuple[np.ndarray, np.ndarray]:
     if (high - low < LEAST_AREA_MM).any():
         raise ConfigError(
             printer.name,
-            wanted=f"{LEAST_AREA_MM:.0f} mm for the marks, {margin:.0f} mm from the edges",
-            came=f"{high[0] - low[0]:.0f} × {high[1] - low[1]:.0f} mm",
-            todo="check the bed in --printer",
+            wanted=say("mm-marks-mm-from-edges", f"{LEAST_AREA_MM:.0f}", f"{margin:.0f}"),
+            came=say("mm", f"{high[0] - low[0]:.0f}", f"{high[1] - low[1]:.0f}"),
+            todo=say("check-bed-printer"),
         )
     return low, high
 
@@ -61,8 +62,8 @@ def square_mm(printer: Printer, size_mm: float) -> tuple[np.ndarray, np.ndarray]
     middle = (low + high) / 2
     if size_mm > (high - low).max():
         raise ConfigError(
-            "--size", wanted=f"at most {(high - low).max():.0f} mm on {printer.name}", came=f"{size_mm:g} mm",
-            todo="make it smaller, or leave it out for the whole bed",
+            "--size", wanted=say("most-mm", f"{(high - low).max():.0f}", printer.name),
+            came=say("mm-2", f"{size_mm:g}"), todo=say("make-smaller-leave-out-whole-bed"),
         )  # fmt: skip
     return np.maximum(low, middle - size_mm / 2), np.minimum(high, middle + size_mm / 2)
 
@@ -77,8 +78,8 @@ def glass_area_mm(printer: Printer, glass_mm: tuple[float, float]) -> tuple[np.n
     size = max((np.minimum(high - low, side) for side in (room, room[::-1])), key=lambda one: float(one.prod()))
     if (size < LEAST_AREA_MM).any():
         raise ConfigError(
-            "--scanner", wanted=f"a glass of at least {LEAST_AREA_MM + 2 * GLASS_EDGE_MM:.0f} mm a side",
-            came=f"{glass_mm[0]:g} × {glass_mm[1]:g} mm", todo="give its width and height in mm, as 216x297",
+            "--scanner", wanted=say("glass-least-mm-side", f"{LEAST_AREA_MM + 2 * GLASS_EDGE_MM:.0f}"),
+            came=say("mm", f"{glass_mm[0]:g}", f"{glass_mm[1]:g}"), todo=say("give-width-height-mm-216x297"),
         )  # fmt: skip
     return (low + high - size) / 2, (low + high + size) / 2
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from printmend.errors import ConfigError
 from printmend.measure.plan import LEAST_SHARED, ProbePlan
+from printmend.messages import say
 from printmend.printer import Printer
 from printmend.probe.layout import GLASS_EDGE_MM, LEAST_AREA_MM, MARKS, Layout, lay_out, mark_area_mm
 from printmend.probe.walk import swings_for, walk_with
@@ -30,7 +31,8 @@ def sheets_mm(printer: Printer, paper_mm: tuple[float, float], count: int) -> tu
     if (room < LEAST_AREA_MM).any():
         raise ConfigError(
             "--scanner", wanted=f"sheets of at least {LEAST_AREA_MM + 2 * GLASS_EDGE_MM:.0f} mm a side",
-            came=f"{paper_mm[0]:g} × {paper_mm[1]:g} mm", todo="give their width and height in mm, as 210x297",
+            came=say("mm", f"{paper_mm[0]:g}", f"{paper_mm[1]:g}"),
+            todo="give their width and height in mm, as 210x297",
         )  # fmt: skip
     best: tuple[float, np.ndarray, np.ndarray] | None = None
     for sheet in (room, room[::-1]):

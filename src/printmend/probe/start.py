@@ -5,6 +5,7 @@ from pathlib import Path
 
 from printmend.errors import GcodeError
 from printmend.gcode.container import open_gcode
+from printmend.messages import say
 from printmend.printer import Printer
 from printmend.printer.known import bare_name
 
@@ -23,7 +24,6 @@ _MOVE = re.compile(r"^\s*G0*[0-3]\b", re.IGNORECASE)
 _PRINTS = re.compile(r"^\s*G0*[1-3]\b(?=.*[XY]-?[\d.])(?=.*E[\d.])", re.IGNORECASE)
 _PLACE = re.compile(r"([XY])\s*(-?\d+(?:\.\d*)?|-?\.\d+)", re.IGNORECASE)
 _MOST_LINES, MOST_PURGE = 1000, 40  # commands of a start, and how many of them may print
-_TODO = "give a file that this printer's slicer wrote"
 
 
 def start_from(path: Path, printer: Printer) -> tuple[str, tuple[str, ...]]:
@@ -46,9 +46,19 @@ def start_from(path: Path, printer: Printer) -> tuple[str, tuple[str, ...]]:
             lines = _before_moves(lines[: printing[0]])
             break
         if len(lines) > _MOST_LINES:
-            raise GcodeError(path, wanted="a first layer", came=f"{_MOST_LINES} commands without one", todo=_TODO)
+            raise GcodeError(
+                path,
+                wanted=say("first-layer"),
+                came=say("commands-without-one", _MOST_LINES),
+                todo=say("give-file-printer-s-slicer-wrote"),
+            )
     else:
-        raise GcodeError(path, wanted="a sliced file that says where its first layer begins", came="none", todo=_TODO)
+        raise GcodeError(
+            path,
+            wanted=say("sliced-file-says-where-first-layer"),
+            came=say("none"),
+            todo=say("give-file-printer-s-slicer-wrote"),
+        )
     lines, left = _fitting(lines, printer)
     return homed_start("\n".join(lines), subject=str(path)), left
 
@@ -106,7 +116,9 @@ def homed_start(text: str, *, subject: str) -> str:
     homes = [number for number, line in enumerate(lines) if _HOME.match(line)]
     macro = any(re.match(r"^\s*(PRINT_START|START_PRINT)\b", line, re.IGNORECASE) for line in lines)
     if not homes and not macro:
-        raise GcodeError(subject, wanted="start code that homes (G28)", came="none", todo=_TODO)
+        raise GcodeError(
+            subject, wanted=say("start-code-homes-g28"), came=say("none"), todo=say("give-file-printer-s-slicer-wrote")
+        )
     after = lines[homes[-1] + 1 :] if homes else []
     if macro or any(_MOVE_XY.match(line) for line in after):
         lines += ["G90", "G1 Z10 F600", "G28 X Y"]

@@ -10,6 +10,7 @@ import numpy as np
 from printmend.errors import ConfigError
 from printmend.files import replacing
 from printmend.measure import write_trace
+from printmend.messages import say
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.probe.gcode import CLOSING, LIFT_MM_S, PLA_G_PER_MM3, PLAIN_START, TRAVEL_MM_S, filament_mm
@@ -62,8 +63,8 @@ def design_tower(printer: Printer) -> Tower:
     count = math.ceil(TURNS * printer.z.mm_per_turn / layer_mm)
     if min(printer.x.length_mm, printer.y.length_mm) < room_mm or printer.z.max_mm < count * layer_mm + _HOP_MM:
         raise ConfigError(
-            printer.name, wanted=f"room for a tower of {room_mm:.0f} mm by {count * layer_mm + _HOP_MM:.0f} mm high",
-            came="less", todo="measure the Z screw with a dial gauge, at a dozen heights",
+            printer.name, wanted=say("room-tower-mm-mm-high", f"{room_mm:.0f}", f"{count * layer_mm + _HOP_MM:.0f}"),
+            came=say("less"), todo=say("measure-z-screw-dial-gauge-dozen"),
         )  # fmt: skip
     middle = np.array(printer.middle_mm)
     points, printed = [np.array([*printer.home_mm, printer.z.home_mm])], [False]

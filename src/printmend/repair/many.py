@@ -14,6 +14,7 @@ from printmend.files import replacing
 from printmend.gcode.container import open_gcode
 from printmend.gcode.mark import find_mark, is_test_print
 from printmend.invert import Fineness
+from printmend.messages import say
 from printmend.repair.mend import AS_USUAL, Mended, is_healthy, mend_gcode
 from printmend.saved import SavedModel
 
@@ -86,7 +87,7 @@ def gcode_files(paths: Sequence[Path]) -> dict[Path, Path]:
             continue
         inside = [item for item in sorted(path.rglob("*")) if is_gcode_name(item.name) and item.is_file()]
         if not inside:
-            raise InputError(path, wanted="a folder with G-code", came="none in it", todo="name another")
+            raise InputError(path, wanted="a folder with G-code", came=say("none-2"), todo="name another")
         found.update({item: item.relative_to(path) for item in inside if item not in found})
     return found
 

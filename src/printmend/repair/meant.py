@@ -4,6 +4,7 @@ import numpy as np
 
 from printmend.errors import ModelError
 from printmend.gcode.header import Corners, Described
+from printmend.messages import say
 from printmend.printer import Printer
 from printmend.printer.known import printers_named
 from printmend.repair.prediction import Prediction
@@ -17,17 +18,17 @@ def refuse_other_printer(name: str, printer: Printer, prediction: Prediction) ->
     """Raise `ModelError` where a file prints far beyond the printer's bed."""
     if not prediction.extruding:
         return
-    todo = "use the model of the printer that this file is for"
+    todo = say("use-model-printer-file")
     for axis, low, high in zip((printer.x, printer.y), prediction.low_mm, prediction.high_mm, strict=True):
         if low < axis.min_mm - _OUTSIDE_MM or high > axis.max_mm + _OUTSIDE_MM:
-            wanted = f"G-code for {printer.name}, {axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm"
-            came = f"extrusion from {low:.1f} to {high:.1f} mm"
+            wanted = say("g-code-from-mm", printer.name, axis.name.upper(), f"{axis.min_mm:g}", f"{axis.max_mm:g}")
+            came = say("extrusion-from-mm", f"{low:.1f}", f"{high:.1f}")
             raise ModelError(name, wanted=wanted, came=came, todo=todo)
 
 
 def refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
     """Raise `ModelError` where a file says that it is for another printer than the model's."""
-    todo = f"use the model of the printer that this file is for, or --force if it is this {printer.name}"
+    todo = say("use-model-printer-file-force-if", printer.name)
     other = _other_printer(said, printer)
     if (
         said.bed_mm is not None
@@ -36,16 +37,16 @@ def refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
     ):
         for_whom = f" of {said.names[0]}" if other is not None else ""
         own, theirs = _bed_words(_bed_mm(printer)), _bed_words(said.bed_mm)
-        raise ModelError(name, wanted=f"G-code for a bed from {own}", came=f"a bed from {theirs}{for_whom}", todo=todo)
+        raise ModelError(name, wanted=say("g-code-bed-from", own), came=say("bed-from", theirs, for_whom), todo=todo)
     if said.print_mm is not None:
         low, high = said.print_mm
         ends = ((printer.x, low[0], high[0]), (printer.y, low[1], high[1]))
         for axis, least, most in ends:
             if least < axis.min_mm - _OUTSIDE_MM or most > axis.max_mm + _OUTSIDE_MM:
-                wanted = f"G-code for {printer.name}, {axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm"
-                raise ModelError(name, wanted=wanted, came=f"a header from {least:g} to {most:g} mm", todo=todo)
+                wanted = say("g-code-from-mm", printer.name, axis.name.upper(), f"{axis.min_mm:g}", f"{axis.max_mm:g}")
+                raise ModelError(name, wanted=wanted, came=say("header-from-mm", f"{least:g}", f"{most:g}"), todo=todo)
     if other:
-        raise ModelError(name, wanted=f"G-code for {printer.name}", came=f"G-code for {other}", todo=todo)
+        raise ModelError(name, wanted=say("g-code", printer.name), came=say("g-code", other), todo=todo)
 
 
 def _other_printer(said: Described, printer: Printer) -> str | None:
@@ -88,7 +89,4 @@ def small_bed_words(said: Described, printer: Printer) -> str | None:
     """Return what is to be said of a file whose bed is another, but lies on the printer's."""
     if said.bed_mm is None or not (_has_other_bed(said, printer) and _is_within(said, printer)):
         return None
-    return (
-        f"the slicer's bed goes from {_bed_words(said.bed_mm)}, this printer's from {_bed_words(_bed_mm(printer))}: "
-        "what is printed fits, but set the bed in the slicer, or use the model of the printer that this file is for"
-    )
+    return say("slicer-s-bed-goes-from-printer", _bed_words(said.bed_mm), _bed_words(_bed_mm(printer)))

@@ -23,7 +23,7 @@ from printmend.measure.walls import Walls, read_walls
 from printmend.measure.width import choose_widths, scaled_by_widths, widths_asked
 from printmend.path import Origin, Trace
 from printmend.picture.image import with_legend, write_image
-from printmend.picture.page import PHOTO_TODO, Page, check_sheet, read_page
+from printmend.picture.page import Page, check_sheet, photo_todo, read_page
 from printmend.picture.ruler import Ruler, find_rulers
 from printmend.picture.silhouette import Silhouette, find_edges, find_silhouette
 from printmend.printer import Printer
@@ -126,7 +126,7 @@ def _located(path: str | Path, page: Page, walls: Walls, rulers: Sequence[Ruler]
     except ScanError as error:
         if not page.unsure:
             raise
-        todo = f"{error.todo}; if it is a photo: {PHOTO_TODO}"
+        todo = f"{error.todo}; if it is a photo: {photo_todo()}"
         raise ScanError(path, wanted=error.wanted, came=error.came, todo=todo) from None
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from printmend.clock import Duration
 from printmend.invert import Planner
 from printmend.invert import layout as k
+from printmend.messages import say
 from printmend.promise.belief import parse_belief
 from printmend.promise.misfit import said_of
 from printmend.promise.predict import Errors, PathPlaces, Promise, best_shift, promised, shape_of, without_doubt
@@ -26,8 +27,6 @@ _WORTH_CAUSE_MM = (
     0.005  # … if what it mostly comes from is this much at least: what dots at rest do not show is in every range
 )
 _MAIN_SHARE = 0.5  # share of an expected error that must be one part's for it to be named
-_PROBE_TODO = "A whole `printmend probe`, printed and measured, settles it."
-_AGAIN_TODO = "A second test print, taken in with `printmend learn --update`, makes it less."
 _BEYOND_MM = 5.0  # a part that lies farther outside of what was measured is told so
 _WHOLE_MARKS = 400  # a measurement of so many marks was of a whole test print
 # Most of the drawn machines, as a share, that may print no better mended; and where a few distances left most of what
@@ -330,8 +329,7 @@ def _beyond_seen(model: SavedModel, prediction: Prediction) -> tuple[str, ...]:
     for name, first, last, low, high in spans:
         if f"{name} from" in told[0] and (low < first - _BEYOND_MM or high > last + _BEYOND_MM):
             found.append(
-                f"the part lies at {name} {low:.0f} to {high:.0f} mm, and the test print showed {first:.0f} to "
-                f"{last:.0f}: elsewhere the printer is thought to go on as it does there"
+                say("part-lies-mm-test-print-showed", name, f"{low:.0f}", f"{high:.0f}", f"{first:.0f}", f"{last:.0f}")
             )
     return tuple(found)
 
@@ -357,7 +355,13 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
     if name == "parameters":
         gaps = [gap for gap in model.findings[1:] if "turn" in gap]
         whole = model.document.get("trace", {}).get("measured", 0) >= _WHOLE_MARKS
-        todo = gaps[0] if gaps else _AGAIN_TODO if whole else _PROBE_TODO
+        todo = (
+            gaps[0]
+            if gaps
+            else say("second-test-print-taken-printmend-learn")
+            if whole
+            else say("whole-printmend-probe-printed-measured-settles")
+        )
         return (f"{most} is what the test print {'left open' if whole and not gaps else 'did not show'}. {todo}",)
     if name == "instrument" and knows_all_but_a_reading(model):
         return (f"{most} is the scale, as far as the callipers left it open.",)

@@ -21,6 +21,7 @@ from printmend.learn.walls import with_walls
 from printmend.machine import print_from_home
 from printmend.measure.once import digest_of
 from printmend.measure.whose import check_origin
+from printmend.messages import say
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, parse_belief
@@ -140,21 +141,21 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     belief = parse_belief(model)
     if belief is None:
         raise ModelError(
-            "the model", wanted="one that says what it does not know", came="one of an older printmend or learner",
-            todo="learn it again from its trace",
+            "the model", wanted=say("one-says-what-does-not-know"), came=say("one-older-printmend-learner"),
+            todo=say("learn-again-from-trace"),
         )  # fmt: skip
     check_origin("the check print", trace.origin, model.printer)
     if digest_of(trace) in known_digests(model):
         raise TraceError(
-            "the check print", wanted="a print that was mended", came="the measurement that the model was learned from",
-            todo="mend the test print, print it, and measure that one",
+            "the check print", wanted=say("print-mended"), came=say("measurement-model-learned-from"),
+            todo=say("mend-test-print-print-measure-one"),
         )  # fmt: skip
     trace = with_walls(trace, model.printer)
     known = np.flatnonzero(trace.measured_rows)
     if len(known) < LEAST_MARKS:
         raise TraceError(
-            "the check print", wanted=f"at least {LEAST_MARKS} measured marks", came=f"{len(known)}",
-            todo="measure more of it",
+            "the check print", wanted=say("least-measured-marks", LEAST_MARKS), came=f"{len(known)}",
+            todo=say("measure-more"),
         )  # fmt: skip
     placed = trace.placed and belief.placed
     outlook, off = _outlook_at_marks(model, belief, trace)
@@ -288,7 +289,7 @@ def update_words(verdict: Verdict, newer: Updated) -> str:
 
     One that does not break its promise is of this machine, even where a fresh fit explains the small print better.
     """
-    return "the model was brought up to date" if verdict.result != BROKEN and newer.anew else newer.words
+    return say("model-brought-up-date") if verdict.result != BROKEN and newer.anew else newer.words
 
 
 def updated(model: SavedModel, trace: Trace) -> Updated:

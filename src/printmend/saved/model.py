@@ -19,6 +19,7 @@ from printmend.errors import ConfigError, ModelError
 from printmend.files import read_text, replacing
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
+from printmend.messages import messages_of, restored
 from printmend.printer import Printer
 from printmend.printer.toml import parse_printer
 from printmend.provenance import seal_key
@@ -173,6 +174,9 @@ def parse_model(text: str, *, subject: str) -> SavedModel:
 
 def _through_text(document: Mapping[str, Any]) -> SavedModel:
     """Return the model that a reader of the document's text will get."""
+    document = {key: value for key, value in document.items() if key != "messages"}
+    if messages := messages_of(document):
+        document["messages"] = messages
     document = json.loads(json.dumps(document, allow_nan=False))
     return _read(document, _digest(document), "the model")
 
@@ -193,7 +197,8 @@ def _read(document: Mapping[str, Any], digest: str, subject: str) -> SavedModel:
     if noise_mm < 0 or not all(isinstance(line, str) for line in findings):
         refuse(subject, "noise_mm ≥ 0 and findings as text", "something else")
     check_notes(document, subject)
-    return SavedModel(mechanism, learner, digest, document)
+    messages = document.get("messages")
+    return SavedModel(mechanism, learner, digest, restored(document, messages if isinstance(messages, dict) else {}))
 
 
 def branches_of(model: SavedModel, motor: int) -> Branches | None:

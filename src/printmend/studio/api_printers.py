@@ -12,6 +12,7 @@ from fastapi.responses import FileResponse
 
 from printmend.errors import InputError, PrintmendError
 from printmend.files import replacing
+from printmend.messages import messages_of, together
 from printmend.printer import Printer, read_printer
 from printmend.printer.convert import convert, printer_text
 from printmend.printer.toml import check_name, parse_printer
@@ -55,27 +56,32 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
     """Return what is shown of a printer."""
     folder = here.store.path("printer", row["id"])
     printer = read_printer(folder / PRINTER)
-    learned = [job for job in here.store.jobs(printer=row["id"]) if job["kind"] == "learn" and job["result"]][::-1]
+    learned = [job for job in here.store.jobs(printer=row["id"]) if job["kind"] == "learn" and job["state"] == "done"][
+        ::-1
+    ]
     trend = [job["result"]["said"]["before_mm"] for job in learned]
     health, healthy, digest, measured_s = None, None, None, None
+    messages: dict[str, Any] = {}
     if (folder / MODEL).is_file():
         from printmend.promise.misfit import NOTE, misfit_words
         from printmend.studio.said import LEAST_ADVICE_MM, advice_of  # all of learning: not for a printer's bare card
 
         document = json.loads((folder / MODEL).read_text(encoding="utf-8"))
+        messages = document.get("messages", {})
         titles = [one.title for _, one in advice_of(document) if one.effect_mm >= LEAST_ADVICE_MM]
-        health = "; ".join(titles) or (document["findings"] or [""])[0]
+        health = together("; ", titles) if titles else (document["findings"] or [""])[0]
         sound = document["frame"] is None and all(one["kind"] == "healthy" for one in document["motors"].values())
         healthy = not document["diagnosis"] if "diagnosis" in document else sound
         grave = [words.partition(": ")[2] for words in misfit_words(document) if not words.startswith(f"{NOTE}: ")]
         if not titles and grave:  # no fault is known, but what was measured is not a sound printer's
             health, healthy = grave[0], False
+        messages = messages | messages_of(health)
         digest, measured_s = document["digest"], (folder / MODEL).stat().st_mtime
     notes = json.loads((folder / _NOTES).read_text(encoding="utf-8")) if (folder / _NOTES).is_file() else []
     return PrinterCard(
         id=row["id"], name=row["name"], kinematics=printer.kinematics, bed_mm=_bed(printer), notes=notes,
         health=health, healthy=healthy, measured_s=measured_s, trend=[value for value in trend if value is not None],
-        has_probe=(folder / PLAN).is_file(), digest=digest, host=_host_card(folder),
+        has_probe=(folder / PLAN).is_file(), digest=digest, host=_host_card(folder), messages=messages,
     )  # fmt: skip
 
 
@@ -340,7 +346,7 @@ def known(here: Here, key: Key) -> Known:
         if job["state"] == "done" and job["kind"] == "verify":
             history.append({"event": "verified", "at_s": job["ended_s"], **result["verdict"]})
     model = said(read_model(folder / MODEL)) if (folder / MODEL).is_file() else None
-    return Known(said=model, history=history)
+    return Known(said=model, history=history, messages=messages_of(model))
 
 
 @router.get("/{key}/next", tags=["measure"])

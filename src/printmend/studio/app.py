@@ -17,6 +17,7 @@ from starlette.types import ASGIApp
 
 from printmend import __version__
 from printmend.errors import PrintmendError, RefusedError
+from printmend.messages import messages_of, page_messages
 from printmend.studio import api, api_printers
 from printmend.studio.guard import LOOPBACK, Guard, TooLargeError
 from printmend.studio.jobs import Jobs, StudioState
@@ -72,6 +73,7 @@ def create_app(
     for router in (api.router, api_printers.router):
         _name_operations(router)
         app.include_router(router)
+    app.add_api_route("/messages.json", page_messages, include_in_schema=False, response_class=JSONResponse)
     app.mount("/", StaticFiles(directory=PAGE, html=True))
     return Guard(
         GZipMiddleware(app, minimum_size=2000, compresslevel=5), hosts=hosts, knows=knows, most_bytes=most_bytes
@@ -107,7 +109,8 @@ def _name_operations(router: APIRouter) -> None:
 def _refused(request: Request, error: Exception) -> JSONResponse:
     """Answer what a request cannot have."""
     status = 404 if isinstance(error, NotThereError) else 409 if isinstance(error, RefusedError) else 400
-    return JSONResponse({"error": str(error)}, status)
+    told = {"messages": messages_of(error.message)} if isinstance(error, PrintmendError) else {}
+    return JSONResponse({"error": str(error), **told}, status)
 
 
 _SEE = "see /api/openapi.json"

@@ -18,6 +18,7 @@ import httpx2 as httpx
 
 from printmend.errors import InputError, RefusedError
 from printmend.files import replacing
+from printmend.messages import say
 
 Kind = Literal["octoprint", "moonraker"]
 NAMES: dict[str, str] = {"octoprint": "OctoPrint", "moonraker": "Moonraker"}
@@ -68,13 +69,13 @@ def find_host(address: str, key: str) -> Host:
         for at, (kind, path) in itertools.product(dict.fromkeys((address, root)), _QUESTIONS):
             status, said = _ask(client, client.build_request("GET", at + path), _PATIENCE_S)
             if status in (401, 403) and said is not None:
-                came = "no for an answer to this key" if key else "no for an answer without a key"
-                raise InputError(at, wanted="a key that it accepts", came=came,
-                                 todo="copy the API key from its settings")  # fmt: skip
+                came = say("no-answer-key") if key else say("no-answer-without-key")
+                raise InputError(at, wanted=say("key-accepts"), came=came,
+                                 todo=say("copy-api-key-from-settings"))  # fmt: skip
             if status == 200 and _is_of_kind(kind, said):
                 return Host(at, key, kind)
-    raise InputError(address, wanted="OctoPrint or Moonraker (Mainsail, Fluidd)", came="something else",
-                     todo="give the address that the browser shows when you print")  # fmt: skip
+    raise InputError(address, wanted=say("octoprint-moonraker-mainsail-fluidd"), came=say("something-else"),
+                     todo=say("give-address-browser-shows-when-you"))  # fmt: skip
 
 
 def checked_address(text: str) -> str:
@@ -93,7 +94,7 @@ def checked_address(text: str) -> str:
         good = False
     if not good or not text.isprintable() or " " in text:
         raise InputError(
-            "the printer's address", wanted="http:// or https:// and a host", came=repr(text[:100]),
+            "the printer's address", wanted=say("http-https-host"), came=repr(text[:100]),
             todo="give it as the browser shows it, for example http://octopi.local",
         )  # fmt: skip
     return text.rstrip("/")
@@ -114,8 +115,8 @@ def send_file(host: Host, path: Path, name: str, told: Callable[[float], None]) 
     if status not in (200, 201):
         reason = _reason(said)
         raise RefusedError(
-            name, wanted=f"that {NAMES[host.kind]} takes it", came=f"its answer {status}{reason}",
-            todo="see its log, or download the file and put it there yourself",
+            name, wanted=say("takes", NAMES[host.kind]), came=say("answer", status, reason),
+            todo=say("see-log-download-file-put-there"),
         )  # fmt: skip
 
 
@@ -159,9 +160,11 @@ def _ask(client: httpx.Client, request: httpx.Request, patience_s: float) -> tup
         finally:
             answer.close()
     except httpx.HTTPError as error:
-        came = "no answer in time" if isinstance(error, httpx.TimeoutException) else str(error) or type(error).__name__
+        came = (
+            say("no-answer-time") if isinstance(error, httpx.TimeoutException) else str(error) or type(error).__name__
+        )
         raise InputError(
-            str(request.url), wanted="an answer", came=came, todo="is it running, and the address right?"
+            str(request.url), wanted=say("answer-2"), came=came, todo=say("running-address-right")
         ) from None
     try:
         return answer.status_code, json.loads(data)

@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from printmend.studio.sliders import MOST_DENT_MM, MOST_PLAY_MM, MOST_SCREW_MM, MOST_SKEW_DEG, Shape
 
 KEY = r"^[0-9a-f]{16}$"
+MESSAGES = Field(default_factory=dict, description="ids and values of texts here, by their English")
 
 
 class Strict(BaseModel):
@@ -101,6 +102,7 @@ class PrinterCard(BaseModel):
     has_probe: bool
     digest: str | None = Field(description="of its model")
     host: HostCard | None = Field(description="what it prints with, where that is known here")
+    messages: dict[str, Any] = MESSAGES
 
 
 class JobCard(BaseModel):
@@ -240,3 +242,4 @@ class Known(BaseModel):
 
     said: dict[str, Any] | None
     history: list[dict[str, Any]] = Field(description="measurements and check prints, the oldest first")
+    messages: dict[str, Any] = MESSAGES

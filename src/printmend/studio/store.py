@@ -12,6 +12,7 @@ from typing import Any
 import sqlalchemy as sql
 
 from printmend.errors import InputError
+from printmend.messages import messages_of
 
 DONE = ("done", "failed", "cancelled")
 HALF = ".tmp"  # what the name of an upload ends with, and a dot what it begins with, until all of it is there
@@ -85,7 +86,9 @@ class Store:
         return self._insert(JOBS, kind=kind, printer=printer, params=json.dumps(params), state="queued")
 
     def end_job(self, key: str, state: str, *, error: str | None = None, result: Row | None = None) -> bool:
-        """Note how a job ended; return False where it had ended before."""
+        """Note how a job ended; return False where it had ended before. Its messages come into the ``result``."""
+        if messages := messages_of([error, result]):
+            result = {**(result or {}), "messages": messages}
         values = {
             "state": state, "error": error, "result": None if result is None else json.dumps(result),
             "ended_s": time.time(),

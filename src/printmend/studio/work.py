@@ -66,7 +66,7 @@ class Job:
 
     def said(self, error: PrintmendError) -> str:
         """Return what an error says, without the folders of this studio."""
-        words = str(error)
+        words = error.message
         for place in (self.given, self.folder, self.data):
             words = words.replace(f"{place}{os.sep}", "")
         return words

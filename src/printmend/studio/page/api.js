@@ -1,8 +1,10 @@
 // Talking to the studio's server: everything goes to where this page came from.
+import { heed } from "./words.js";
+
 export class Problem extends Error {}
 
 async function answer(response) {
-  const body = response.status === 204 ? null : await response.json().catch(() => null);
+  const body = response.status === 204 ? null : heed(await response.json().catch(() => null));
   if (!response.ok) throw new Problem(body?.error ?? `${response.status} ${response.statusText}`);
   return body;
 }
@@ -58,7 +60,7 @@ export function upload(file, told = () => {}) {
     request.onerror = () => reject(new Problem("gone"));
     request.onload = () => {
       let body = null;
-      try { body = JSON.parse(request.responseText); } catch { /* said below */ }
+      try { body = heed(JSON.parse(request.responseText)); } catch { /* said below */ }
       if (request.status < 300 && body) resolve(body);
       else reject(new Problem(body?.error ?? `${request.status}`));
     };
@@ -77,7 +79,7 @@ export function follow(key, told) {
   if (typeof SharedWorker === "undefined") return alone(key, told);
   if (!worker) {
     worker = new SharedWorker("/stream.js").port;
-    worker.onmessage = ({ data: { job, away } }) => { tell(Boolean(away)); if (job) for (const one of [...(heard.get(job.id) ?? [])]) one(job); };
+    worker.onmessage = ({ data: { job, away } }) => { tell(Boolean(away)); if (heed(job)) for (const one of [...(heard.get(job.id) ?? [])]) one(job); };
     addEventListener("pagehide", () => { for (const one of heard.keys()) worker.postMessage({ leave: one }); });
     addEventListener("pageshow", ({ persisted }) => { if (persisted) for (const one of heard.keys()) worker.postMessage({ follow: one }); });
   }
@@ -101,7 +103,7 @@ function alone(key, told) {
   };
   const open = () => {
     source = new EventSource(`/api/jobs/${key}/events`);
-    source.addEventListener("job", (event) => { tell(false); hear(JSON.parse(event.data)); });
+    source.addEventListener("job", (event) => { tell(false); hear(heed(JSON.parse(event.data))); });
     source.onerror = async () => {
       if (source.readyState !== EventSource.CLOSED) return tell(true);  // the browser itself tries again
       const job = await get(`/jobs/${key}`).catch(() => null);

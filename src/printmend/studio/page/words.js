@@ -30,16 +30,40 @@ function ours(text, all) {
   for (const [pattern, into] of all) {
     const found = pattern.exec(text);
     // a part may be a sentence itself, as what a scan's scale is known from
-    if (found) return into.replace(/\{(\w+)\}/g, (_, name) => { const part = found.groups[name], whole = plainly(part); return whole === part && part !== text ? ours(part, patterns().filter(([one]) => one !== pattern)) ?? part : whole; });
+    if (found) return into.replace(/\{(\w+)\}/g, (_, name) => { const part = found.groups[name], whole = byId(part) ?? plainly(part); return whole === part && part !== text ? ours(part, patterns().filter(([one]) => one !== pattern)) ?? part : whole; });
   }
   return null;
 }
 
+// Every message that has an id: what the page says in each language. What is said comes in English, with ids beside it.
+const catalogue = await fetch("/messages.json").then((answer) => answer.json()).catch(() => ({}));
+const known = new Map();
+
+// Take note of the messages in an answer of the studio; returns the answer.
+export function heed(value) {
+  if (Array.isArray(value)) { if (typeof value[0] === "object") value.forEach(heed); } else if (value && typeof value === "object") {
+    for (const [english, told] of Object.entries(value.messages ?? {})) known.set(english, told);
+    for (const [name, one] of Object.entries(value)) if (name !== "messages") heed(one);
+  }
+  return value;
+}
+
+// A message in the reader's language by its id; null for another text. What is put together has what stands between as its id.
+function byId(text) {
+  const told = known.get(text);
+  if (!told) return null;
+  const part = (value) => (value === text ? null : byId(value)) ?? plainly(value), entry = catalogue[told.id];
+  if (!entry) return Object.values(told.values).map(part).join(told.id);
+  return entry[language].replaceAll("`", "").replace(/\{(\w+)\}/g, (_, name) => part(told.values[name] ?? ""));
+}
+
 // What the program says in English, in the page's words: in the reader's language where somebody has said it there.
 export function said(text) {
+  const whole = byId(text);
+  if (whole !== null) return whole;
   const plain = text.replaceAll("`", "");
   for (const [english, into] of before) if (language === "de" && plain.startsWith(english) && plain !== english) { const rest = plain.slice(english.length); return into + said(rest[0].toUpperCase() + rest.slice(1)); }
-  const clause = (one) => { const whole = ours(one, patterns()); if (whole !== null || !one.endsWith(".")) return whole; const bare = ours(one.slice(0, -1), patterns()); return bare === null ? null : `${bare}.`; };
+  const clause = (one) => { const whole = byId(one) ?? ours(one, patterns()); if (whole !== null || !one.endsWith(".")) return whole; const bare = ours(one.slice(0, -1), patterns()); return bare === null ? null : `${bare}.`; };
   const clauses = (one) => clause(one) ?? one.split("; ").map((each) => clause(each) ?? each).map((each, i) => i && language === "de" ? each.replace(/^(Der|Die|Das|Ein|Eine|Es|Was|Nach|Je|Im|In|Auf|Längs) /, (word) => word.toLowerCase()) : each).join("; ");
   return ours(plain, patterns()) ?? plain.split(/(?<=[.:]) (?=[A-Z])/).map(clauses).join(" ");
 }
@@ -49,9 +73,9 @@ export const sentence = (text) => said(text).replace(/^\p{Ll}+ /u, (word) => wor
 
 // Why something did not work: what was wanted, what came, what to do.
 export function why(text) {
-  const plain = text.replaceAll("`", ""), found = /^(?:(.*?): )?wanted (.*?), got (.*?); (.+)$/s.exec(plain);
-  if (!found) return ours(plain, misfits()) ?? plain;
-  const [subject, wanted, came, todo] = found.slice(1).map((part) => part && (ours(part, misfits()) ?? plainly(part)));
+  const plain = text.replaceAll("`", ""), told = known.get(text), found = told?.id === "why" ? ["a", "b", "c", "d"].map((name) => told.values[name]) : /^(?:(.*?): )?wanted (.*?), got (.*?); (.+)$/s.exec(plain)?.slice(1);
+  if (!found) return byId(text) ?? ours(plain, misfits()) ?? plain;
+  const [subject, wanted, came, todo] = found.map((part) => part && (byId(part) ?? ours(part.replaceAll("`", ""), misfits()) ?? plainly(part)));
   return t("why", { subject: subject ? `${subject}: ` : "", wanted, came, todo: `${todo[0].toUpperCase()}${todo.slice(1)}${/[.?!]$/.test(todo) ? "" : "."}` });
 }
 

@@ -1,0 +1,126 @@
+"""Messages by id: each is in the catalogue in both languages, and is known by its id wherever it is shown."""
+
+import ast
+import json
+import pickle
+import re
+import string
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import printmend
+from printmend.errors import InputError
+from printmend.messages import (
+    PAGE,
+    Said,
+    catalogue,
+    messages_of,
+    page_messages,
+    restored,
+    say,
+    together,
+    within,
+)  # fmt: skip
+
+SOURCES = Path(printmend.__file__).parent
+OPTION = re.compile(
+    r"(?<!\w)--?[a-z]|printmend (?:learn|mend|measure|probe|verify|export|printer|check)|(probe|mend)\.json|trace\.csv"
+)
+
+
+def places(text: str) -> set[str]:
+    return {name for _, name, _, _ in string.Formatter().parse(text) if name is not None}
+
+
+def said_in(path: Path) -> Iterator[tuple[str, int | None, int]]:
+    """Yield each id that a module says, with how many values, None where that is not written there, and its line."""
+    text = path.read_text(encoding="utf-8")
+    for node in ast.walk(ast.parse(text)) if "from printmend.messages import" in text else ():
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "say":
+            name, *values = node.args
+            count = None if any(isinstance(value, ast.Starred) for value in values) else len(values)
+            for each in ast.walk(name):
+                if isinstance(each, ast.Constant) and isinstance(each.value, str):
+                    yield each.value, count, node.lineno
+
+
+def test_every_message_has_both_languages_with_the_same_places() -> None:
+    for name, (english, german) in catalogue().items():
+        assert english, name
+        assert german, name
+        assert places(german) <= places(english), name
+        assert places(english) == set(string.ascii_lowercase[: len(places(english))]), name
+        if name.endswith(PAGE):
+            assert places(english) <= places(catalogue()[name.removesuffix(PAGE)][0]), name
+
+
+def test_every_id_that_is_said_is_in_the_catalogue_and_the_other_way_round() -> None:
+    used = set()
+    for path in SOURCES.rglob("*.py"):
+        for name, count, line in said_in(path):
+            assert name in catalogue(), f"{path.name}:{line} says {name!r}, which messages/de.po has not"
+            assert count in (None, len(places(catalogue()[name][0]))), f"{path.name}:{line} {name}"
+            used.add(name)
+    unused = {name for name in catalogue() if not name.endswith(PAGE)} - used
+    assert not unused, f"nothing says {sorted(unused)}"
+
+
+def test_the_page_names_no_option_of_the_command_line() -> None:
+    for name, texts in page_messages().items():
+        assert not OPTION.search(texts["en"].replace("`", "")), name
+        assert set(texts) == {"en", "de"}
+
+
+def test_an_english_sentence_may_be_reworded_without_its_german(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "scan-whole-print-free-margin"
+    german = page_messages()[name]["de"]
+    reworded = {**catalogue(), name: ("Scan all of the print", german)}
+    monkeypatch.setattr("printmend.messages.catalogue", lambda: reworded)
+    text = say(name)
+    assert text == "Scan all of the print"
+    assert messages_of(text) == {"Scan all of the print": {"id": name, "values": {}}}
+    assert page_messages()[name]["de"] == german
+
+
+def test_a_message_is_its_english_text_and_remembers_itself() -> None:
+    text = say("least-marks", "50%", 12)
+    assert isinstance(text, str)
+    assert text == "at least 50% of the 12 marks"
+    assert (text.id, text.values) == ("least-marks", {"a": "50%", "b": "12"})
+    moved = text.replace("12", "13")
+    assert (moved, moved.id, moved.values["b"]) == ("at least 50% of the 13 marks", "least-marks", "13")
+    again = pickle.loads(pickle.dumps(text))  # noqa: S301 - our own, as a worker sends it
+    assert (again, again.id, again.values) == (text, text.id, text.values)
+    with pytest.raises(KeyError):
+        say("no-such-id")
+
+
+def test_what_is_put_together_is_known_in_whole_and_in_parts() -> None:
+    inner = within(say("tighten-belt-unless-tight"))
+    whole = together("; ", [say("nothing-while-small", inner), "plain"])
+    assert whole == "Nothing, as long as it stays this small. If it grows: tighten the belt, unless it is tight.; plain"
+    told = json.loads(json.dumps(messages_of({"said": [whole, 1.0]})))
+    assert set(told) == {str(whole), str(whole).removesuffix("; plain"), str(inner)}
+    back = restored({"said": [str(whole), "plain"]}, told)["said"]
+    assert isinstance(back[0], Said)
+    assert isinstance(back[0].values["a"], Said)
+    assert back[0].values["a"].values["a"].id == "tighten-belt-unless-tight"
+    assert not isinstance(back[1], Said)
+
+
+@pytest.mark.parametrize("told", [None, 3, {}, {"values": 3}, {"id": 1, "values": {"a": "x", "b": 4}}])
+def test_what_a_foreign_file_tells_of_its_texts_may_be_nonsense(told: object) -> None:
+    assert restored({"x": ["x", {"y": "x"}, 2.0]}, {"x": told}) == {"x": ["x", {"y": "x"}, 2.0]}
+
+
+def test_an_error_is_a_message_of_its_parts() -> None:
+    error = InputError("/home/me/scan.png", wanted=say("flat-scan"), came="none", todo=say("rename"))
+    error = pickle.loads(pickle.dumps(error))  # noqa: S301 - our own, as a worker sends it
+    message = error.message.replace("/home/me/", "")
+    told = messages_of(message)
+    assert told[str(message)] == {
+        "id": "why", "values": {"a": "scan.png", "b": "a flat scan", "c": "none", "d": "rename it"},
+    }  # fmt: skip
+    assert {told[part]["id"] for part in ("a flat scan", "rename it")} == {"flat-scan", "rename"}
