@@ -214,17 +214,17 @@ def test_a_print_of_half_a_turn_promises_by_the_machines_that_it_allows(part: Pa
 
 
 def test_ringing_that_no_mark_at_rest_shows_lies_in_the_range(bent: SavedModel, part: Path) -> None:
-    """A head that swings by 0.07 mm after a corner every 10 mm, 0.018 mm typically, at 40 Hz and 30 mm/s.
+    """A head that swings by 0.05 mm after a corner every 10 mm, 0.013 mm typically, at 40 Hz and 30 mm/s.
 
     The marks of the test print were made at rest, so the model cannot know; the range must. It is of nine prints in
-    ten: larger swings, as of 0.1 mm, are the twentieth's.
+    ten: larger swings, as of 0.07 mm, are the twentieth's.
     """
     promise = mend_gcode(part, bent, part.with_name("out.gcode")).prediction.after
     since_corner_mm = np.linspace(0, 10, 1000)
-    swing_mm = 0.07 * np.exp(-since_corner_mm / 2.5) * np.cos(2 * np.pi * 40 / 30 * since_corner_mm)
+    swing_mm = 0.05 * np.exp(-since_corner_mm / 2.5) * np.cos(2 * np.pi * 40 / 30 * since_corner_mm)
     planned = judge_gcode(part, part.with_name("out.gcode"), Twin.of(BENT, ENDER3)).after.rms_mm
     true_mm = np.hypot(planned, np.sqrt(np.mean(swing_mm**2)))
-    assert true_mm > 0.015
+    assert true_mm > 0.012
     assert promise.rms_low_mm < true_mm < promise.rms_high_mm
     assert "motion" in promise.made_of
 
@@ -345,7 +345,7 @@ def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel
     assert set(export.settings) == {"backlash of X", "backlash of Y"}
     assert export.after_mm < export.before_mm
     assert 0.001 < export.doubt_mm < 0.1
-    assert export.doubt_mm > 0.02  # what a printer may do in motion, which no dot at rest shows, as in `mend`'s range
+    assert export.doubt_mm > 0.015  # what a printer may do in motion, which no dot at rest shows, as in `mend`'s range
     without, most = (np.hypot(each, export.doubt_mm) for each in (export.before_mm, export.after_mm))
     assert f"up to {without:.3f} mm without, up to {most:.3f} mm with this" in remainder(export)
     text = dict(export.files)["marlin.gcode"]

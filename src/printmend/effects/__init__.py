@@ -20,6 +20,7 @@ from printmend.effects.friction import Friction
 from printmend.effects.halves import Halves
 from printmend.effects.idler import Idler
 from printmend.effects.lag import Lag
+from printmend.effects.lag_wear import LagWear
 from printmend.effects.origin import Origin
 from printmend.effects.place import Place
 from printmend.effects.play import Play
@@ -48,7 +49,7 @@ from printmend.plugins import load_plugin, plugin_names
 
 _ALL: tuple[Effect, ...] = (
     Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Idler(),
-    Teeth(), Skew(), Aspect(), Bent(), Rail(), Racking(), Tilt(), Lag(), Speed(), TwoMotors(), UnevenPlay(),
+    Teeth(), Skew(), Aspect(), Bent(), Rail(), Racking(), Tilt(), Lag(), LagWear(), Speed(), TwoMotors(), UnevenPlay(),
     Drift(), Creep(), Step(), Warmth(), Wear(), Wander(),
     Origin(), Shift(), Turn(), Stretch(), Carriage(), CarriageWave(), Halves(), Bead(),
 )  # fmt: skip

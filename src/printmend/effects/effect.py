@@ -117,7 +117,7 @@ class Term:
 
     ``sd_mm`` [P] are the prior standard deviations of its sizes for a damaged machine; ``log_odds`` is the logarithm of
     the prior odds that it is there at all, shared among the alternatives of the same effect and place. Of the terms
-    with the same ``slot`` at most one is in a set.
+    with the same ``slot`` at most one is in a set. ``positive``: a size below 0 has no meaning, as play that pushes.
     """
 
     effect: str
@@ -125,6 +125,7 @@ class Term:
     shape: tuple[float, ...]
     sd_mm: tuple[float, ...]
     log_odds: float
+    positive: bool = False
 
     @property
     def key(self) -> tuple[str, int, tuple[float, ...]]:

@@ -27,10 +27,10 @@ class Lag:
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2 * scene.corexy):
-            yield from alternatives(self.name, axis, [()], (1.0,))
+            yield from alternatives(self.name, axis, [()], (1.0,), positive=True)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return along(where, 0.5 * places.ways[:, [where]])
+        return along(where, -0.5 * places.ways[:, [where]])
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())

@@ -50,6 +50,7 @@ def alternatives(
     *profiles: Sequence[float],
     share: float | None = None,
     sd_mm: float | None = None,
+    positive: bool = False,
 ) -> Iterator[Term]:
     """Yield a term for each shape, profile and share of the usual size, as alternatives of one another.
 
@@ -62,4 +63,4 @@ def alternatives(
     for shape in shapes:
         for profile in profiles:
             for factor in mild:
-                yield Term(name, where, shape, tuple(factor * sd * each for each in profile), log_odds)
+                yield Term(name, where, shape, tuple(factor * sd * each for each in profile), log_odds, positive)

@@ -12,7 +12,7 @@ from printmend.effects import EFFECTS, Places, Scene, Term, columns_of
 class Block:
     """The columns ``at`` (a slice of the dictionary's) of one effect at one place with one shape.
 
-    ``sds_mm`` [V, P] and ``log_odds`` [V] are its alternatives in size.
+    ``sds_mm`` [V, P] and ``log_odds`` [V] are its alternatives in size; ``positive`` ones of one column are above 0.
     """
 
     effect: str
@@ -21,6 +21,7 @@ class Block:
     at: slice
     sds_mm: np.ndarray
     log_odds: np.ndarray
+    positive: bool = False
 
     @property
     def slot(self) -> tuple[str, int]:
@@ -76,7 +77,7 @@ def _block(terms: Sequence[Term], at: slice) -> Block:
     one = terms[0]
     return Block(
         one.effect, one.where, one.shape, at,
-        np.array([term.sd_mm for term in terms]), np.array([term.log_odds for term in terms]),
+        np.array([term.sd_mm for term in terms]), np.array([term.log_odds for term in terms]), one.positive,
     )  # fmt: skip
 
 

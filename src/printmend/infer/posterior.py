@@ -80,7 +80,8 @@ def posterior_of(fit: Fit, rng: np.random.Generator) -> Posterior:
         first = 0
         for b, _ in members:
             width = blocks[b].at.stop - blocks[b].at.start
-            draws[b][:, mine] = drawn[first : first + width]
+            own = drawn[first : first + width]
+            draws[b][:, mine] = np.maximum(own, 0.0) if blocks[b].positive else own
             first += width
     acting = {part.key: part.sizes_mm for part in fit.parts() if EFFECTS[part.effect].acts is not Acts.NOT}
     parts = []

@@ -2,13 +2,15 @@
 
 With the noise σ and a set's prior variances V given, errors are normal with covariance σ² + Φ V Φᵀ. What one block
 gains beside a set follows from the block's share of the Gram matrix alone: with S its information and r its slope once
-the set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (MacKay 1992; Tipping & Faul 2003).
+the set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (MacKay 1992; Tipping & Faul 2003). A size that
+must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard deviation) times as large.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from printmend.effects import EFFECTS
 from printmend.infer.gram import Dictionary, Gram
@@ -78,6 +80,9 @@ class Search:
         log_det = 2 * np.log(np.diag(factor)).sum()
         quadratic = (self.gram.square - scaled_slope @ mean) / variance
         evidence = -0.5 * (self.gram.count * np.log(variance) + log_det + quadratic)
+        positive = self._positive[columns]
+        spread = np.sqrt(np.diag(covariance)[positive])
+        evidence += float(np.sum(log_ndtr(mean[positive] / spread) + np.log(2)))
         return State(
             members, columns, mean * sd, covariance * np.outer(sd, sd), float(np.sqrt(variance)), float(evidence + odds)
         )
@@ -100,6 +105,8 @@ class Search:
                     "abq,abr->bqr", crossing[:, index], after[:, index], optimize=True
                 )
             gains = _gains(information, slope[index], sds) + group.log_odds[mine]
+            if group.positive:
+                gains += _halved(information, slope[index], sds)
             which = np.repeat(group.blocks[mine], sds.shape[1]), np.tile(np.arange(sds.shape[1]), int(mine.sum()))
             found.append((np.stack(which, axis=1), gains.ravel()))
         if not found:
@@ -108,9 +115,9 @@ class Search:
 
     @cached_property
     def _groups(self) -> list["_Group"]:
-        by_size: dict[tuple[int, ...], list[int]] = {}
+        by_size: dict[tuple[tuple[int, ...], bool], list[int]] = {}
         for number, block in enumerate(self.dictionary.blocks):
-            by_size.setdefault(block.sds_mm.shape, []).append(number)
+            by_size.setdefault((block.sds_mm.shape, block.positive), []).append(number)
         blocks = self.dictionary.blocks
         return [
             _Group(
@@ -118,9 +125,16 @@ class Search:
                 np.array([np.arange(blocks[b].at.start, blocks[b].at.stop) for b in which]),
                 np.array([blocks[b].sds_mm for b in which]),
                 np.array([blocks[b].log_odds for b in which]),
+                positive,
             )
-            for which in by_size.values()
+            for (_, positive), which in by_size.items()
         ]
+
+    @cached_property
+    def _positive(self) -> np.ndarray:
+        """Which columns [P] have sizes above 0."""
+        blocks = self.dictionary.blocks
+        return np.repeat([block.positive for block in blocks], [block.at.stop - block.at.start for block in blocks])
 
     def offered(self, members: Set) -> np.ndarray:
         """Return the blocks that a set may take in."""
@@ -135,12 +149,20 @@ class Search:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Blocks [B] of one width with their columns [B, P], sizes [B, V, P] and log odds [B, V]."""
+    """Blocks [B] of one width and sign with their columns [B, P], sizes [B, V, P] and log odds [B, V]."""
 
     blocks: np.ndarray
     columns: np.ndarray
     sds_mm: np.ndarray
     log_odds: np.ndarray
+    positive: bool
+
+
+def _halved(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.ndarray:
+    """Return what blocks of one column gain beside that [B, V] because their size must be positive."""
+    shrunk = sds[:, :, 0] ** 2
+    spread = 1 + shrunk * np.maximum(information[:, :, 0], 0.0)
+    return np.asarray(log_ndtr(pull * np.sqrt(shrunk / spread)) + np.log(2))
 
 
 def _gains(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.ndarray:
