@@ -18,8 +18,8 @@ from scipy.stats import chi2
 
 from printmend.effects import EFFECTS, Of, Scene, columns_of, scene_of
 from printmend.effects.effect import LONG_MOVE_MM, Places
+from printmend.effects.sized import Sized
 from printmend.infer.fit import HOME_SD_MM, fitted
-from printmend.infer.machine import Sized
 from printmend.infer.posterior import Part, posterior_of
 from printmend.infer.simulate import drawn_parts, measured
 from printmend.learn.greybox import Greybox

@@ -9,12 +9,12 @@ import pytest
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, places_of, scene_of
 from printmend.effects.prior import share_of
 from printmend.effects.sample import drawn_places
-from printmend.infer.contacts import contacts_of
+from printmend.effects.sized import Sized
 from printmend.infer.fit import HOME_SD_MM, Fit, fitted
-from printmend.infer.machine import Sized, machine_of
+from printmend.infer.machine import machine_of
 from printmend.infer.posterior import DRAWS, posterior_of
 from printmend.infer.simulate import drawn_parts, measured
-from printmend.machine import healthy_mechanism
+from printmend.machine import contacts_of, healthy_mechanism
 from printmend.path import FLATBED, Trace
 from printmend.printer import Printer, read_printer
 

@@ -6,8 +6,9 @@ import pytest
 from printmend.diagnosis.named import gathered
 from printmend.diagnosis.portrait import contacts_of_fit, hull_mm, portrait
 from printmend.effects import scene_of
+from printmend.effects.sized import Sized
 from printmend.infer.fit import fitted
-from printmend.infer.machine import Sized, machine_of
+from printmend.infer.machine import machine_of
 from printmend.infer.posterior import posterior_of
 from printmend.machine import healthy_mechanism
 from printmend.machine.printing import print_from_home

@@ -15,17 +15,37 @@ if TYPE_CHECKING:
     from printmend.twin import Twin
 
 
+def _show_effects(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    """Show the effects that `--corruption` takes by name, and end."""
+    if not wanted or ctx.resilient_parsing:
+        return
+    from printmend.corruption.cause import listing
+
+    for name, said, example in listing():
+        click.echo(f"{name}: {said}.\n    --corruption {example}")
+    click.echo("What an example gives may be left out: it is drawn from the effect's prior, with --seed.")
+    ctx.exit()
+
+
 # Its many parameters are its options.
 @click.command(epilog="Example: printmend twin probe.gcode --printer ender3 --corruption broken.toml -o trace.csv")
 @click.argument("source", metavar="FILE.gcode", type=click.Path(path_type=Path))
 @click.option(
     "--printer", "printer_name", required=True, metavar="NAME|FILE.toml", help="A preset or your own printer."
 )
-@click.option("--corruption", "corruption_path", required=True, metavar="broken.toml", type=click.Path(path_type=Path),
-              help="What is broken: docs/corruptions.md.")  # fmt: skip
+@click.option("--corruption", "broken", required=True, multiple=True, metavar="broken.toml|EFFECT[:KEY=VALUE,…]",
+              help="What is broken: a file (docs/corruptions.md), or an effect; may be repeated.")  # fmt: skip
+@click.option("--list", is_flag=True, is_eager=True, expose_value=False, callback=_show_effects,
+              help="Show every effect, what it is, and an example of it.")  # fmt: skip
 @click.option("--noise-mm", type=Finite(min=0, max=10), default=0.05, show_default=True,
               help="Standard deviation of each measured coordinate.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Draws noise, dirt and scanner.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="Draws noise, dirt, scanner, and what an effect leaves open.",
+)
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("trace.csv"), show_default=True
 )
@@ -40,14 +60,14 @@ if TYPE_CHECKING:
 @click.option("--dirt", type=click.Choice(["clean", "default", "heavy"]), default="default", show_default=True,
               help="What is wrong with the scan.")  # fmt: skip
 def command(
-    source: Path, printer_name: str, corruption_path: Path, noise_mm: float, seed: int, output: Path,
+    source: Path, printer_name: str, broken: tuple[str, ...], noise_mm: float, seed: int, output: Path,
     scan: Path | None, plan_path: Path | None, dpi: float, turn: str, dirt: str,
 ) -> None:  # fmt: skip
     """Print FILE.gcode on a twin with this fault, measure what came out, write it as a trace.csv."""
     import numpy as np
 
     from printmend.cli.outputs import spare
-    from printmend.corruption import read_corruption
+    from printmend.corruption import corruption_of
     from printmend.extras import require
     from printmend.gcode.container import HINT_BYTES
     from printmend.gcode.read import read_gcode
@@ -59,9 +79,9 @@ def command(
 
     if scan is not None:
         require("printmend twin --scan", "cv2", "PIL", "scipy")
-    spare((output, scan), (source, corruption_path, plan_path, Path(printer_name)))
+    spare((output, scan), (source, *map(Path, broken), plan_path, Path(printer_name)))
     printer = read_printer(printer_name)
-    twin = Twin.of(read_corruption(corruption_path), printer)
+    twin = Twin.of(corruption_of(broken, seed=seed), printer)
     program = read_gcode(source, printer=printer)
     plan = None
     if scan is not None and (plan_path is not None or b"; printmend probe: " in program.text[:HINT_BYTES].tobytes()):

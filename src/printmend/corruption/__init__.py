@@ -1,6 +1,7 @@
 """What is broken, as frozen values that go to TOML and lower to arrays."""
 
 from printmend.corruption.belt import ElasticBelt, Friction, LooseBelt, Play
+from printmend.corruption.cause import Cause, cause_of
 from printmend.corruption.corruption import HEALTHY, Corruption, Drive, Fault
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.gain_table import GainTable
@@ -19,11 +20,12 @@ from printmend.corruption.pulley import (
 from printmend.corruption.sampling import families, fault, sample
 from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
-from printmend.corruption.toml import corruption_toml, parse_corruption, read_corruption
+from printmend.corruption.toml import corruption_of, corruption_toml, parse_corruption, read_corruption
 from printmend.corruption.warp import Warp
 
 __all__ = [
     "HEALTHY",
+    "Cause",
     "Corruption",
     "CrookedFrame",
     "Drive",
@@ -47,6 +49,8 @@ __all__ = [
     "ToothSkips",
     "Warp",
     "WrongRadius",
+    "cause_of",
+    "corruption_of",
     "corruption_toml",
     "families",
     "fault",

@@ -6,6 +6,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from printmend.corruption.belt import Belt, Friction
+from printmend.corruption.cause import Cause
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.gain_table import GainTable
 from printmend.corruption.jump import Jumps, MissedSteps, ToothSkips
@@ -13,8 +14,11 @@ from printmend.corruption.pulley import Pulley
 from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.warp import Warp
+from printmend.effects import EFFECTS, Acts
+from printmend.effects.sized import Sized, belt_mm, frame_of, scene_of_printer
 from printmend.errors import ConfigError
 from printmend.machine import Frame, GainMechanism, Mechanism, Transmission, healthy_transmission
+from printmend.machine.kernels.bed import MOST_WAVES
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
@@ -104,18 +108,23 @@ class Fault(Protocol):
 
 @dataclass(frozen=True)
 class Corruption:
-    """The faults of a machine: one `Drive` a planar motor (x and y, or a and b on a CoreXY), the frame, the Z screw."""
+    """The faults of a machine: one `Drive` a planar motor (x and y, or a and b on a CoreXY), the frame, the Z screw.
+
+    ``causes`` are effects by their names, of the machine, of the print and of the measurement; all of them add up.
+    """
 
     drives: tuple[Drive, Drive] = field(default_factory=lambda: (Drive(), Drive()))
     frame: CrookedFrame | None = None
     screw: Screw | None = None
+    causes: tuple[Cause, ...] = ()
 
     def __post_init__(self) -> None:
         tables = [drive.gain_table is not None for drive in self.drives]
         if not any(tables):
             return
         mixed = any(drive != Drive(gain_table=drive.gain_table) for drive in self.drives)
-        if not all(tables) or mixed or self.frame is not None or self.screw is not None:
+        others = self.frame is not None or self.screw is not None or bool(self.causes)
+        if not all(tables) or mixed or others:
             raise ConfigError(
                 "corruption 'gain-table'",
                 wanted="gain tables on both axes and nothing else (they are the published simulator's own world)",
@@ -133,10 +142,52 @@ class Corruption:
         if self.drives[0].gain_table is not None and self.drives[1].gain_table is not None:
             gains = (np.array(self.drives[0].gain_table.gains), np.array(self.drives[1].gain_table.gains))
             return GainMechanism(printer, gains)
-        middle_mm = printer.middle_mm
-        frame = Frame() if self.frame is None else self.frame.lower(middle_mm)
+        held = [part for part in self._parts(printer) if part.is_held]
+        frame = Frame() if self.frame is None else self.frame.lower(printer.middle_mm)
         screw = None if self.screw is None else self.screw.lower(printer)
-        return Mechanism(printer, (self.drives[0].lower(printer, 0), self.drives[1].lower(printer, 1)), frame, screw)
+        a, b = (_beside(drive.lower(printer, motor), printer, motor, held) for motor, drive in enumerate(self.drives))
+        return Mechanism(printer, (a, b), _framed(frame, printer, held), screw)
+
+    def along(self, printer: Printer) -> tuple[Sized, ...]:
+        """Return the effects that no machine's tables hold: what acts along the path, and what only is measured."""
+        return tuple(part for part in self._parts(printer) if not part.is_held)
+
+    def _parts(self, printer: Printer) -> list[Sized]:
+        return [cause.part(printer) for cause in self.causes]
+
+
+def _beside(table: Transmission, printer: Printer, motor: int, parts: list[Sized]) -> Transmission:
+    """Return a drive's tables with the effects of this motor in them. No belt has less play than none."""
+    mine = [part for part in parts if EFFECTS[part.effect].acts is Acts.DRIVE and part.where == motor]
+    if not mine:
+        return table
+    scene, grid = scene_of_printer(printer), table.motor_mm
+    lower = table.lower_mm + belt_mm(scene, motor, mine, grid, -1.0)
+    upper = table.upper_mm + belt_mm(scene, motor, mine, grid, 1.0)
+    middle = (lower + upper) / 2
+    lower, upper = np.where(lower > upper, middle, lower), np.where(lower > upper, middle, upper)
+    if min(np.diff(lower).min(), np.diff(upper).min()) < -1e-9:
+        raise ConfigError(
+            f"effects of motor {printer.motors[motor]}", wanted="effects under which this drive still moves forwards",
+            came="some that turn it back together", todo="make one of them smaller",
+        )  # fmt: skip
+    return replace(table, lower_mm=np.maximum.accumulate(lower), upper_mm=np.maximum.accumulate(upper))
+
+
+def _framed(frame: Frame, printer: Printer, parts: list[Sized]) -> Frame:
+    """Return a frame with the effects of the frame added to it."""
+    mine = [part for part in parts if EFFECTS[part.effect].acts in (Acts.FRAME, Acts.WAVE)]
+    if not mine:
+        return frame
+    waves = len(frame.waves) + sum(EFFECTS[part.effect].acts is Acts.WAVE for part in mine)
+    if waves > MOST_WAVES:
+        raise ConfigError(
+            "effects of the frame", wanted=f"at most {MOST_WAVES} waves of guides", came=str(waves), todo="remove some"
+        )
+    more = frame_of(scene_of_printer(printer), mine)
+    return Frame(
+        frame.coefficients_mm + more.coefficients_mm, frame.scale_mm, np.concatenate([frame.waves, more.waves])
+    )
 
 
 HEALTHY = Corruption()

@@ -8,19 +8,26 @@
     kind = "play"
     play_mm = 0.4
 
+    [[effect]]
+    name = "racking"
+    on = "x"
+    size_mm = 0.3
+
 The sections of a motor are pulley, belt, friction, warp, shaft, ripple, skips, missed and gain_table; the motors are
-x and y, or a and b on a CoreXY; [frame] and [z.screw] are the machine's. What is left out is healthy. An unknown key is
-an error that names it.
+x and y, or a and b on a CoreXY; [frame] and [z.screw] are the machine's; each [[effect]] is one by its name. What is
+left out is healthy. An unknown key is an error that names it.
 """
 
 import dataclasses
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
 from printmend.corruption.belt import BELTS, Friction
+from printmend.corruption.cause import Cause, cause_from, cause_of
 from printmend.corruption.corruption import Corruption, Drive
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.gain_table import GainTable
@@ -54,13 +61,28 @@ def read_corruption(path: str | Path) -> Corruption:
     return parse_corruption(text, subject=str(path))
 
 
+def corruption_of(texts: Sequence[str], *, seed: int = 0) -> Corruption:
+    """Return what command-line words say is broken: one TOML file at most, and effects by name (`cause_of`).
+
+    ``seed`` draws what an effect leaves out.
+    """
+    files = [text for text in texts if text.endswith(".toml") or Path(text).is_file()]
+    if len(files) > 1:
+        raise ConfigError(
+            files[1], wanted="one TOML file of a corruption", came="a second one", todo="put both in one file"
+        )
+    whole = read_corruption(files[0]) if files else Corruption()
+    named = tuple(cause_of(text, seed=seed) for text in texts if text not in files)
+    return dataclasses.replace(whole, causes=whole.causes + named)
+
+
 def parse_corruption(text: str, *, subject: str) -> Corruption:
     """Build a corruption from TOML text; ``subject`` names the source in errors."""
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise ConfigError(subject, wanted="a corruption in TOML", came=f"broken TOML ({error})", todo=_TODO) from None
-    refuse_unknown(table, {*_MOTORS, "frame", "z"}, subject, "the top level")
+    refuse_unknown(table, {*_MOTORS, "frame", "z", "effect"}, subject, "the top level")
     drives = [Drive(), Drive()]
     for name in table.keys() & _MOTORS.keys():
         if drives[_MOTORS[name]] != Drive():
@@ -75,7 +97,24 @@ def parse_corruption(text: str, *, subject: str) -> Corruption:
         refuse_unknown(table["z"], {"screw"}, subject, "[z]")
         if "screw" in table["z"]:
             screw = _value(table["z"]["screw"], (Screw,), "[z.screw]", subject)
-    return Corruption((drives[0], drives[1]), crooked, screw)
+    return Corruption((drives[0], drives[1]), crooked, screw, _causes(table.get("effect", []), subject))
+
+
+def _causes(tables: Any, subject: str) -> tuple[Cause, ...]:
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise ConfigError(subject, wanted="sections [[effect]]", came=repr(tables)[:60], todo=_TODO)
+    causes = []
+    for table in tables:
+        name = table.get("name")
+        if not isinstance(name, str):
+            raise ConfigError(subject, wanted="name in [[effect]]", came=repr(name), todo=_TODO)
+        try:
+            causes.append(cause_from(name, {key: value for key, value in table.items() if key != "name"}))
+        except ConfigError as error:
+            raise ConfigError(
+                f"{subject}, {error.subject}", wanted=error.wanted, came=error.came, todo=error.todo
+            ) from None
+    return tuple(causes)
 
 
 def _drive(table: Any, name: str, subject: str) -> Drive:
@@ -120,6 +159,8 @@ def corruption_toml(corruption: Corruption) -> str:
         table["frame"] = _plain(corruption.frame)
     if corruption.screw is not None:
         table["z"] = {"screw": _plain(corruption.screw)}
+    if corruption.causes:
+        table["effect"] = [cause.table() for cause in corruption.causes]
     return tomli_w.dumps(table)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount
 
@@ -23,6 +24,7 @@ class Aspect:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Numbers(("percent",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.corexy:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import size_mm
 from printmend.effects.words import Found, Message, Told
 
@@ -27,6 +28,7 @@ class Bead:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.walls:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, along_motor_mm, motor_name
 
@@ -18,6 +19,7 @@ class Bend:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Numbers(("square_mm", "cube_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):

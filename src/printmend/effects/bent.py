@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, along
+from printmend.effects.keys import AXES, Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found
 
@@ -20,6 +21,7 @@ class Bent:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Numbers(tuple(f"{axis}_{'x' * p + 'y' * q}_mm" for axis in AXES for p, q in POWERS))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         yield from alternatives(self.name, 0, [()], tuple(np.tile([1.0 if p + q == 2 else 0.4 for p, q in POWERS], 2)))

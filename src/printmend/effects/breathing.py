@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.keys import Waves
 from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.pulley import harmonic_faults, is_loose
@@ -22,6 +23,7 @@ class Breathing:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Waves(tuple(range(1, 17)))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         profile = tuple(np.tile(HARMONICS**-2.0, 2))

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, along
+from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
 
@@ -25,6 +26,7 @@ class Carriage:
     from_home = True
     fate = GONE
     most = 1
+    keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.instrument.wave_mm:

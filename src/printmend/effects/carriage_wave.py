@@ -16,6 +16,7 @@ from printmend.effects.effect import (
     periods_mm,
     waves,
 )
+from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
 
@@ -37,6 +38,7 @@ class CarriageWave:
     from_home = True
     fate = GONE
     most = 2
+    keys = Waves(shape=("period_mm",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if not scene.instrument.wave_mm or scene.instrument.axes_sd < ONE_TURN_SD:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.pulley import LEAST_EFFECT_MM, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Fault, Found, amount, motor_name
@@ -21,6 +22,7 @@ class Elastic:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Waves((1, 3, 5))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         profile = tuple(np.tile(HARMONICS**-2.5, 2))

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, about, along
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Message, Told
 
@@ -26,6 +27,7 @@ class Halves:
     from_home = True
     fate = GONE
     most = 1
+    keys = Numbers(("x_mm", "y_mm"), ("at_mm",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2):

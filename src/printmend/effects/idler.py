@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, finer_periods, onto_bed, periods_mm, waves
+from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
 from printmend.effects.pulley import LEAST_EFFECT_MM
 from printmend.effects.words import Fault, Found, amount, motor_name
@@ -22,6 +23,7 @@ class Idler:
     from_home = True
     fate = STAYS
     most = 2
+    keys = Waves(shape=("period_mm",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, along
+from printmend.effects.keys import Numbers
 
 FAR_MM = 30.0  # how far off an origin may be; the trace's was put near the bed's beforehand
 
@@ -18,6 +19,7 @@ class Origin:
     from_home = True
     fate = GONE
     most = 1
+    keys = Numbers(("x_mm", "y_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if not scene.placed:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name
 
@@ -18,6 +19,7 @@ class Place:
     from_home = False
     fate = STAYS
     most = 1
+    keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.placed:  # a measurement that knows no place has an origin of its own

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.keys import Waves
 from printmend.effects.prior import NEAR_SHARE, alternatives, turning_share
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, amount, motor_name, those_of
 
@@ -35,6 +36,7 @@ class Pulley:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Waves(tuple(range(1, 33)))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, along, onto_bed
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, span_mm
 
@@ -29,6 +30,7 @@ class Racking:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Numbers(("size_mm", "across_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for where in range(4 if scene.corexy else 2):

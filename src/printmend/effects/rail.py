@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, along, finer_periods, periods_mm, waves
+from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, is_first, those_of
 
@@ -20,6 +21,7 @@ class Rail:
     from_home = True
     fate = STAYS
     most = 2
+    keys = Waves(shape=("period_mm",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2):

@@ -1,10 +1,13 @@
-"""Places drawn over what was measured, on which the size of an effect is taken."""
+"""An effect that is drawn from its prior, and places over what was measured, on which the size of one is taken."""
+
+from dataclasses import replace
 
 import numpy as np
 
-from printmend.effects.effect import LONG_MOVE_MM, Places, Scene
+from printmend.effects.effect import LONG_MOVE_MM, Effect, Places, Scene, Term
 
 COUNT = 600  # of the places
+DAMAGED_SHARE = 0.4  # an alternative with smaller sizes is a mild one, as priors.toml has them
 
 
 def drawn_places(scene: Scene) -> Places:
@@ -18,3 +21,21 @@ def drawn_places(scene: Scene) -> Places:
         scene.printer.to_motor(bed), side, bed, ways, -side, rng.uniform(0, 1, COUNT),
         rng.choice([1.0, LONG_MOVE_MM], COUNT), normal / np.linalg.norm(normal, axis=1, keepdims=True),
     )  # fmt: skip
+
+
+def terms_of(effect: Effect, scene: Scene) -> list[Term]:
+    """Return what an effect offers on a machine; what only a measurement of unknown place has, as in one."""
+    return list(effect.terms(scene)) or list(effect.terms(replace(scene, placed=False)))
+
+
+def drawn_term(terms: list[Term], rng: np.random.Generator) -> tuple[Term, np.ndarray]:
+    """Draw one of some terms as a damaged machine has it: its shape evenly, its sizes [P] by the prior.
+
+    The mild alternatives of a shape are left out.
+    """
+    shape = terms[int(rng.integers(len(terms)))].shape
+    alike = [term for term in terms if term.shape == shape]
+    most = max(float(np.linalg.norm(term.sd_mm)) for term in alike)
+    alike = [term for term in alike if np.linalg.norm(term.sd_mm) > DAMAGED_SHARE * most]
+    term = alike[int(rng.integers(len(alike)))]
+    return term, np.array(term.sd_mm) * rng.standard_normal(len(term.sd_mm))

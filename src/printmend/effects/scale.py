@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name
 
@@ -20,6 +21,7 @@ class Scale:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Numbers(("percent",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, along
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
 
@@ -23,6 +24,7 @@ class Shift:
     from_home = True
     fate = GONE
     most = 1
+    keys = Numbers(("x_mm", "y_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.placed:

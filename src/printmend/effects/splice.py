@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, about, onto_bed
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import SOON_MM, Care, Fault, Found, Message, amount, motor_name
 
@@ -32,6 +33,7 @@ class Splice:
     from_home = True
     fate = STAYS
     most = 3
+    keys = Numbers(shape=("at_mm", "width_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):

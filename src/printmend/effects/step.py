@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, about, carrier
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
 
@@ -23,6 +24,7 @@ class Step:
     from_home = True
     fate = Fate(anew=0.1, stays=0.4)
     most = 2
+    keys = Numbers(shape=("at_share",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for where in range(4 if scene.corexy else 2):

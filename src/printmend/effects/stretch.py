@@ -1,12 +1,32 @@
 """What an instrument does not know of itself: its scale, the difference of its axes' scales, their lean."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term
+from printmend.effects.effect import GONE, Acts, Effect, Of, Places, Scene, Term
+from printmend.effects.keys import Given
+
+if TYPE_CHECKING:
+    from printmend.effects.sized import Sized
 
 ALWAYS = 1e3  # logarithm of its odds: no instrument is exact, though its picture may look so
+
+
+@dataclass(frozen=True)
+class Percents:
+    """The picture's scale, half the difference of its axes' scales, and half their lean, in mm per 100 mm."""
+
+    names = ("scale_percent", "axes_percent", "lean_percent")
+
+    def filled(self, given: Given, drawn: "Sized", effect: Effect, scene: Scene) -> "Sized":
+        if not given:
+            return drawn
+        basis = _basis(scene)
+        shares = np.array([float(given.get(name, 0.0)) / 100.0 for name in self.names])
+        return drawn.of(sizes_mm=np.linalg.solve(basis, shares))
 
 
 class Stretch:
@@ -18,16 +38,22 @@ class Stretch:
     from_home = True
     fate = GONE
     most = 1
+    keys = Percents()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.instrument.covariance.any():
             yield Term(self.name, 0, (), (1.0, 1.0, 1.0), ALWAYS)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        values, axes = np.linalg.eigh(scene.instrument.covariance)
         x, y = (places.bed_mm - scene.middle_mm).T
         scale, half, lean = np.stack([x, y], axis=1), np.stack([x, -y], axis=1), np.stack([y, x], axis=1)
-        return np.stack([scale, half, lean], axis=2) @ (axes * np.sqrt(np.maximum(values, 0.0)))
+        return np.stack([scale, half, lean], axis=2) @ _basis(scene)
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
+
+
+def _basis(scene: Scene) -> np.ndarray:
+    """Return what one unit of each size is [3, 3]: a scale, a difference of the axes' scales, a lean."""
+    values, axes = np.linalg.eigh(scene.instrument.covariance)
+    return np.asarray(axes * np.sqrt(np.maximum(values, 0.0)))

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Care, Fault, Found, Message, amount, motor_name
 
@@ -30,6 +31,7 @@ class Teeth:
     from_home = True
     fate = STAYS
     most = 2
+    keys = Waves(shape=("period_mm",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, along
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
 
@@ -24,6 +25,7 @@ class Tilt:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2):

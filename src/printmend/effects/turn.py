@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import GONE, SCALE_MM, Acts, Of, Places, Scene, Term
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
 
@@ -28,6 +29,7 @@ class Turn:
     from_home = True
     fate = GONE
     most = 1
+    keys = Numbers(("angle_deg",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         yield from alternatives(self.name, 0, [()], (1.0,), share=None if scene.placed else ALWAYS)

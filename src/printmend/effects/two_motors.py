@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.words import Found, Message, Told, carrier_name, span_mm
 
@@ -24,6 +25,7 @@ class TwoMotors:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Waves((1, 2, 3))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(0 if scene.corexy else 2):

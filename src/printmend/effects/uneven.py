@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, held, onto_bed
+from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, along_motor_mm, motor_name
 
@@ -21,6 +22,7 @@ class Uneven:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):

@@ -6,6 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, about, onto_bed
 from printmend.effects.halves import borders_mm
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
 
@@ -25,6 +26,7 @@ class UnevenPlay:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Numbers(shape=("axis", "at_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         shapes = [(float(axis), float(at)) for axis in range(2) for at in borders_mm(scene, axis)]

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import ANEW, Acts, Of, Places, Scene, Term, along
+from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
 
@@ -22,6 +23,7 @@ class Wander:
     from_home = True
     fate = ANEW
     most = 1
+    keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2):

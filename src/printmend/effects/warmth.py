@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import ANEW, SCALE_MM, Acts, Of, Places, Scene, Term, about, along
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, span_mm
 
@@ -24,6 +25,7 @@ class Warmth:
     from_home = True
     fate = ANEW
     most = 1
+    keys = Numbers(("grow_x_mm", "grow_y_mm", "move_x_mm", "move_y_mm"), ("after_share",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         yield from alternatives(self.name, 0, [(each,) for each in TIMES], (1.0, 1.0, 1.0, 1.0))

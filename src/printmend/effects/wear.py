@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
 
@@ -26,6 +27,7 @@ class Wear:
     from_home = True
     fate = STAYS
     most = 1
+    keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):

@@ -8,11 +8,11 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Places, Scene, places_of
 from printmend.effects.effect import SCALE_MM
-from printmend.infer.contacts import Contacts, contacts_of
+from printmend.effects.sized import Sized
 from printmend.infer.gram import Block, Dictionary, Gram, Rows, dictionary_of, extended, gram_of, seen
-from printmend.infer.machine import Sized, machine_of
+from printmend.infer.machine import machine_of
 from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
-from printmend.machine import Mechanism
+from printmend.machine import Contacts, Mechanism, contacts_of
 from printmend.path import Trace
 from printmend.units import SIGMA_PER_MEDIAN
 

@@ -1,31 +1,16 @@
 """The machine that a set of effects makes, each with its sizes: two drives and a frame."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Places, Scene
+from printmend.effects import EFFECTS, Acts, Scene
 from printmend.effects.pulley import HARMONICS
+from printmend.effects.sized import Sized, belt_mm, frame_of
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.machine.kernels.bed import MOST_WAVES
 from printmend.saved.branches import Branches, Wave, rising
-
-GRID = 7  # places along either axis of the bed at which a frame's terms are taken
-
-
-@dataclass(frozen=True, eq=False)
-class Sized:
-    """An effect at one place with one shape and its ``sizes_mm`` [P]."""
-
-    effect: str
-    where: int
-    shape: tuple[float, ...]
-    sizes_mm: np.ndarray
-
-    @property
-    def key(self) -> tuple[str, int, tuple[float, ...]]:
-        return self.effect, self.where, self.shape
 
 
 def machine_of(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:
@@ -36,7 +21,7 @@ def machine_of(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[B
     if scene.homed:
         return _from_home(scene, parts)
     drives = [_drive(scene, motor, [part for part in parts if _is_of(part, motor)]) for motor in range(2)]
-    mechanism = Mechanism(scene.printer, (drives[0][0], drives[1][0]), _frame(scene, parts))
+    mechanism = Mechanism(scene.printer, (drives[0][0], drives[1][0]), frame_of(scene, _few_waves(parts)))
     return mechanism, (drives[0][1], drives[1][1])
 
 
@@ -67,6 +52,12 @@ def frame_from_home(mechanism: Mechanism) -> Frame:
     return replace(frame, coefficients_mm=coefficients)
 
 
+def _few_waves(parts: Sequence[Sized]) -> list[Sized]:
+    """Return parts without those waves of guides that a frame has no room for."""
+    waves = [part for part in parts if EFFECTS[part.effect].acts is Acts.WAVE]
+    return [part for part in parts if part not in waves[MOST_WAVES:]]
+
+
 def _is_of(part: Sized, motor: int) -> bool:
     return EFFECTS[part.effect].acts is Acts.DRIVE and part.where == motor
 
@@ -79,23 +70,12 @@ def _drive(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Transmissi
     healthy = healthy_transmission(scene.printer, motor)
     grid = healthy.motor_mm
     lower, upper = (
-        sum((_belt_mm(scene, motor, part, grid, side) for part in others), table_mm)
+        table_mm + belt_mm(scene, motor, others, grid, side)
         for side, table_mm in ((-1.0, table.lower_mm), (1.0, table.upper_mm))
     )
     first = int(np.searchsorted(grid, sum(series.reach_mm) / 2))
     lower = rising(np.asarray(lower), first)
     return replace(healthy, lower_mm=lower, upper_mm=np.maximum(rising(np.asarray(upper), first), lower)), None
-
-
-def _belt_mm(scene: Scene, motor: int, part: Sized, motor_mm: np.ndarray, side: float) -> np.ndarray:
-    """Return where a part of a drive puts its belt [N] beyond a healthy one, on one side of the play."""
-    count = len(motor_mm)
-    motors, sides = np.zeros((count, 2)), np.zeros((count, 2))
-    motors[:, motor], sides[:, motor] = motor_mm, side
-    none = np.zeros((count, 2))
-    places = Places(motors, sides, none, none, none, np.ones(count), np.zeros(count), none)  # as the print ended
-    moved = EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm
-    return np.asarray(scene.printer.to_motor(moved)[:, motor])
 
 
 def _series(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Branches, list[Sized]]:
@@ -160,27 +140,3 @@ def _series(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Branches,
 
 def _is_harmonic(turns: float) -> bool:
     return abs(turns - round(turns)) < 1e-6 and round(turns) > len(HARMONICS)
-
-
-def _frame(scene: Scene, parts: Sequence[Sized]) -> Frame:
-    held = [part for part in parts if EFFECTS[part.effect].acts is Acts.FRAME]
-    waves = [_wave(scene, part) for part in parts if EFFECTS[part.effect].acts is Acts.WAVE][:MOST_WAVES]
-    coefficients = np.zeros((2, 10))
-    if held:
-        x, y = (np.linspace(axis.min_mm, axis.max_mm, GRID) for axis in scene.printer.axes[:2])
-        bed = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        none = np.zeros_like(bed)
-        places = Places(none, none, bed, none, none, np.zeros(len(bed)), np.zeros(len(bed)), none)
-        moved = sum(
-            EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm for part in held
-        )
-        coefficients = np.linalg.lstsq(Frame().terms(bed), np.asarray(moved), rcond=None)[0].T
-        coefficients[np.abs(coefficients) < 1e-9] = 0.0
-    return Frame(coefficients, waves=np.array(waves).reshape(-1, 6))
-
-
-def _wave(scene: Scene, part: Sized) -> list[float]:
-    """Return a guide's wave as a row of `Frame.waves`."""
-    across, along = part.sizes_mm[:2], part.sizes_mm[2:] if len(part.sizes_mm) > 2 else np.zeros(2)
-    x, y = (along, across) if part.where == 0 else (across, along)
-    return [float(part.where), part.shape[0], *x.tolist(), *y.tolist()]

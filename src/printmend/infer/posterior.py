@@ -11,8 +11,8 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of
 from printmend.effects.sample import drawn_places
+from printmend.effects.sized import Sized
 from printmend.infer.fit import Fit
-from printmend.infer.machine import Sized
 from printmend.infer.search import Gains, Set
 
 DRAWS = 96  # machines that are drawn

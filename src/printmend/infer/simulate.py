@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Scene, Term, columns_of, places_of
-from printmend.infer.contacts import contacts_of
-from printmend.infer.machine import Sized, machine_of
+from printmend.effects import EFFECTS, Acts, Of, Scene, Term
+from printmend.effects.sized import Sized
+from printmend.infer.machine import machine_of
+from printmend.machine import contacts_of
 from printmend.path import Trace
+from printmend.twin.along import added_mm
 
 MOST_LOG_ODDS = 50.0  # of what is always there
 CHANGING = ("breathing", "friction", "uneven_play")  # effects that add to a belt's play and take away from it
@@ -57,13 +59,11 @@ def measured(
     """Print way-points [N, 2] on a machine with these effects, and measure its ``dots`` [N] with normal noise."""
     mechanism, _ = machine_of(scene, [part for part in parts if EFFECTS[part.effect].of is Of.MACHINE])
     contacts = contacts_of(mechanism, scene.printer.to_motor(commanded_mm))
-    printed = mechanism.bed.printed(contacts.belt_mm)
     empty = Trace(commanded_mm, np.full(commanded_mm.shape, np.nan), homed=scene.homed, placed=scene.placed)
-    places = places_of(empty, scene, contacts.row, contacts.side, scene.printer.from_motor(contacts.belt_mm))
-    for part in parts:
-        effect = EFFECTS[part.effect]
-        if effect.of is not Of.MACHINE or effect.acts is Acts.NOT:
-            printed = printed + columns_of(part.effect, places, part.where, part.shape, scene) @ part.sizes_mm
+    others = [
+        part for part in parts if EFFECTS[part.effect].of is not Of.MACHINE or EFFECTS[part.effect].acts is Acts.NOT
+    ]
+    printed = mechanism.bed.printed(contacts.belt_mm) + added_mm(others, empty, scene, contacts)
     printed = printed + noise_mm * rng.standard_normal(printed.shape)
     known = dots & (contacts.row >= 0).all(axis=1)
     return replace(empty, measured_mm=np.where(known[:, None], printed, np.nan))

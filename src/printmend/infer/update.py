@@ -14,7 +14,6 @@ import numpy as np
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, places_of
 from printmend.effects.effect import SCALE_MM
 from printmend.effects.prior import happens_share
-from printmend.infer.contacts import Contacts, contacts_of
 from printmend.infer.fit import (
     FINER_ROUNDS,
     Fit,
@@ -30,7 +29,7 @@ from printmend.infer.known import TURNING, Key, Left, Story, Sums, Wearing, key_
 from printmend.infer.machine import machine_of
 from printmend.infer.posterior import DRAWS, Part, Posterior, posterior_of
 from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
-from printmend.machine import Mechanism
+from printmend.machine import Contacts, Mechanism, contacts_of
 from printmend.path import Trace
 
 LEAST_CHANCE = 0.05  # parts that fewer of the drawn machines have say nothing: the search offers them anew

@@ -6,6 +6,7 @@ puts it on the full-step lattice, `print_path` prints way-points in mm. The laws
 """
 
 from printmend.machine.bed import BedMap
+from printmend.machine.contacts import Contacts, contacts_from, contacts_of
 from printmend.machine.lattice import (
     LatticeMotor,
     LatticeScrew,
@@ -30,6 +31,7 @@ from printmend.machine.printing import drive_belts, print_from_home, print_path,
 
 __all__ = [
     "BedMap",
+    "Contacts",
     "Frame",
     "GainMechanism",
     "LatticeMotor",
@@ -38,6 +40,8 @@ __all__ = [
     "PlayTables",
     "ScrewDrive",
     "Transmission",
+    "contacts_from",
+    "contacts_of",
     "drive_belts",
     "healthy_mechanism",
     "healthy_transmission",

@@ -61,7 +61,7 @@ def print_gcode(
     z_mm, layer = places[:, 2], layers[at]
     home_z_mm = twin.printer.z.home_mm
     heights_mm = np.concatenate([[home_z_mm], np.where(np.isnan(z_mm), home_z_mm, z_mm)])
-    printed = twin.follow(np.column_stack([waypoints, heights_mm]))
+    printed = twin.seen(np.column_stack([waypoints, heights_mm]))
     measured = printed[:, :2]
     if noise_mm > 0:
         measured = measured + rng.normal(0.0, noise_mm, measured.shape)
@@ -100,8 +100,9 @@ def follow_finely(program: Program, twin: Twin) -> tuple[np.ndarray, np.ndarray,
 
 
 def print_first_layer(program: Program, twin: Twin) -> list[np.ndarray]:
-    """Print a part on the twin; return the strokes [K × [N, 2]] mm of its first layer where they come to lie."""
-    _, printed, extruding, layer = follow_finely(program, twin)
+    """Print a part on the twin; return the strokes [K × [N, 2]] mm of its first layer where an instrument sees them."""
+    wanted, printed, extruding, layer = follow_finely(program, twin)
+    printed = printed + twin.misread_mm(wanted)
     drawn = extruding & (layer == layer[extruding & (layer >= 0)].min(initial=np.iinfo(layer.dtype).max))
     if not drawn.any():
         raise GcodeError(program.name, wanted="a part that is printed", came="no extruding move", todo="check the file")
@@ -132,4 +133,4 @@ def print_dots(program: Program, twin: Twin, plan: ProbePlan) -> np.ndarray:
         )  # fmt: skip
     commanded = np.concatenate([[twin.printer.home_mm], moves.end_mm[: rests[-1] + 1, :2]])
     known = np.append(True, moves.known[: rests[-1] + 1, :2].all(axis=1))
-    return np.asarray(twin.follow(commanded[known])[np.cumsum(known)[rests + 1] - 1, :2])
+    return np.asarray(twin.seen(commanded[known])[np.cumsum(known)[rests + 1] - 1, :2])

@@ -1,15 +1,18 @@
 """The digital twin: what a broken printer would print.
 
 `Twin.run` prints lattice controls, the paper's experiment; `Twin.follow` prints way-points in mm at micro-step
-resolution from the home position, for G-code. Both take two axes, or three.
+resolution from the home position, for G-code. Both take two axes, or three. `Twin.seen` is what an instrument reads of
+the same way-points.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.corruption import Fault
+from printmend.corruption import Corruption, Fault
 from printmend.corruption.jump import Jumps
+from printmend.effects import EFFECTS, Of
+from printmend.effects.sized import Sized
 from printmend.errors import InputError
 from printmend.machine import (
     GainMechanism,
@@ -22,19 +25,25 @@ from printmend.machine import (
 )
 from printmend.printer import Printer
 from printmend.twin import kernels
+from printmend.twin.along import moved_mm
 
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """A printer with a mechanism, true (from a `Fault`) or learned, and the jumps of its motors."""
+    """A printer with a mechanism, true (from a `Fault`) or learned, and the jumps of its motors.
+
+    ``along`` are the effects that no mechanism holds: they act along the path.
+    """
 
     mechanism: Mechanism | GainMechanism
     jumps: tuple[Jumps, Jumps] = (Jumps(), Jumps())
+    along: tuple[Sized, ...] = ()
 
     @classmethod
     def of(cls, corruption: Fault, printer: Printer) -> "Twin":
         """Build the twin of ``printer`` broken by ``corruption``, a `Corruption` or a fault of another package."""
-        return cls(corruption.lower(printer), corruption.jumps)
+        along = corruption.along(printer) if isinstance(corruption, Corruption) else ()
+        return cls(corruption.lower(printer), corruption.jumps, along)
 
     @property
     def printer(self) -> Printer:
@@ -80,7 +89,15 @@ class Twin:
         if any(map(any, self.jumps)):
             moves, skipped = self._jumped(moves)
         belts = run_motors(tables.motors, moves)
-        return tables.bed.printed(belts if skipped is None else belts + skipped)
+        printed = tables.bed.printed(belts if skipped is None else belts + skipped)
+        parts = self._parts(printed=True)
+        if not parts:
+            return printed
+        pitch_mm = np.array([axis.mm_per_step for axis in self.printer.axes[:2]])
+        low_mm = np.array([axis.min_mm for axis in self.printer.axes[:2]])
+        path_mm = low_mm + np.vstack([start, start + np.cumsum(controls, axis=0)]) * pitch_mm
+        moved = moved_mm(mechanism, parts, path_mm)
+        return np.asarray(printed + (moved - moved[0]) / pitch_mm)  # a layer starts where it should
 
     def _jumped(self, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the motors' moves [T, 2] with the steps they miss, and the belts' skips [T + 1, 2], full steps."""
@@ -112,7 +129,28 @@ class Twin:
             motors_mm[:, k] = table.first_mm + np.rint((motors_mm[:, k] - table.first_mm) / microstep_mm) * microstep_mm
         belts_mm = drive_belts(mechanism, motors_mm, mechanism.engaged_mm())
         belts_mm[:, :2] += skipped_mm
-        return reach_bed(mechanism, motors_mm, belts_mm)
+        places_mm = reach_bed(mechanism, motors_mm, belts_mm)
+        if parts := self._parts(printed=True):
+            path_mm = np.asarray(waypoints_mm, float)[:, :2]
+            places_mm[:, :2] += moved_mm(mechanism, parts, path_mm, motors_mm=motors_mm, from_home=True)
+        return places_mm
+
+    def seen(self, waypoints_mm: np.ndarray) -> np.ndarray:
+        """Return what an instrument reads of `follow`: the same places, with the effects of the measurement."""
+        places_mm = self.follow(waypoints_mm)
+        places_mm[:, :2] += self.misread_mm(waypoints_mm)
+        return places_mm
+
+    def misread_mm(self, waypoints_mm: np.ndarray) -> np.ndarray:
+        """Return by how much [N, 2] mm an instrument is wrong at way-points [N, ≥ 2] mm of the whole print."""
+        path_mm, parts = np.asarray(waypoints_mm, float)[:, :2], self._parts(printed=False)
+        if not parts:
+            return np.zeros(path_mm.shape)
+        return moved_mm(self.homed(), parts, path_mm, from_home=True)
+
+    def _parts(self, *, printed: bool) -> list[Sized]:
+        """Return the effects along the path of the print, or those of its measurement."""
+        return [part for part in self.along if (EFFECTS[part.effect].of is not Of.INSTRUMENT) == printed]
 
     def homed(self) -> Mechanism:
         """Return the machine with the origin that homing gives it. Raises `InputError` for a gain table."""

@@ -1,11 +1,12 @@
 """Where the belts of a machine touch along a trace: what makes a model with play linear (physics.md §4)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.machine import Mechanism
 from printmend.machine.kernels import run
+from printmend.machine.mechanism import Mechanism
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,19 @@ def contacts_of(mechanism: Mechanism, motor_mm: np.ndarray) -> Contacts:
         rows.append(np.where(same, touched, -1))
         sides.append(np.where(same, np.where(at >= 0, side, other_side), 0))
         belts.append((belt + other_belt) / 2)
+    return Contacts(np.stack(rows, axis=1), np.stack(sides, axis=1), np.stack(belts, axis=1))
+
+
+def contacts_from(mechanism: Mechanism, motor_mm: np.ndarray, ways: Sequence[int]) -> Contacts:
+    """Follow motors [N, 2] that came to the first row in known ``ways`` [2]: +1 forwards, −1 back, 0 in mid-play."""
+    rows, sides, belts = [], [], []
+    for motor, way in enumerate(ways):
+        lower, upper = mechanism.transmissions[motor].branches_mm(motor_mm[:, motor])
+        start = {1: lower[0], -1: upper[0]}.get(way, (lower[0] + upper[0]) / 2)
+        at, side, belt = _followed(float(start), lower, upper)
+        rows.append(np.where(at < 0, 0 if way else -1, at))
+        sides.append(np.where(at < 0, -way, side))
+        belts.append(belt)
     return Contacts(np.stack(rows, axis=1), np.stack(sides, axis=1), np.stack(belts, axis=1))
 
 

@@ -1,0 +1,196 @@
+"""An effect by its name as a corruption: where it is, and its numbers; what is left out is drawn from its prior.
+
+    racking:on=x,size_mm=0.3            splice:at_mm=120,size_mm=0.7,on=y            wear
+
+The motors are x and y, or a and b on a CoreXY, where x and y are the axes of the bed. Every effect of `EFFECTS` can be
+made so, also those of other packages.
+"""
+
+import inspect
+import math
+import sys
+import zlib
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any, Literal, NoReturn
+
+import numpy as np
+
+from printmend.effects import EFFECTS, Acts, Scene
+from printmend.effects.effect import Effect, Term
+from printmend.effects.keys import AXES, Keys, keys_of, limits_of
+from printmend.effects.sample import drawn_term, terms_of
+from printmend.effects.sized import Sized, belt_mm, scene_of_printer
+from printmend.errors import ConfigError
+from printmend.machine import healthy_transmission
+from printmend.printer import Printer, read_printer
+
+STEEPEST = -0.95  # slope of a belt's error: at −1 it would stand still
+REALISTIC_SHARE = 0.12  # sizes on a well-kept machine, as a share of those on a damaged one
+MOST_SHOWN = 2  # sizes in an example
+_MOTORS, _BED_AXES = {"x": 0, "y": 1, "a": 0, "b": 1}, {"x": 2, "y": 3}
+_LISTED = ("ender3", "corexy")  # printers between them have every effect
+_TODO = "`printmend twin --list` shows every effect with its keys"
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect by its name, ``on`` a motor or axis, with its ``values`` by key; the rest is drawn from ``seed``."""
+
+    effect: str
+    on: str | None = None
+    values: tuple[tuple[str, float | str], ...] = ()
+    seed: int = 0
+    severity: Literal["damaged", "realistic"] = "damaged"
+    kind = "effect"
+
+    def __post_init__(self) -> None:
+        if self.effect not in EFFECTS:
+            near = get_close_matches(self.effect, EFFECTS, 3)
+            raise ConfigError(
+                f"effect {self.effect!r}", wanted="the name of an effect", came="no such name",
+                todo=f"did you mean {' or '.join(near)}? Else {_TODO}" if near else _TODO,
+            )  # fmt: skip
+        if self.on is not None and self.on not in _MOTORS:
+            self._refuse("on as x, y, a or b", repr(self.on))
+        if not isinstance(self.seed, int) or isinstance(self.seed, bool) or self.seed < 0:
+            self._refuse("seed as a whole number from 0", repr(self.seed))
+        if self.severity not in ("damaged", "realistic"):
+            self._refuse("severity damaged or realistic", repr(self.severity))
+        object.__setattr__(self, "values", tuple(sorted(self.values)))
+        keys = _keys(EFFECTS[self.effect])
+        for name, value in self.values:
+            if name not in keys.names:
+                self._refuse(f"keys out of on, {', '.join(keys.names)}, seed, severity", repr(name))
+            self._check(keys, name, value)
+
+    def _check(self, keys: Keys, name: str, value: object) -> None:
+        if name == "axis":
+            if value not in tuple(AXES):
+                self._refuse("axis as x or y", repr(value))
+            return
+        low, high, _ = limits_of(name)
+        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        if not number or not low <= float(value) <= high:  # type: ignore[arg-type]
+            self._refuse(f"{name} within {low:g} to {high:g}", repr(value))
+        if name == "harmonic" and value not in getattr(keys, "harmonics", ()):
+            self._refuse(f"harmonic out of {', '.join(map(str, keys.harmonics))}", repr(value))  # type: ignore[attr-defined]
+
+    def part(self, printer: Printer) -> Sized:
+        """Return it with its shape and sizes on that printer. Raise `ConfigError` where the two do not fit."""
+        scene, effect = scene_of_printer(printer), EFFECTS[self.effect]
+        rng = np.random.default_rng((self.seed, zlib.crc32(self.effect.encode())))
+        terms = self._terms(terms_of(effect, scene), printer)
+        where = sorted({term.where for term in terms})
+        place = where[int(rng.integers(len(where)))]
+        term, sizes = drawn_term([term for term in terms if term.where == place], rng)
+        if self.severity == "realistic":
+            sizes = sizes * REALISTIC_SHARE
+        drawn, given = Sized(self.effect, term.where, term.shape, sizes), dict(self.values)
+        part = keys_of(effect, len(term.shape), len(sizes)).filled(given, drawn, effect, scene)
+        steepest = _steepest(part, scene)
+        if steepest < STEEPEST:
+            if given:
+                self._refuse("a size with which the belt still moves forwards", f"a slope of {steepest:.2f}")
+            part = part.of(sizes_mm=part.sizes_mm * STEEPEST / steepest)
+        return part
+
+    def _terms(self, terms: list[Term], printer: Printer) -> list[Term]:
+        """Return the terms where this is, all of them where that is not said."""
+        if not terms:
+            self._refuse(f"an effect that {printer.name} can have", "one that it cannot have")
+        if self.on is None:
+            return terms
+        where = {term.where for term in terms}
+        bed = _BED_AXES.get(self.on)
+        wanted = bed if bed in where else _MOTORS[self.on]
+        found = [term for term in terms if term.where == wanted]
+        if not found or len(where) == 1:
+            self._refuse("no `on`: this effect is of the whole machine", repr(self.on))
+        return found
+
+    def _refuse(self, wanted: str, came: str) -> NoReturn:
+        raise ConfigError(f"effect {self.effect!r}", wanted=wanted, came=came, todo=_TODO)
+
+    def table(self) -> dict[str, Any]:
+        """Return it as a plain table, of what was said alone."""
+        said: dict[str, Any] = {"name": self.effect} | ({} if self.on is None else {"on": self.on}) | dict(self.values)
+        said |= {"seed": self.seed} if self.seed else {}
+        return said | ({} if self.severity == "damaged" else {"severity": self.severity})
+
+
+def cause_of(text: str, *, seed: int = 0) -> Cause:
+    """Return the effect that a text names, as ``racking:on=x,size_mm=0.3``; ``seed`` draws what it leaves out."""
+    name, _, rest = text.partition(":")
+    table: dict[str, Any] = {"seed": seed}
+    for item in filter(None, rest.split(",")):
+        key, equals, value = item.partition("=")
+        if not equals:
+            raise ConfigError(text, wanted="keys as key=value, with commas between", came=repr(item), todo=_TODO)
+        table[key.strip()] = _plain(value.strip())
+    return cause_from(name.strip(), table)
+
+
+def cause_from(name: str, table: dict[str, Any]) -> Cause:
+    """Return an effect from its name and a plain table of its keys."""
+    values = dict(table)
+    own = {key: values.pop(key) for key in ("on", "seed", "severity") if key in values}
+    return Cause(name, values=tuple(values.items()), **own)
+
+
+def listing() -> list[tuple[str, str, str]]:
+    """Return each effect with what it is, in a line, and an example of a text for `cause_of`."""
+    return [(name, _said(effect), _example(effect)) for name, effect in EFFECTS.items()]
+
+
+def _plain(text: str) -> float | str:
+    try:
+        return int(text)
+    except ValueError:
+        try:
+            return float(text)
+        except ValueError:
+            return text
+
+
+def _said(effect: Effect) -> str:
+    """Return the first line of what is written over an effect, its file's where that is of it alone."""
+    module = sys.modules.get(type(effect).__module__)
+    text = inspect.getdoc(module) if module is not None and module.__name__.startswith("printmend.effects.") else None
+    line = (text or inspect.getdoc(type(effect)) or effect.name).splitlines()[0]
+    return line.partition(" (physics.md")[0].partition(" (eq.")[0].rstrip(".:")
+
+
+def _offered(effect: Effect) -> list[Term]:
+    """Return an effect's terms on the first printer that has it."""
+    each = (terms_of(effect, scene_of_printer(read_printer(name))) for name in _LISTED)
+    return next((terms for terms in each if terms), [])
+
+
+def _keys(effect: Effect) -> Keys:
+    if (named := getattr(effect, "keys", None)) is not None:
+        return named  # type: ignore[no-any-return]
+    terms = _offered(effect)
+    return keys_of(effect, len(terms[0].shape) if terms else 0, len(terms[0].sd_mm) if terms else 1)
+
+
+def _example(effect: Effect) -> str:
+    """Return an effect with a shape out of the middle of its terms."""
+    keys, terms = _keys(effect), _offered(effect)
+    items = ["on=x"] if len({term.where for term in terms}) > 1 else []
+    terms = [term for term in terms if term.where == terms[0].where]
+    shape = dict(zip(getattr(keys, "shape", ()), terms[len(terms) // 2].shape if terms else (), strict=False))
+    sizes = [name for name in keys.names if name not in shape and name not in ("phase_rad", "harmonic")]
+    for name, value in shape.items():
+        items.append(f"{name}={AXES[int(value)] if name == 'axis' else format(value, '.3g')}")
+    items += [f"{name}={limits_of(name)[2]:g}" for name in sizes[:MOST_SHOWN]]
+    return f"{effect.name}:{','.join(items)}"
+
+
+def _steepest(part: Sized, scene: Scene) -> float:
+    """Return the steepest fall of what a part does to its belt; 0 where it is of no drive."""
+    if not part.is_held or EFFECTS[part.effect].acts is not Acts.DRIVE:
+        return 0.0
+    grid = healthy_transmission(scene.printer, part.where)
+    sides = (belt_mm(scene, part.where, [part], grid.motor_mm, side) for side in (-1.0, 1.0))
+    return min(float(np.diff(belt).min()) / grid.pitch_mm for belt in sides)
