@@ -2,20 +2,27 @@
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from printmend import effects
+from printmend.cli.twin import command as twin
+from printmend_lab.conformance.effects import CHECKS, EffectCandidate
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import faults_of, misfits_of
 from printmend.effects import EFFECTS
 from printmend.errors import ConfigError
 from printmend.infer.posterior import DRAWS, Part, posterior_of
+from printmend.measure.table import read_trace
 from printmend.plugins import EFFECTS as GROUP
+from printmend.printer import read_printer
 from printmend.promise.belief import belief_section, parse_belief
 from printmend.saved import saved_model
+from tests.conformance import broken_by
 from tests.test_docs import ROOT
 
 PAGE = ROOT / "docs" / "adding_an_effect.md"
@@ -34,14 +41,41 @@ def page() -> Iterator[dict[str, Any]]:
 
 
 def test_an_effect_of_ones_own_is_learned_named_and_mended(page: dict[str, Any]) -> None:
-    fit, true = page["fit"], page["kink"]
+    fit = page["fit"]
     parts = posterior_of(fit, np.random.default_rng(0)).parts
     (kink,) = [fault for fault in faults_of(parts, fit.scene) if fault.kind == "kink"]
-    assert abs(kink.value - true.sizes_mm[0]) < 4 * kink.sd + 1e-3
+    assert abs(kink.value - 0.2) < 4 * kink.sd + 1e-3
     assert not misfits_of(parts, fit.scene)
     one = advise(kink)
     assert one.title == "X belt is kinked"
     assert one.effect_mm == pytest.approx(kink.value)
+
+
+def test_an_effect_of_ones_own_is_made_by_the_command_line_and_by_toml(page: dict[str, Any], tmp_path: Path) -> None:
+    gcode, broken = tmp_path / "part.gcode", tmp_path / "broken.toml"
+    moves = "\n".join(f"G1 X{x} Y100 E1" for x in (*range(20, 200, 4), *range(200, 20, -4)))
+    gcode.write_text(f"G28\nG90\nM83\nG1 Z0.2 F3000\n{moves}\n")
+    keys = page["KINKED"].partition(":")[2].replace(",", "\n").replace("=x", "='x'")
+    broken.write_text(f"[[effect]]\nname = 'kink'\n{keys}\n")
+    traces = []
+    for words in (page["KINKED"], str(broken), "kink"):
+        out = tmp_path / "trace.csv"
+        said = [str(gcode), "--printer", "ender3", "--corruption", words, "--noise-mm", "0", "-o", str(out)]
+        done = CliRunner().invoke(twin, said, catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+        traces.append(read_trace(out, read_printer("ender3")))
+        out.unlink()
+    one, other, drawn = traces
+    off_mm = one.measured_mm - one.commanded_mm
+    bulge = 0.2 * np.exp(-0.5 * ((one.commanded_mm[:, 0] - 131) / 5.5) ** 2)
+    np.testing.assert_allclose(off_mm[:, 0], bulge, atol=2e-3)  # the file has three decimals
+    assert np.array_equal(one.measured_mm, other.measured_mm)
+    assert np.abs(drawn.measured_mm - drawn.commanded_mm).max() > 0.01
+    assert "A belt that is ahead of its motor about one place" in CliRunner().invoke(twin, ["--list"]).output
+
+
+def test_an_effect_of_ones_own_keeps_what_every_effect_must(page: dict[str, Any]) -> None:
+    assert broken_by(EffectCandidate("kink"), CHECKS) == {}
 
 
 def test_an_effect_of_ones_own_is_kept_in_the_model_file(page: dict[str, Any]) -> None:

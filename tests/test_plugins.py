@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from click.testing import CliRunner
 
 from printmend import plugins
 from printmend.corruption import fault
+from printmend.effects import EFFECTS
 from printmend.errors import ConfigError
 from printmend.learn import learner
 from printmend_lab.bench.case import Case
@@ -27,6 +29,9 @@ import numpy as np
 
 from printmend_lab.control.greedy import Greedy
 from printmend.corruption import Corruption, Drive, Play
+from printmend.effects import Acts, Of
+from printmend.effects.effect import STAYS, along
+from printmend.effects.prior import alternatives
 from printmend.learn.naive import NaiveModel
 from printmend.path import Plan
 
@@ -93,13 +98,40 @@ GREEDY, FAR = Greedy("mine"), Far()
 
 def slack(rng, severity):
     return Corruption((Drive(belt=Play(float(rng.uniform(0.1, 0.3)))), Drive()))
+
+
+class Sag:
+    """A rail that sags in the middle of the bed."""
+
+    name, of, acts, from_home, fate, most = "sag", Of.MACHINE, Acts.FRAME, True, STAYS, 1
+
+    def terms(self, scene):
+        yield from alternatives(self.name, 1, [()], (1.0,), share=0.05, sd_mm=0.2)
+
+    def columns(self, places, where, shape, scene):
+        return along(where, ((places.bed_mm[:, [0]] - scene.middle_mm[0]) / 100) ** 2)
+
+    def finer(self, shape, round_):
+        return iter(())
+
+
+class Jolt(Sag):
+    """It says that the frame holds it, and moves by what no frame has."""
+
+    name = "jolt"
+
+    def columns(self, places, where, shape, scene):
+        return along(where, (places.bed_mm[:, [0]] > 100) * 1.0)
+
+
+SAG, JOLT = Sag(), Jolt()
 '''
 ROWS = ("naive", "my_plugin:SAME", "my_plugin:NAN", "my_plugin:ASKED", "my_plugin:TEXT", "my_plugin:RAISES",
         "naive+my_plugin:GREEDY", "naive+my_plugin:FAR", "ours+theirs")  # fmt: skip
 
 
 @pytest.fixture
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder with a module of one's own, and with a package that is installed."""
     (tmp_path / "my_plugin.py").write_text(MODULE)
     (tmp_path / "body.gcode").write_bytes(part(ENDER5))
@@ -114,7 +146,9 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.delitem(sys.modules, "my_plugin", raising=False)
     plugins._points.cache_clear()
-    return tmp_path
+    yield tmp_path
+    for name in ("sag", "jolt"):
+        EFFECTS.pop(name, None)
 
 
 def test_names_and_places_are_found(place: Path) -> None:
@@ -181,6 +215,8 @@ def test_bench_takes_a_place(place: Path) -> None:
         ("my_plugin:SAME", True, "learner my_plugin:SAME: "),
         ("my_plugin:NAN", False, "the model's tables: wanted finite numbers"),
         ("slack", True, "family slack: "),
+        ("my_plugin:SAG", True, "effect my_plugin:SAG: 10 of 10"),
+        ("my_plugin:JOLT", False, "of the columns"),
     ],
 )
 def test_conformance_from_outside(place: Path, name: str, kept: bool, said: str) -> None:

@@ -12,6 +12,7 @@ import sys
 import zlib
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import lru_cache
 from typing import Any, Literal, NoReturn
 
 import numpy as np
@@ -20,13 +21,14 @@ from printmend.effects import EFFECTS, Acts, Scene
 from printmend.effects.effect import Effect, Term
 from printmend.effects.keys import AXES, Keys, keys_of, limits_of
 from printmend.effects.sample import drawn_term, terms_of
-from printmend.effects.sized import Sized, belt_mm, scene_of_printer
+from printmend.effects.sized import Sized, belts_mm, scene_of_printer
 from printmend.errors import ConfigError
 from printmend.machine import healthy_transmission
 from printmend.printer import Printer, read_printer
 
 STEEPEST = -0.95  # slope of a belt's error: at −1 it would stand still
 REALISTIC_SHARE = 0.12  # sizes on a well-kept machine, as a share of those on a damaged one
+COARSE = 4  # micro-steps between the places at which a slope is taken
 MOST_SHOWN = 2  # sizes in an example
 _MOTORS, _BED_AXES = {"x": 0, "y": 1, "a": 0, "b": 1}, {"x": 2, "y": 3}
 _LISTED = ("ender3", "corexy")  # printers between them have every effect
@@ -78,6 +80,9 @@ class Cause:
 
     def part(self, printer: Printer) -> Sized:
         """Return it with its shape and sizes on that printer. Raise `ConfigError` where the two do not fit."""
+        return _part(self, printer)
+
+    def _part(self, printer: Printer) -> Sized:
         scene, effect = scene_of_printer(printer), EFFECTS[self.effect]
         rng = np.random.default_rng((self.seed, zlib.crc32(self.effect.encode())))
         terms = self._terms(terms_of(effect, scene), printer)
@@ -119,6 +124,11 @@ class Cause:
         return said | ({} if self.severity == "damaged" else {"severity": self.severity})
 
 
+@lru_cache(maxsize=64)
+def _part(cause: Cause, printer: Printer) -> Sized:
+    return cause._part(printer)
+
+
 def cause_of(text: str, *, seed: int = 0) -> Cause:
     """Return the effect that a text names, as ``racking:on=x,size_mm=0.3``; ``seed`` draws what it leaves out."""
     name, _, rest = text.partition(":")
@@ -140,7 +150,7 @@ def cause_from(name: str, table: dict[str, Any]) -> Cause:
 
 def listing() -> list[tuple[str, str, str]]:
     """Return each effect with what it is, in a line, and an example of a text for `cause_of`."""
-    return [(name, _said(effect), _example(effect)) for name, effect in EFFECTS.items()]
+    return [(name, _said(effect), example_of(name)) for name, effect in EFFECTS.items()]
 
 
 def _plain(text: str) -> float | str:
@@ -174,23 +184,24 @@ def _keys(effect: Effect) -> Keys:
     return keys_of(effect, len(terms[0].shape) if terms else 0, len(terms[0].sd_mm) if terms else 1)
 
 
-def _example(effect: Effect) -> str:
-    """Return an effect with a shape out of the middle of its terms."""
+def example_of(name: str) -> str:
+    """Return a text for `cause_of`: an effect with a shape out of the middle of its terms."""
+    effect = EFFECTS[name]
     keys, terms = _keys(effect), _offered(effect)
     items = ["on=x"] if len({term.where for term in terms}) > 1 else []
     terms = [term for term in terms if term.where == terms[0].where]
     shape = dict(zip(getattr(keys, "shape", ()), terms[len(terms) // 2].shape if terms else (), strict=False))
-    sizes = [name for name in keys.names if name not in shape and name not in ("phase_rad", "harmonic")]
-    for name, value in shape.items():
-        items.append(f"{name}={AXES[int(value)] if name == 'axis' else format(value, '.3g')}")
-    items += [f"{name}={limits_of(name)[2]:g}" for name in sizes[:MOST_SHOWN]]
-    return f"{effect.name}:{','.join(items)}"
+    sizes = [key for key in keys.names if key not in shape and key not in ("phase_rad", "harmonic")]
+    for key, value in shape.items():
+        items.append(f"{key}={AXES[int(value)] if key == 'axis' else format(value, '.3g')}")
+    room_mm = shape.get("period_mm", math.inf) / 20  # a wave that leaves the belt moving forwards
+    items += [f"{key}={min(limits_of(key)[2], room_mm):.3g}" for key in sizes[:MOST_SHOWN]]
+    return f"{name}:{','.join(items)}"
 
 
 def _steepest(part: Sized, scene: Scene) -> float:
     """Return the steepest fall of what a part does to its belt; 0 where it is of no drive."""
     if not part.is_held or EFFECTS[part.effect].acts is not Acts.DRIVE:
         return 0.0
-    grid = healthy_transmission(scene.printer, part.where)
-    sides = (belt_mm(scene, part.where, [part], grid.motor_mm, side) for side in (-1.0, 1.0))
-    return min(float(np.diff(belt).min()) / grid.pitch_mm for belt in sides)
+    places = healthy_transmission(scene.printer, part.where).motor_mm[::COARSE]
+    return min(float((np.diff(belt) / np.diff(places)).min()) for belt in belts_mm(scene, part.where, [part], places))

@@ -14,11 +14,9 @@ from printmend.corruption.pulley import Pulley
 from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.warp import Warp
-from printmend.effects import EFFECTS, Acts
-from printmend.effects.sized import Sized, belt_mm, frame_of, scene_of_printer
+from printmend.effects.sized import Sized, with_effects
 from printmend.errors import ConfigError
 from printmend.machine import Frame, GainMechanism, Mechanism, Transmission, healthy_transmission
-from printmend.machine.kernels.bed import MOST_WAVES
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
@@ -142,11 +140,10 @@ class Corruption:
         if self.drives[0].gain_table is not None and self.drives[1].gain_table is not None:
             gains = (np.array(self.drives[0].gain_table.gains), np.array(self.drives[1].gain_table.gains))
             return GainMechanism(printer, gains)
-        held = [part for part in self._parts(printer) if part.is_held]
         frame = Frame() if self.frame is None else self.frame.lower(printer.middle_mm)
         screw = None if self.screw is None else self.screw.lower(printer)
-        a, b = (_beside(drive.lower(printer, motor), printer, motor, held) for motor, drive in enumerate(self.drives))
-        return Mechanism(printer, (a, b), _framed(frame, printer, held), screw)
+        drives = (self.drives[0].lower(printer, 0), self.drives[1].lower(printer, 1))
+        return with_effects(Mechanism(printer, drives, frame, screw), self._parts(printer))
 
     def along(self, printer: Printer) -> tuple[Sized, ...]:
         """Return the effects that no machine's tables hold: what acts along the path, and what only is measured."""
@@ -154,40 +151,6 @@ class Corruption:
 
     def _parts(self, printer: Printer) -> list[Sized]:
         return [cause.part(printer) for cause in self.causes]
-
-
-def _beside(table: Transmission, printer: Printer, motor: int, parts: list[Sized]) -> Transmission:
-    """Return a drive's tables with the effects of this motor in them. No belt has less play than none."""
-    mine = [part for part in parts if EFFECTS[part.effect].acts is Acts.DRIVE and part.where == motor]
-    if not mine:
-        return table
-    scene, grid = scene_of_printer(printer), table.motor_mm
-    lower = table.lower_mm + belt_mm(scene, motor, mine, grid, -1.0)
-    upper = table.upper_mm + belt_mm(scene, motor, mine, grid, 1.0)
-    middle = (lower + upper) / 2
-    lower, upper = np.where(lower > upper, middle, lower), np.where(lower > upper, middle, upper)
-    if min(np.diff(lower).min(), np.diff(upper).min()) < -1e-9:
-        raise ConfigError(
-            f"effects of motor {printer.motors[motor]}", wanted="effects under which this drive still moves forwards",
-            came="some that turn it back together", todo="make one of them smaller",
-        )  # fmt: skip
-    return replace(table, lower_mm=np.maximum.accumulate(lower), upper_mm=np.maximum.accumulate(upper))
-
-
-def _framed(frame: Frame, printer: Printer, parts: list[Sized]) -> Frame:
-    """Return a frame with the effects of the frame added to it."""
-    mine = [part for part in parts if EFFECTS[part.effect].acts in (Acts.FRAME, Acts.WAVE)]
-    if not mine:
-        return frame
-    waves = len(frame.waves) + sum(EFFECTS[part.effect].acts is Acts.WAVE for part in mine)
-    if waves > MOST_WAVES:
-        raise ConfigError(
-            "effects of the frame", wanted=f"at most {MOST_WAVES} waves of guides", came=str(waves), todo="remove some"
-        )
-    more = frame_of(scene_of_printer(printer), mine)
-    return Frame(
-        frame.coefficients_mm + more.coefficients_mm, frame.scale_mm, np.concatenate([frame.waves, more.waves])
-    )
 
 
 HEALTHY = Corruption()

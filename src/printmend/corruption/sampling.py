@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from printmend.corruption.belt import ElasticBelt, Friction, LooseBelt, Play
+from printmend.corruption.cause import Cause
 from printmend.corruption.corruption import Corruption, Drive, Fault
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.gain_table import GainTable
@@ -30,6 +31,7 @@ from printmend.corruption.pulley import (
 from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.warp import Warp
+from printmend.effects import EFFECTS
 from printmend.errors import ConfigError
 from printmend.plugins import CORRUPTIONS, is_plugin, load_plugin, plugin_names
 from printmend.units import TURN_RAD, radius_mm
@@ -269,22 +271,26 @@ def families() -> tuple[str, ...]:
 
 def check_family(family: str) -> None:
     """Raise `ConfigError` for a family that `fault` does not know; a plug-in is imported to see."""
-    if family in families():
+    if family in families() or family in EFFECTS:
         return
     if not is_plugin(CORRUPTIONS, family):
-        known = ", ".join((*families(), *plugin_names(CORRUPTIONS)))
+        known = ", ".join(dict.fromkeys((*families(), *plugin_names(CORRUPTIONS), *EFFECTS)))
         raise ConfigError("family", wanted=f"one of {known}, or module:NAME", came=repr(family), todo="correct it")
     _foreign(family)
 
 
 def fault(family: str, rng: np.random.Generator, severity: Severity = "damaged") -> Fault:
-    """Draw a fault of that family, of other packages' too. Raise `ConfigError` where there is none.
+    """Draw a fault of that family, or of the effect of that name. Raise `ConfigError` where there is none.
 
-    A plug-in is a function of ``rng`` and ``severity`` that returns a `Corruption`, or any value that lowers.
+    A family of another package is a function of ``rng`` and ``severity``; it returns a `Corruption`, or any value that
+    lowers.
     """
     if family in families():
         return sample(family, rng, severity)
     check_family(family)
+    if family in EFFECTS:
+        mildness: Literal["damaged", "realistic"] = "realistic" if severity == "realistic" else "damaged"
+        return Corruption(causes=(Cause(family, seed=int(rng.integers(2**32)), severity=mildness),))
     drawn = _foreign(family)(rng, "damaged" if severity == "paper" else severity)
     if not isinstance(drawn, Fault):
         came, todo = type(drawn).__name__, "return a Corruption, or a value with lower and jumps"

@@ -73,6 +73,21 @@ def _of_others() -> dict[str, Effect]:
 EFFECTS: dict[str, Effect] = {effect.name: effect for effect in _ALL} | _of_others()
 
 
+def registered(name: str) -> str:
+    """Return an effect's name; one at a place ``module:NAME`` is added to `EFFECTS`.
+
+    Raises `ConfigError` where there is none, or where its name is another's.
+    """
+    if ":" not in name:
+        return name
+    effect: Effect = load_plugin(GROUP, name, wanted="an effect", has=_NEEDS)
+    if EFFECTS.setdefault(effect.name, effect) is not effect:
+        raise ConfigError(
+            name, wanted="an effect with a name of its own", came=f"{effect.name!r}", todo="give it another name"
+        )
+    return effect.name
+
+
 def columns_of(name: str, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
     """Return where an effect moves places [N, 2, P] mm for one unit of each size.
 
@@ -96,5 +111,6 @@ __all__ = [
     "columns_of",
     "home_of",
     "places_of",
+    "registered",
     "scene_of",
 ]

@@ -7,11 +7,15 @@ from typing import Any
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
-from printmend.machine import Frame
+from printmend.errors import ConfigError
+from printmend.machine import Frame, Mechanism, Transmission
+from printmend.machine.kernels.bed import MOST_WAVES
 from printmend.path import FLATBED
 from printmend.printer import Printer
 
 GRID = 7  # places along either axis of the bed at which a frame's terms are taken
+ROWS = 2048  # of a table that are evaluated at once: their columns stay in the processor's cache
+FEW = 97  # places of a table at which both sides are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,17 +52,25 @@ def scene_of_printer(printer: Printer, way_mm: float = 1.0) -> Scene:
     )
 
 
-def belt_mm(scene: Scene, motor: int, parts: Sequence[Sized], motor_mm: np.ndarray, side: float) -> np.ndarray:
-    """Return where parts of a drive put its belt [N] beyond a healthy one, on one side of the play."""
-    count = len(motor_mm)
-    motors, sides = np.zeros((count, 2)), np.zeros((count, 2))
-    motors[:, motor], sides[:, motor] = motor_mm, side
-    none = np.zeros((count, 2))
-    places = Places(motors, sides, none, none, none, np.ones(count), np.zeros(count), none)  # as the print ended
-    moved = np.zeros(count)
-    for part in parts:
-        on_bed = EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm
-        moved = moved + np.asarray(scene.printer.to_motor(on_bed)[:, motor])
+def belts_mm(scene: Scene, motor: int, parts: Sequence[Sized], motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where parts of a drive put its belt [N] beyond a healthy one: pushed forwards, and pulled back."""
+    few = motor_mm[:: max(len(motor_mm) // FEW, 1)]
+    if np.array_equal(_belt_mm(scene, motor, parts, few, -1.0), _belt_mm(scene, motor, parts, few, 1.0)):
+        taut = _belt_mm(scene, motor, parts, motor_mm, 1.0)  # no side is read: once is enough
+        return taut, taut
+    return _belt_mm(scene, motor, parts, motor_mm, -1.0), _belt_mm(scene, motor, parts, motor_mm, 1.0)
+
+
+def _belt_mm(scene: Scene, motor: int, parts: Sequence[Sized], motor_mm: np.ndarray, side: float) -> np.ndarray:
+    moved = np.zeros(len(motor_mm))
+    for first in range(0, len(motor_mm), ROWS):
+        at = motor_mm[first : first + ROWS]
+        motors, none, done = np.zeros((len(at), 2)), np.zeros((len(at), 2)), np.ones(len(at))  # as the print ended
+        motors[:, motor] = at
+        places = Places(motors, np.full((len(at), 2), side), none, none, none, done, np.zeros(len(at)), none)
+        for part in parts:
+            on_bed = EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm
+            moved[first : first + ROWS] += scene.printer.to_motor(on_bed)[:, motor]
     return moved
 
 
@@ -85,3 +97,47 @@ def _wave(scene: Scene, part: Sized) -> list[float]:
     across, along = part.sizes_mm[:2], part.sizes_mm[2:] if len(part.sizes_mm) > 2 else np.zeros(2)
     x, y = (along, across) if part.where == 0 else (across, along)
     return [float(part.where), part.shape[0], *x.tolist(), *y.tolist()]
+
+
+def with_effects(mechanism: Mechanism, parts: Sequence[Sized]) -> Mechanism:
+    """Return a machine with those of the parts that its tables and its frame hold.
+
+    No belt has less play than none. Raises `ConfigError` where the parts turn a drive back together.
+    """
+    held = [part for part in parts if part.is_held]
+    a, b = (_beside(table, mechanism.printer, motor, held) for motor, table in enumerate(mechanism.transmissions))
+    return replace(mechanism, transmissions=(a, b), frame=_framed(mechanism.frame, mechanism.printer, held))
+
+
+def _beside(table: Transmission, printer: Printer, motor: int, parts: list[Sized]) -> Transmission:
+    """Return a drive's tables with the effects of this motor in them. No belt has less play than none."""
+    mine = [part for part in parts if EFFECTS[part.effect].acts is Acts.DRIVE and part.where == motor]
+    if not mine:
+        return table
+    scene, grid = scene_of_printer(printer), table.motor_mm
+    pushed, pulled = belts_mm(scene, motor, mine, grid)
+    lower, upper = table.lower_mm + pushed, table.upper_mm + pulled
+    middle = (lower + upper) / 2
+    lower, upper = np.where(lower > upper, middle, lower), np.where(lower > upper, middle, upper)
+    if min(np.diff(lower).min(), np.diff(upper).min()) < -1e-9:
+        raise ConfigError(
+            f"effects of motor {printer.motors[motor]}", wanted="effects under which this drive still moves forwards",
+            came="some that turn it back together", todo="make one of them smaller",
+        )  # fmt: skip
+    return replace(table, lower_mm=np.maximum.accumulate(lower), upper_mm=np.maximum.accumulate(upper))
+
+
+def _framed(frame: Frame, printer: Printer, parts: list[Sized]) -> Frame:
+    """Return a frame with the effects of the frame added to it."""
+    mine = [part for part in parts if EFFECTS[part.effect].acts in (Acts.FRAME, Acts.WAVE)]
+    if not mine:
+        return frame
+    waves = len(frame.waves) + sum(EFFECTS[part.effect].acts is Acts.WAVE for part in mine)
+    if waves > MOST_WAVES:
+        raise ConfigError(
+            "effects of the frame", wanted=f"at most {MOST_WAVES} waves of guides", came=str(waves), todo="remove some"
+        )
+    more = frame_of(scene_of_printer(printer), mine)
+    return Frame(
+        frame.coefficients_mm + more.coefficients_mm, frame.scale_mm, np.concatenate([frame.waves, more.waves])
+    )

@@ -7,7 +7,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Scene
 from printmend.effects.pulley import HARMONICS
-from printmend.effects.sized import Sized, belt_mm, frame_of
+from printmend.effects.sized import Sized, belts_mm, frame_of
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.machine.kernels.bed import MOST_WAVES
 from printmend.saved.branches import Branches, Wave, rising
@@ -69,13 +69,11 @@ def _drive(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Transmissi
         return table, series
     healthy = healthy_transmission(scene.printer, motor)
     grid = healthy.motor_mm
-    lower, upper = (
-        table_mm + belt_mm(scene, motor, others, grid, side)
-        for side, table_mm in ((-1.0, table.lower_mm), (1.0, table.upper_mm))
-    )
+    pushed, pulled = belts_mm(scene, motor, others, grid)
+    lower, upper = table.lower_mm + pushed, table.upper_mm + pulled
     first = int(np.searchsorted(grid, sum(series.reach_mm) / 2))
-    lower = rising(np.asarray(lower), first)
-    return replace(healthy, lower_mm=lower, upper_mm=np.maximum(rising(np.asarray(upper), first), lower)), None
+    lower = rising(lower, first)
+    return replace(healthy, lower_mm=lower, upper_mm=np.maximum(rising(upper, first), lower)), None
 
 
 def _series(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Branches, list[Sized]]:

@@ -5,14 +5,15 @@ resolution from the home position, for G-code. Both take two axes, or three. `Tw
 the same way-points.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from printmend.corruption import Corruption, Fault
 from printmend.corruption.jump import Jumps
 from printmend.effects import EFFECTS, Of
-from printmend.effects.sized import Sized
+from printmend.effects.sized import Sized, with_effects
 from printmend.errors import InputError
 from printmend.machine import (
     GainMechanism,
@@ -44,6 +45,11 @@ class Twin:
         """Build the twin of ``printer`` broken by ``corruption``, a `Corruption` or a fault of another package."""
         along = corruption.along(printer) if isinstance(corruption, Corruption) else ()
         return cls(corruption.lower(printer), corruption.jumps, along)
+
+    def with_effects(self, parts: Sequence[Sized]) -> "Twin":
+        """Return this printer with more effects. Raises `InputError` for a gain table, or a drive turned back."""
+        more = tuple(part for part in parts if not part.is_held)
+        return replace(self, mechanism=with_effects(self.tables, parts), along=self.along + more)
 
     @property
     def printer(self) -> Printer:
@@ -154,6 +160,11 @@ class Twin:
 
     def homed(self) -> Mechanism:
         """Return the machine with the origin that homing gives it. Raises `InputError` for a gain table."""
+        return self.tables.homed()
+
+    @property
+    def tables(self) -> Mechanism:
+        """The machine as its tables. Raises `InputError` for a gain table, which has none."""
         if isinstance(self.mechanism, GainMechanism):
             raise InputError(
                 "corruption 'gain-table'",
@@ -161,4 +172,4 @@ class Twin:
                 came="the published lattice simulator",
                 todo="use `bench table1 --protocol paper` for gain tables",
             )
-        return self.mechanism.homed()
+        return self.mechanism

@@ -1,4 +1,4 @@
-"""`printmend conformance`: does a learner, a controller or a family of faults keep what it must?"""
+"""`printmend conformance`: does a learner, a controller, a family of faults or an effect keep what it must?"""
 
 import json
 from dataclasses import asdict
@@ -11,7 +11,7 @@ import click
 @click.option("--json", "as_json", is_flag=True, help="The outcomes as JSON on stdout.")
 @click.pass_context
 def command(ctx: click.Context, name: str, as_json: bool) -> None:
-    """Run the suite that everything in printmend passes on a learner, a controller or a family of faults.
+    """Run the suite that everything in printmend passes on a learner, a controller, a family of faults or an effect.
 
     A check of a line each, with the reason where it fails; ends with 2 where one does.
     """

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from printmend.errors import ConfigError, PrintmendError
 from printmend.learn import ORACLE
 from printmend.plugins import CONTROLLERS, CORRUPTIONS, LEARNERS, is_plugin, load_plugin
+from printmend.plugins import EFFECTS as EFFECTS_GROUP
 
-KINDS = ("learner", "controller", "family")
-_GROUPS = {"learner": LEARNERS, "controller": CONTROLLERS, "family": CORRUPTIONS}
+KINDS = ("learner", "controller", "family", "effect")
+_GROUPS = {"learner": LEARNERS, "controller": CONTROLLERS, "family": CORRUPTIONS, "effect": EFFECTS_GROUP}
 _LONGEST = 200  # characters of a reason
 
 
@@ -24,10 +25,12 @@ class CheckOutcome:
 def kind_of(name: str) -> str:
     """Return which of `KINDS` a name or a place `module:NAME` is. Raise `ConfigError` for neither."""
     from printmend.corruption import families
+    from printmend.effects import EFFECTS
     from printmend.learn import learner_names
     from printmend_lab.control.registry import controller_names
 
     known = {"learner": (*learner_names(), ORACLE), "controller": controller_names(), "family": families()}
+    known["effect"] = tuple(EFFECTS)
     for kind in KINDS:
         if name in known[kind]:
             return kind
@@ -36,21 +39,21 @@ def kind_of(name: str) -> str:
             if is_plugin(group, name):
                 return kind
         raise ConfigError(
-            name, wanted="a learner, a controller, a family of faults, or module:NAME", came="no such name",
+            name, wanted="a learner, a controller, a family of faults, an effect, or module:NAME", came="no such name",
             todo="correct it",
         )  # fmt: skip
-    wanted = "a learner (name, fit), a controller (name, plan) or a family (a function of rng and severity)"
+    wanted = "a learner (name, fit), a controller (name, plan), an effect (terms, columns), or a function of a family"
     found = load_plugin(LEARNERS, name, wanted=wanted, has=())
-    for kind, has in zip(KINDS, ("fit", "plan", "__call__"), strict=True):
+    for kind, has in zip(KINDS, ("fit", "plan", "__call__", "columns"), strict=True):
         if hasattr(found, has):
             return kind
     raise ConfigError(name, wanted=wanted, came=f"one of type {type(found).__name__}", todo="see `printmend.protocols`")
 
 
 def conformance(name: str) -> Iterator[CheckOutcome]:
-    """Yield the outcome of every check on a learner, a controller or a family of faults, one after the other.
+    """Yield the outcome of every check on a learner, a controller, a family of faults or an effect, one by one.
 
-    Raises `ConfigError` for a name that is nothing of that kind.
+    What is both a family and an effect has the checks of both. Raises `ConfigError` for a name that is none of them.
     """
     kind = kind_of(name)
     if kind == "learner":
@@ -65,12 +68,18 @@ def conformance(name: str) -> Iterator[CheckOutcome]:
 
         controller(name)
         yield from _outcomes(controllers.CHECKS, controllers.ControllerCandidate(name))
-    else:
+    if kind == "family":
         from printmend.corruption.sampling import check_family
-        from printmend_lab.conformance import families as checks
+        from printmend_lab.conformance import families
 
         check_family(name)
-        yield from _outcomes(checks.CHECKS, checks.FamilyCandidate(name))
+        yield from _outcomes(families.CHECKS, families.FamilyCandidate(name))
+    if kind in ("family", "effect"):
+        from printmend.effects import EFFECTS, registered
+        from printmend_lab.conformance import effects
+
+        if kind == "effect" or name in EFFECTS:
+            yield from _outcomes(effects.CHECKS, effects.EffectCandidate(registered(name)))
 
 
 def _outcomes(checks: dict, candidate: object) -> Iterator[CheckOutcome]:

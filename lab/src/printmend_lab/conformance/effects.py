@@ -1,0 +1,198 @@
+"""What every effect must keep: the twin makes it by name, prints what its columns say, and learning can see it."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache, partial
+
+import numpy as np
+
+from printmend_lab.conformance.need import need
+from printmend.corruption import Cause, Corruption, cause_of, corruption_toml, parse_corruption
+from printmend.corruption.cause import example_of
+from printmend.corruption.sampling import Severity
+from printmend.effects import EFFECTS, Of, columns_of, places_of
+from printmend.effects.sample import terms_of
+from printmend.effects.sized import Sized, scene_of_printer
+from printmend.machine import Mechanism, contacts_from, healthy_mechanism
+from printmend.path import Trace
+from printmend.printer import Printer, read_printer
+from printmend.twin import Twin
+
+PRESETS = ("ender3", "corexy")
+PLAY_MM = 1.0  # beside what is checked: it keeps the sides apart, and no play below nothing
+SMALL_MM = 1e-5
+SAME_MM = 1e-9  # a thousandth of what a small size moves
+PLACES = 240
+
+
+@dataclass(frozen=True)
+class EffectCandidate:
+    """An effect by its name."""
+
+    name: str
+
+    def example(self) -> Cause:
+        """Return the example that `printmend twin --list` shows."""
+        return cause_of(example_of(self.name))
+
+    def twin(self, printer: Printer) -> Twin:
+        """Return that printer with the example."""
+        return _twin(self.example(), printer)
+
+    def presets(self) -> Iterator[Printer]:
+        """Yield the printers that can have it."""
+        for preset in PRESETS:
+            printer = read_printer(preset)
+            if terms_of(EFFECTS[self.name], scene_of_printer(printer)):
+                yield printer
+
+    def small(self, printer: Printer, seed: int) -> Sized:
+        """Return it with one of its shapes, and sizes of some hundred-thousandths of a millimetre."""
+        rng = np.random.default_rng(seed)
+        terms = terms_of(EFFECTS[self.name], scene_of_printer(printer))
+        term = terms[int(rng.integers(len(terms)))]
+        return Sized(self.name, term.where, term.shape, SMALL_MM * rng.standard_normal(len(term.sd_mm)))
+
+
+@lru_cache(maxsize=len(PRESETS))
+def _twin(cause: Cause, printer: Printer) -> Twin:
+    return Twin.of(Corruption(causes=(cause,)), printer)
+
+
+def some_printer_has_it(candidate: EffectCandidate) -> None:
+    """A cartesian printer or a CoreXY offers it."""
+    need(any(True for _ in candidate.presets()), f"wanted terms on one of {', '.join(PRESETS)}")
+
+
+def is_written_and_read(candidate: EffectCandidate) -> None:
+    """The listed example is an equal one after TOML, and lowers on every printer that has it."""
+    whole = Corruption(causes=(candidate.example(), Cause(candidate.name, seed=3, severity="realistic")))
+    need(parse_corruption(corruption_toml(whole), subject=candidate.name) == whole, "wanted equal causes out of TOML")
+    for printer in candidate.presets():
+        candidate.twin(printer)
+
+
+def draws_repeat_and_differ(candidate: EffectCandidate, severity: Severity) -> None:
+    """One seed draws one effect, another seed another, and a twin can have each."""
+    for printer in candidate.presets():
+        one, again, other = (_drawn(candidate, severity, seed, printer) for seed in (5, 5, 6))
+        need(one.key == again.key and np.array_equal(one.sizes_mm, again.sizes_mm), "wanted one seed to draw alike")
+        need(not np.array_equal(one.sizes_mm, other.sizes_mm), "wanted another seed to draw another")
+        if severity == "damaged":
+            Twin.of(Corruption(causes=(Cause(candidate.name, seed=5),)), printer)
+
+
+def _drawn(candidate: EffectCandidate, severity: Severity, seed: int, printer: Printer) -> Sized:
+    return Cause(candidate.name, seed=seed, severity=severity).part(printer)  # type: ignore[arg-type]
+
+
+def nothing_moves_nothing(candidate: EffectCandidate) -> None:
+    """With sizes of zero the twin prints what it prints without the effect, to the last bit."""
+    for printer in candidate.presets():
+        part = candidate.small(printer, 1)
+        path, (bare, other) = way(printer), _twins(part.of(sizes_mm=0 * part.sizes_mm), printer)
+        need(np.array_equal(bare.seen(path), other.seen(path)), "wanted no change by sizes of zero")
+
+
+def the_twin_prints_its_columns(candidate: EffectCandidate, seed: int) -> None:
+    """Beside play, a small effect moves each place of a print by its columns times its sizes."""
+    for printer in candidate.presets():
+        path, part = way(printer), candidate.small(printer, seed)
+        bare, other = _twins(part, printer)
+        moved = other.seen(path) - bare.seen(path)
+        said = _columns(part, bare.homed(), path) @ part.sizes_mm
+        worst = float(np.abs(moved - said).max())
+        need(worst < SAME_MM, f"wanted places within {SAME_MM:g} mm of the columns, got {worst:.3g} mm off")
+
+
+def the_bed_inverts(candidate: EffectCandidate) -> None:
+    """What a frame does to a place is undone by its inverse; what no machine holds leaves the frame alone."""
+    for printer in candidate.presets():
+        mechanism = candidate.twin(printer).homed()
+        path = way(printer)
+        off = np.abs(mechanism.bed.printed(mechanism.bed.wanted(path)) - path).max()
+        need(off < 1e-8, f"wanted the inverse of the frame within 1e-8 mm, got {off:.3g}")
+
+
+def the_inverse_of_a_taut_drive_prints_the_path(candidate: EffectCandidate) -> None:
+    """Commands out of inverse tables print the wanted places, where the machine holds the effect and has no play."""
+    for printer in candidate.presets():
+        twin = candidate.twin(printer)
+        mechanism = twin.homed()
+        if twin.along or not all(table.is_taut for table in mechanism.transmissions):
+            continue
+        belts = mechanism.bed.wanted(way(printer))
+        motors = [
+            np.interp(belts[:, k], table.lower_mm, table.motor_mm) for k, table in enumerate(mechanism.transmissions)
+        ]
+        printed = mechanism.bed.printed(
+            np.stack([table.branches_mm(motors[k])[0] for k, table in enumerate(mechanism.transmissions)], axis=1)
+        )
+        off = np.abs(printed - way(printer)).max()
+        need(off < 1e-8, f"wanted the inverse within 1e-8 mm, got {off:.3g}")
+
+
+def the_example_shows(candidate: EffectCandidate) -> None:
+    """The example moves a print, or what is measured of it."""
+    moved = [
+        float(np.abs(candidate.twin(printer).seen(way(printer)) - way(printer)).max())
+        for printer in candidate.presets()
+    ]
+    if EFFECTS[candidate.name].of is not Of.MATERIAL:  # the width of a line moves no place
+        need(max(moved) > 1e-3, f"wanted a print or a measurement that is 0.001 mm off at least, got {max(moved):.6f}")
+
+
+def _twins(part: Sized, printer: Printer) -> tuple[Twin, Twin]:
+    """Return the twin with play alone, and with this effect beside it."""
+    bare = _with_play(printer)
+    return bare, bare.with_effects([part])
+
+
+@lru_cache(maxsize=len(PRESETS))
+def _with_play(printer: Printer) -> Twin:
+    play = [Sized("play", motor, (), np.array([PLAY_MM])) for motor in range(2)]
+    return Twin(healthy_mechanism(printer)).with_effects(play)
+
+
+def _columns(part: Sized, homed: Mechanism, path_mm: np.ndarray) -> np.ndarray:
+    """Return what one unit of each size moves [N, 2, P] mm along a path on a homed machine."""
+    printer = homed.printer
+    scene = scene_of_printer(printer, float(np.hypot(*np.diff(path_mm, axis=0).T).sum()))
+    ways_home = [printer.motor_home_direction(motor) for motor in range(2)]
+    contacts = contacts_from(homed, printer.to_motor(path_mm), ways_home)
+    trace = Trace(path_mm, np.full(path_mm.shape, np.nan), homed=True)
+    places = places_of(trace, scene, contacts.row, contacts.side, printer.from_motor(contacts.belt_mm))
+    return columns_of(part.effect, places, part.where, part.shape, scene)
+
+
+@lru_cache(maxsize=len(PRESETS))
+def way(printer: Printer) -> np.ndarray:
+    """Return way-points [N, 2] mm from home on micro-steps. Each motor stands still or goes farther than its play."""
+    rng = np.random.default_rng(2)
+    axes = printer.axes[:2]
+    low, high = (np.array([getattr(axis, end) for axis in axes]) for end in ("min_mm", "max_mm"))
+    fine = np.array([axis.mm_per_step / axis.microsteps for axis in axes])
+    motors = [printer.to_motor(np.array(printer.home_mm, float))]
+    while len(motors) < PLACES:
+        wanted = printer.to_motor(low + rng.uniform(0.05, 0.95, 2) * (high - low))
+        wanted = np.where(
+            rng.uniform(size=2) < 0.25, motors[-1], motors[0] + np.rint((wanted - motors[0]) / fine) * fine
+        )
+        step, place = np.abs(wanted - motors[-1]), printer.from_motor(wanted)
+        if ((step == 0) | (step > 3 * PLAY_MM)).all() and step.any() and ((place >= low) & (place <= high)).all():
+            motors.append(wanted)
+    return np.asarray(printer.from_motor(np.array(motors)))
+
+
+CHECKS: dict[str, Callable[[EffectCandidate], None]] = {
+    "some printer has it": some_printer_has_it,
+    "the listed example is written and read": is_written_and_read,
+    "draws repeat and differ (damaged)": partial(draws_repeat_and_differ, severity="damaged"),
+    "draws repeat and differ (realistic)": partial(draws_repeat_and_differ, severity="realistic"),
+    "sizes of zero move nothing": nothing_moves_nothing,
+    "the twin prints its columns (first shape)": partial(the_twin_prints_its_columns, seed=1),
+    "the twin prints its columns (second shape)": partial(the_twin_prints_its_columns, seed=2),
+    "the frame inverts": the_bed_inverts,
+    "a taut drive inverts": the_inverse_of_a_taut_drive_prints_the_path,
+    "the example shows": the_example_shows,
+}
