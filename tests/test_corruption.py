@@ -7,6 +7,7 @@ import pytest
 
 from printmend.corruption import (
     HEALTHY,
+    Cause,
     Corruption,
     CrookedFrame,
     Drive,
@@ -21,9 +22,12 @@ from printmend.corruption import (
     Play,
     Polygon,
     PublishedHull,
+    Ripple,
     SetScrew,
     TabulatedHull,
     WrongRadius,
+    cause_of,
+    corruption_of,
     parse_corruption,
     published_names,
 )
@@ -31,6 +35,7 @@ from printmend.corruption.sampling import sample
 from printmend.errors import ConfigError
 from printmend.machine import Mechanism, Transmission
 from printmend.printer import Printer
+from printmend.twin import Twin
 from printmend.units import radius_mm
 from tests.naive_twin import hull_support_mm
 
@@ -147,20 +152,114 @@ def test_skew_is_a_shear(ender5: Printer) -> None:
 
 
 def test_a_wavy_guide_pushes_its_axis_along_the_other(ender5: Printer) -> None:
-    frame = CrookedFrame(x_wave_mm=0.2, x_wave_period_mm=100.0, x_wave_phase_rad=0.5, y_wave_mm=-0.1).lower(
-        (110.0, 80.0)
-    )
-    place = np.array([[30.0, 105.0], [147.5, 80.0]])
+    frame = CrookedFrame(x_wave_mm=0.2, x_wave_period_mm=100.0, x_wave_phase_rad=0.5, y_wave_mm=-0.1).lower(ender5)
+    place = np.array([[30.0, 135.0], [147.5, 110.0]])
     x_mm = 30 + 0.2 * np.sin(2 * np.pi * 0.25 + 0.5), 147.5 + 0.2 * np.sin(0.5)
-    y_mm = 105 - 0.1 * np.sin(2 * np.pi * -80 / 150), 80 - 0.1 * np.sin(2 * np.pi * 37.5 / 150)
+    y_mm = 135 - 0.1 * np.sin(2 * np.pi * -80 / 150), 110 - 0.1 * np.sin(2 * np.pi * 37.5 / 150)
     np.testing.assert_allclose(frame.apply(place), np.stack([x_mm, y_mm], axis=1), atol=1e-12)
     np.testing.assert_allclose(frame.invert(frame.apply(place)), place, atol=1e-8)
 
 
 def test_frame_inverts(ender5: Printer, rng: np.random.Generator) -> None:
-    frame = CrookedFrame(3.0, 1.04, 0.97, 0.5, -0.4).lower((110.0, 110.0))
+    frame = CrookedFrame(3.0, 1.04, 0.97, 0.5, -0.4).lower(ender5)
     xy = rng.uniform(0, 220, (200, 2))
     np.testing.assert_allclose(frame.invert(frame.apply(xy)), xy, atol=1e-8)
+
+
+TAU, LOOP_MM, MIDDLE_MM = 2 * math.pi, 600.0, 110.0
+# On both motors: a part as a data sheet has it, and the effects that are the same machine.
+SAME: dict[str, tuple[Drive, list[str]]] = {
+    "play": (Drive(belt=Play(0.3)), ["play:size_mm=0.3"]),
+    "set screw": (Drive(shaft=SetScrew(0.3 / R0)), ["play:size_mm=0.3"]),
+    "radius": (Drive(pulley=WrongRadius(1.004 * R0)), ["scale:percent=0.4"]),
+    "eccentric": (Drive(pulley=EccentricBore(0.5, 0.7)), [f"pulley:size_mm=0.5,phase_rad={math.pi / 2 - 0.7}"]),
+    "oval": (
+        Drive(pulley=FourierHull(R0, (0.0, 0.2), (0.0, 0.0))),
+        [f"pulley:harmonic=2,size_mm=0.1,phase_rad={math.pi / 2}"],
+    ),
+    "loose": (
+        Drive(pulley=EccentricBore(0.2), belt=LooseBelt(0.8, 0.8)),
+        ["play:size_mm=1.6", f"breathing:size_mm=0.4,phase_rad={-math.pi / 2}"],
+    ),
+    "ripple": (
+        Drive(ripple=Ripple((0.05,), (4.0,), (0.6,))),
+        [f"teeth:period_mm=0.8,size_mm=0.01,phase_rad={math.pi / 2 - 0.6}"],
+    ),
+    "friction": (  # B = c L1 (L − L1)/L with L1 = m, about the middle of the bed
+        Drive(friction=Friction(5.0, 1e4, LOOP_MM, 0.0)),
+        [
+            f"play:size_mm={1e-3 * MIDDLE_MM * (LOOP_MM - MIDDLE_MM) / LOOP_MM}",
+            f"friction:size_mm={1e-1 * (LOOP_MM - 2 * MIDDLE_MM) / LOOP_MM},square_mm={-1e1 / LOOP_MM}",
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SAME)
+def test_a_part_and_its_effects_are_one_law(name: str, ender5: Printer, rng: np.random.Generator) -> None:
+    drive, texts = SAME[name]
+    causes = tuple(cause_of(f"{text},on={axis}") for text in texts for axis in "xy")
+    path = np.vstack([ender5.home_mm, rng.uniform(20, 200, (300, 2))])
+    ours, theirs = (
+        Twin.of(each, ender5).follow(path) for each in (Corruption((drive, drive)), Corruption(causes=causes))
+    )
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("frame", "text"),
+    [
+        (CrookedFrame(skew_deg=2.0), "skew:on=x,angle_deg=2"),
+        (CrookedFrame(x_bow_mm=0.4), "bent:x_yy_mm=0.4"),
+        (CrookedFrame(y_bow_mm=-0.3), "bent:y_xx_mm=-0.3"),
+        (  # an effect's wave counts from 0, a frame's from the middle of the bed
+            CrookedFrame(x_wave_mm=0.1, x_wave_period_mm=90, x_wave_phase_rad=0.5),
+            f"rail:on=y,period_mm=90,size_mm=0.1,phase_rad={math.pi / 2 - 0.5 + TAU * MIDDLE_MM / 90}",
+        ),
+    ],
+    ids=["skew", "x bow", "y bow", "rail"],
+)
+def test_a_frame_and_its_effects_are_one_law(
+    frame: CrookedFrame, text: str, ender5: Printer, rng: np.random.Generator
+) -> None:
+    path = np.vstack([ender5.home_mm, rng.uniform(20, 200, (300, 2))])
+    ours, theirs = (Twin.of(each, ender5).follow(path) for each in (Corruption(frame=frame), corruption_of([text])))
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("banana", "no such name"),
+        ("pulleys", "did you mean pulley"),
+        ("play:size_mm", "key=value"),
+        ("play:size=1", "'size'"),
+        ("play:on=z,size_mm=1", "'z'"),
+        ("bent:on=y,x_yy_mm=1", "whole machine"),
+        ("play:size_mm=nan", "size_mm within"),
+        ("pulley:harmonic=40", "harmonic"),
+        ("elastic:harmonic=2", "harmonic out of 1, 3, 5"),
+        ("uneven_play:axis=7", "axis as x or y"),
+        ("step:at_share=2", "at_share within 0 to 1"),
+        ("splice:on=x,size_mm=-9,width_mm=2", "moves forwards"),
+        ("aspect:percent=1", "cannot have"),
+        ("play:seed=-1", "seed"),
+    ],
+)
+def test_a_wrong_effect_is_named(text: str, named: str, ender5: Printer) -> None:
+    with pytest.raises(ConfigError, match=named):
+        Twin.of(corruption_of([text]), ender5)
+
+
+def test_what_an_effect_leaves_out_is_drawn_from_its_seed(ender5: Printer) -> None:
+    one, same, other = (cause_of("splice:size_mm=0.5", seed=seed).part(ender5) for seed in (1, 1, 2))
+    assert (one.where, one.shape) == (same.where, same.shape) != (other.where, other.shape)
+    assert one.sizes_mm == same.sizes_mm == other.sizes_mm == [0.5]
+    mild = [
+        abs(float(Cause("play", "x", seed=seed, severity="realistic").part(ender5).sizes_mm[0])) for seed in range(60)
+    ]
+    hard = [abs(float(Cause("play", "x", seed=seed).part(ender5).sizes_mm[0])) for seed in range(60)]
+    assert np.median(mild) < 0.2 < np.median(hard)
 
 
 def test_a_homed_machine_is_at_home_at_home(printer: Printer) -> None:
@@ -207,6 +306,9 @@ def test_an_over_tight_loose_belt_is_refused(ender5: Printer) -> None:
 @pytest.mark.parametrize(
     ("text", "named"),
     [
+        ("effect = 3", r"\[\[effect\]\]"),
+        ("[[effect]]\nsize_mm = 3", "name in"),
+        ("[[effect]]\nname = 'racking'\nsize = 3", "broken.toml, effect 'racking'.*'size'"),
         ("[x.pulley]\nkind = 'round'", "kind"),
         ("[x.pulley]\nkind = 'eccentric'\nsize = 2", "size"),
         ("[x.pulley]\nkind = 'eccentric'", "eccentricity_mm"),

@@ -171,7 +171,7 @@ def test_frames_are_applied_as_their_polynomial(ender5: Printer, rng: np.random.
     twin = Twin.of(Corruption(frame=frame), ender5)
     controls = rng.integers(-2, 3, (2000, 2))
     bed = 0.2 * (MIDDLE[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(controls, axis=0)]))
-    lowered = frame.lower((110.0, 110.0))
+    lowered = frame.lower(ender5)
     expected = lowered.apply(bed)
     expected += 110.0 - expected[0]
     np.testing.assert_allclose(0.2 * twin.run(controls, MIDDLE[:2]), expected, rtol=0, atol=1e-10)

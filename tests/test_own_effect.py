@@ -11,7 +11,6 @@ from click.testing import CliRunner
 
 from printmend import effects
 from printmend.cli.twin import command as twin
-from printmend_lab.conformance.effects import CHECKS, EffectCandidate
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import faults_of, misfits_of
 from printmend.effects import EFFECTS
@@ -22,6 +21,7 @@ from printmend.plugins import EFFECTS as GROUP
 from printmend.printer import read_printer
 from printmend.promise.belief import belief_section, parse_belief
 from printmend.saved import saved_model
+from printmend_lab.conformance.effects import CHECKS, EffectCandidate
 from tests.conformance import broken_by
 from tests.test_docs import ROOT
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from printmend_lab.conformance.effects import CHECKS, EffectCandidate
 from printmend.effects import EFFECTS
+from printmend_lab.conformance.effects import CHECKS, EffectCandidate
 from tests.conformance import broken_by
 
 

@@ -8,7 +8,8 @@ import click
 
 @click.command(epilog="Example: printmend demo --seed 3 --out my-demo")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Draws what is broken.")
-@click.option("--corruption", "broken", type=click.Path(path_type=Path), help="A TOML file that says what is broken.")
+@click.option("--corruption", "broken", multiple=True, metavar="broken.toml|EFFECT[:KEY=VALUE,…]",
+              help="What is broken: a file, or an effect (`printmend twin --list`).")  # fmt: skip
 @click.option(
     "--body", "file", type=click.Path(path_type=Path), help="G-code of the part; without it, a timing pulley."
 )
@@ -18,7 +19,7 @@ import click
 @click.option("--part", is_flag=True, help="One layer of a part instead: print, scan, learn, print the part right.")
 @click.option("--json", "as_json", is_flag=True, help="The figures as JSON on stdout.")
 def command(
-    seed: int, broken: Path | None, file: Path | None, out: Path, scan: bool, part: bool, as_json: bool
+    seed: int, broken: tuple[str, ...], file: Path | None, out: Path, scan: bool, part: bool, as_json: bool
 ) -> None:  # fmt: skip
     """Break a twin of an Ender-5, print a test plate, learn from it, mend a part's G-code, print the part.
 
@@ -38,22 +39,24 @@ def command(
         _show_chain(seed, broken, file, out, scan=scan, as_json=as_json)
 
 
-def _show_part(seed: int, broken: Path | None, out: Path) -> None:
-    from printmend.corruption import read_corruption
+def _show_part(seed: int, broken: tuple[str, ...], out: Path) -> None:
+    from printmend.corruption import corruption_of
     from printmend.demo import part
     from printmend.printer import read_printer
 
-    corruption = read_corruption(broken) if broken else part.DAMAGE
+    corruption = corruption_of(broken, seed=seed) if broken else part.DAMAGE
     done = part.run_part(read_printer("ender5"), out, seed=seed, corruption=corruption)
     click.echo("\n".join([*part.lines(done), f"wrote {part.write_figure(done, out)}"]))
 
 
-def _show_chain(seed: int, broken: Path | None, file: Path | None, out: Path, *, scan: bool, as_json: bool) -> None:
+def _show_chain(
+    seed: int, broken: tuple[str, ...], file: Path | None, out: Path, *, scan: bool, as_json: bool
+) -> None:  # fmt: skip
     """Break a twin, print and measure a probe on it, learn, mend a part, print it; say what came of it."""
     import numpy as np
 
     from printmend.cli.progress import progress
-    from printmend.corruption import read_corruption
+    from printmend.corruption import corruption_of
     from printmend.demo import scan as chain
     from printmend.demo.damage import demo_corruption
     from printmend.extras import is_installed
@@ -61,7 +64,7 @@ def _show_chain(seed: int, broken: Path | None, file: Path | None, out: Path, *,
     from printmend.printer import read_printer
 
     printer = read_printer("ender5")
-    corruption = read_corruption(broken) if broken else demo_corruption(np.random.default_rng(seed))
+    corruption = corruption_of(broken, seed=seed) if broken else demo_corruption(np.random.default_rng(seed))
     part = bytes(read_gcode(file, printer=printer).text) if file else None
     with progress("demo", chain.TICKS if scan else chain.TICKS_TYPED) as tick:
         done = chain.run_chain(printer, corruption, out, seed=seed, part=part, scanned=scan, tick=tick)

@@ -124,7 +124,7 @@ def _underside(program: "Program", twin: "Twin", dpi: float, dirt: str, seed: in
     from printmend.twin.gcode import print_first_layer
     from printmend.twin.scanner import DEGRADATIONS, SQUEEZED_MM, render_layer
 
-    bead_mm = 2 * float(np.median(read_walls(program, twin.printer).half_mm)) + 2 * SQUEEZED_MM
+    bead_mm = 2 * float(np.median(read_walls(program, twin.printer).half_mm)) + 2 * (SQUEEZED_MM + twin.wider_mm)
     return render_layer(
         print_first_layer(program, twin), bead_mm=bead_mm, dpi=dpi, degradations=DEGRADATIONS[dirt],
         rng=np.random.default_rng(seed), quarter_turns=quarter_turns,

@@ -140,7 +140,7 @@ class Corruption:
         if self.drives[0].gain_table is not None and self.drives[1].gain_table is not None:
             gains = (np.array(self.drives[0].gain_table.gains), np.array(self.drives[1].gain_table.gains))
             return GainMechanism(printer, gains)
-        frame = Frame() if self.frame is None else self.frame.lower(printer.middle_mm)
+        frame = Frame() if self.frame is None else self.frame.lower(printer)
         screw = None if self.screw is None else self.screw.lower(printer)
         drives = (self.drives[0].lower(printer, 0), self.drives[1].lower(printer, 1))
         return with_effects(Mechanism(printer, drives, frame, screw), self._parts(printer))

@@ -1,13 +1,17 @@
 """A crooked frame: skew, axis scale, rails that are not straight (physics.md eq. 14)."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from printmend.corruption.check import in_range
+from printmend.effects.bent import POWERS
+from printmend.effects.effect import SCALE_MM
+from printmend.effects.sized import Sized, frame_of, scene_of_printer
 from printmend.machine import Frame
+from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
 
@@ -49,31 +53,26 @@ class CrookedFrame:
             y_wave_phase_rad=(-10.0, 10.0),
         )
 
-    def lower(self, middle_mm: tuple[float, float]) -> Frame:
-        """Return the frame map; bows are measured from the bed's middle ``middle_mm``."""
-        scale_mm = 100.0
-        x0, y0 = middle_mm[0] / scale_mm, middle_mm[1] / scale_mm
-        coefficients = np.zeros((2, len(Frame.exponents)))
-        at = Frame.exponents.index
-        coefficients[0, at((1, 0))] = (self.x_scale - 1) * scale_mm
-        coefficients[1, at((0, 1))] = (self.y_scale - 1) * scale_mm
-        coefficients[0, at((0, 1))] = math.tan(math.radians(self.skew_deg)) * scale_mm
-        # bow·(y − y0)², expanded
-        coefficients[0, at((0, 2))] += self.x_bow_mm
-        coefficients[0, at((0, 1))] += -2 * y0 * self.x_bow_mm
-        coefficients[0, at((0, 0))] += y0**2 * self.x_bow_mm
-        coefficients[1, at((2, 0))] += self.y_bow_mm
-        coefficients[1, at((1, 0))] += -2 * x0 * self.y_bow_mm
-        coefficients[1, at((0, 0))] += x0**2 * self.y_bow_mm
+    def lower(self, printer: Printer) -> Frame:
+        """Return the frame map: the laws of `effects` for skew, bent guides and wavy ones; and both scales."""
+        lean = SCALE_MM * math.tan(math.radians(self.skew_deg))
+        parts = [Sized("skew", 0, (), np.array([lean])), self._bows()]
         rails = (
-            (0, 1, self.x_wave_mm, self.x_wave_period_mm, self.x_wave_phase_rad),
-            (1, 0, self.y_wave_mm, self.y_wave_period_mm, self.y_wave_phase_rad),
+            (1, self.x_wave_mm, self.x_wave_period_mm, self.x_wave_phase_rad),
+            (0, self.y_wave_mm, self.y_wave_period_mm, self.y_wave_phase_rad),
         )
-        waves = np.zeros((0, 6))
-        for pushed, along, size_mm, period_mm, phase_rad in rails:
+        for along, size_mm, period_mm, phase_rad in rails:
+            angle = phase_rad - TURN_RAD * printer.middle_mm[along] / period_mm
             if size_mm:
-                angle = phase_rad - TURN_RAD * middle_mm[along] / period_mm
-                wave = np.array([along, period_mm, 0.0, 0.0, 0.0, 0.0])
-                wave[2 + 2 * pushed : 4 + 2 * pushed] = size_mm * math.sin(angle), size_mm * math.cos(angle)
-                waves = np.vstack([waves, wave])
-        return Frame(coefficients, scale_mm, waves)
+                parts.append(Sized("rail", along, (period_mm,), size_mm * np.array([math.sin(angle), math.cos(angle)])))
+        frame, at = frame_of(scene_of_printer(printer), parts), Frame.exponents.index
+        coefficients = frame.coefficients_mm.copy()
+        coefficients[0, at((1, 0))] += (self.x_scale - 1) * SCALE_MM
+        coefficients[1, at((0, 1))] += (self.y_scale - 1) * SCALE_MM
+        coefficients[0, at((0, 0))] += lean * printer.middle_mm[1] / SCALE_MM  # this one leans about the bed's corner
+        return replace(frame, coefficients_mm=coefficients)
+
+    def _bows(self) -> Sized:
+        sizes = np.zeros((2, len(POWERS)))
+        sizes[[0, 1], [POWERS.index((0, 2)), POWERS.index((2, 0))]] = self.x_bow_mm, self.y_bow_mm
+        return Sized("bent", 0, (), sizes.ravel())

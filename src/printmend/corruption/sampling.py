@@ -285,12 +285,9 @@ def fault(family: str, rng: np.random.Generator, severity: Severity = "damaged")
     A family of another package is a function of ``rng`` and ``severity``; it returns a `Corruption`, or any value that
     lowers.
     """
-    if family in families():
+    if family in families() or family in EFFECTS:
         return sample(family, rng, severity)
     check_family(family)
-    if family in EFFECTS:
-        mildness: Literal["damaged", "realistic"] = "realistic" if severity == "realistic" else "damaged"
-        return Corruption(causes=(Cause(family, seed=int(rng.integers(2**32)), severity=mildness),))
     drawn = _foreign(family)(rng, "damaged" if severity == "paper" else severity)
     if not isinstance(drawn, Fault):
         came, todo = type(drawn).__name__, "return a Corruption, or a value with lower and jumps"
@@ -304,7 +301,10 @@ def _foreign(family: str) -> Callable[[np.random.Generator, Severity], Fault]:
 
 
 def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged") -> Corruption:
-    """Draw a corruption of that family. Raise `ConfigError` for a family or severity that does not exist."""
+    """Draw a corruption of that family, or the effect of that name at one place.
+
+    Raise `ConfigError` for a family or severity that does not exist.
+    """
     if severity not in SEVERITIES:
         raise ConfigError("severity", wanted="damaged, realistic or paper", came=repr(severity), todo="correct it")
     if family == "frame":
@@ -313,6 +313,11 @@ def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged"
         return Corruption(screw=_screw(rng, severity))
     if family == "everything":
         return Corruption((_everything(rng, severity), _everything(rng, severity)), _frame(rng, severity))
+    if family not in _DRIVES and family in EFFECTS:
+        mildness: Literal["damaged", "realistic"] = "realistic" if severity == "realistic" else "damaged"
+        return Corruption(causes=(Cause(family, seed=int(rng.integers(2**32)), severity=mildness),))
     if family not in _DRIVES:
-        raise ConfigError("family", wanted=f"one of {', '.join(families())}", came=repr(family), todo="correct it")
+        raise ConfigError(
+            "family", wanted=f"one of {', '.join(families())}, or an effect", came=repr(family), todo="correct it"
+        )
     return Corruption((_DRIVES[family](rng, severity), _DRIVES[family](rng, severity)))

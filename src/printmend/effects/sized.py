@@ -138,6 +138,6 @@ def _framed(frame: Frame, printer: Printer, parts: list[Sized]) -> Frame:
             "effects of the frame", wanted=f"at most {MOST_WAVES} waves of guides", came=str(waves), todo="remove some"
         )
     more = frame_of(scene_of_printer(printer), mine)
-    return Frame(
-        frame.coefficients_mm + more.coefficients_mm, frame.scale_mm, np.concatenate([frame.waves, more.waves])
-    )
+    coefficients, home = frame.coefficients_mm + more.coefficients_mm, np.array([printer.home_mm], float)
+    coefficients[:, Frame.exponents.index((0, 0))] -= (more.apply(home) - home)[0]  # the end stops put it right
+    return Frame(coefficients, frame.scale_mm, np.concatenate([frame.waves, more.waves]))

@@ -12,8 +12,8 @@ import numpy as np
 
 from printmend.corruption import Corruption, Fault
 from printmend.corruption.jump import Jumps
-from printmend.effects import EFFECTS, Of
-from printmend.effects.sized import Sized, with_effects
+from printmend.effects import EFFECTS, Of, Places, columns_of
+from printmend.effects.sized import Sized, scene_of_printer, with_effects
 from printmend.errors import InputError
 from printmend.machine import (
     GainMechanism,
@@ -50,6 +50,23 @@ class Twin:
         """Return this printer with more effects. Raises `InputError` for a gain table, or a drive turned back."""
         more = tuple(part for part in parts if not part.is_held)
         return replace(self, mechanism=with_effects(self.tables, parts), along=self.along + more)
+
+    def again(self) -> "Twin":
+        """Return this printer in a print to come: no jumps, and of the effects along the path those that stay."""
+        lasting = (Of.MACHINE, Of.MATERIAL)
+        return Twin(self.mechanism, along=tuple(part for part in self.along if EFFECTS[part.effect].of in lasting))
+
+    @property
+    def wider_mm(self) -> float:
+        """By how much the effects of the filament push a wall out on either side [mm]."""
+        if not self.along:
+            return 0.0
+        scene, none, one = scene_of_printer(self.printer), np.zeros((1, 2)), np.ones(1)
+        at = np.array(self.printer.middle_mm)[None]
+        places = Places(self.printer.to_motor(at), none, at, none, none, one, one, np.array([[1.0, 0.0]]))
+        walls = [part for part in self.along if EFFECTS[part.effect].of is Of.MATERIAL]
+        moved = [columns_of(part.effect, places, part.where, part.shape, scene)[0, 0] @ part.sizes_mm for part in walls]
+        return float(sum(moved))
 
     @property
     def printer(self) -> Printer:

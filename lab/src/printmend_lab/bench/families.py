@@ -101,7 +101,7 @@ def drawn_case(
 def set_up(case: Case) -> LayerStand | TowerStand:
     """Print the case's first layer; the others are judged. With a Z screw these are two towers.
 
-    Jumps spoil the test print only: nobody can foresee them in the next.
+    Jumps, and effects of one print, spoil the test print only: nobody can foresee them in the next.
     """
     printer, coverage = read_printer(case.printer), coverage_of(case)
     twin = Twin.of(corruption_of(case), printer)
@@ -116,7 +116,7 @@ def set_up(case: Case) -> LayerStand | TowerStand:
     def trace(row: Row) -> Trace:
         return replace(measured, measured_mm=case.noisy(measured, _NOISE, row.noise_mm))
 
-    return LayerStand(printer, Twin(twin.mechanism), trace, tuple(others), lambda: case.rng(_LEARNER))
+    return LayerStand(printer, twin.again(), trace, tuple(others), lambda: case.rng(_LEARNER))
 
 
 read_row = row

@@ -10,9 +10,8 @@ from printmend.cli.number import Finite
 
 
 @click.command(epilog="Example: printmend curiosity --seed 3 --promise 0.05 -o curious")
-@click.option(
-    "--corruption", "broken_path", type=click.Path(path_type=Path), help="A TOML file that says what is broken."
-)
+@click.option("--corruption", "broken_words", multiple=True, metavar="broken.toml|EFFECT[:KEY=VALUE,…]",
+              help="What is broken: a file, or an effect (`printmend twin --list`).")  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Draws what is broken, and noise.")
 @click.option("--promise", "promise_mm", type=Finite(min=0.001), default=0.05, show_default=True,
               help="Stop where no more than this typical error [mm] is to be expected on the bed.")  # fmt: skip
@@ -20,7 +19,7 @@ from printmend.cli.number import Finite
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="Folder for the figure.")
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def command(
-    broken_path: Path | None, seed: int, promise_mm: float, rounds: int, out: Path, as_json: bool
+    broken_words: tuple[str, ...], seed: int, promise_mm: float, rounds: int, out: Path, as_json: bool
 ) -> None:  # fmt: skip
     """Let a broken twin choose its own test prints: print, learn, choose the next shortest, stop at the promise.
 
@@ -29,7 +28,7 @@ def command(
     import numpy as np
 
     from printmend.cli.progress import progress
-    from printmend.corruption import read_corruption, sample
+    from printmend.corruption import corruption_of, sample
     from printmend.demo.damage import check_out
     from printmend.extras import require
     from printmend.printer import read_printer
@@ -39,7 +38,8 @@ def command(
     require("printmend curiosity", "matplotlib")
     check_out(out)
     printer = read_printer("ender5")
-    broken = read_corruption(broken_path) if broken_path else sample("pulley-loose", np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    broken = corruption_of(broken_words, seed=seed) if broken_words else sample("pulley-loose", rng)
     with progress("curiosity", len(curiosity.WAYS) * rounds) as tick:
         found = {
             way: curiosity.run_way(way, printer, broken, promise_mm=promise_mm, rounds=rounds, seed=seed, tick=tick)

@@ -132,6 +132,7 @@ def closing(demo: Demo, written: list[Path]) -> str:
         for section, part in vars(drive).items()
         if part is not None
     )
+    faults = ", ".join(filter(None, (faults, *(cause.effect for cause in demo.corruption.causes))))
     faults = faults or ("nothing" if demo.corruption.frame is None else "the frame")
     drifting = [NAMES[one.row] for one in demo.attempts if one.rmse_mm > naive.rmse_mm]
     slack = any(drive.belt is not None for drive in demo.corruption.drives)
