@@ -215,7 +215,7 @@ def test_bench_takes_a_place(place: Path) -> None:
         ("my_plugin:SAME", True, "learner my_plugin:SAME: "),
         ("my_plugin:NAN", False, "the model's tables: wanted finite numbers"),
         ("slack", True, "family slack: "),
-        ("my_plugin:SAG", True, "effect my_plugin:SAG: 9 of 9"),
+        ("my_plugin:SAG", True, "effect my_plugin:SAG: 10 of 10"),
         ("my_plugin:JOLT", False, "of the columns"),
     ],
 )

@@ -185,12 +185,12 @@ def _keys(effect: Effect) -> Keys:
 
 
 def example_of(name: str) -> str:
-    """Return a text for `cause_of`: an effect with a shape out of the middle of its terms."""
+    """Return a text for `cause_of`: an effect with one of the shapes that its terms have."""
     effect = EFFECTS[name]
     keys, terms = _keys(effect), _offered(effect)
     items = ["on=x"] if len({term.where for term in terms}) > 1 else []
     terms = [term for term in terms if term.where == terms[0].where]
-    shape = dict(zip(getattr(keys, "shape", ()), terms[len(terms) // 2].shape if terms else (), strict=False))
+    shape = dict(zip(getattr(keys, "shape", ()), terms[len(terms) // 4].shape if terms else (), strict=False))
     sizes = [key for key in keys.names if key not in shape and key not in ("phase_rad", "harmonic")]
     for key, value in shape.items():
         items.append(f"{key}={AXES[int(value)] if key == 'axis' else format(value, '.3g')}")

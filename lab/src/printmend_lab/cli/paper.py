@@ -8,14 +8,15 @@ import click
 
 @click.command(epilog="Example: printmend paper --seed 3 --out my-demo")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Draws what is broken.")
-@click.option("--corruption", "broken", type=click.Path(path_type=Path), help="A TOML file that says what is broken.")
+@click.option("--corruption", "broken", multiple=True, metavar="broken.toml|EFFECT[:KEY=VALUE,…]",
+              help="What is broken: a file, or an effect (`printmend twin --list`).")  # fmt: skip
 @click.option(
     "--body", "file", type=click.Path(path_type=Path), help="A G-code file or mesh; without it, a timing pulley."
 )
 @click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-demo", show_default=True,
               help="Folder for the pictures.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
-def command(seed: int, broken: Path | None, file: Path | None, out: Path, as_json: bool) -> None:
+def command(seed: int, broken: tuple[str, ...], file: Path | None, out: Path, as_json: bool) -> None:
     """Break a twin of an Ender-5, print one test layer, learn from it, plan all layers, print again.
 
     No printer, slicer or network is needed. Pictures go to the folder --out, where matplotlib is installed.
@@ -23,7 +24,7 @@ def command(seed: int, broken: Path | None, file: Path | None, out: Path, as_jso
     import numpy as np
 
     from printmend.cli.progress import progress
-    from printmend.corruption import read_corruption
+    from printmend.corruption import corruption_of
     from printmend.demo.damage import check_out, demo_corruption
     from printmend.printer import read_printer
     from printmend_lab.body import body_of, demo_body_gcode, load_body
@@ -32,7 +33,7 @@ def command(seed: int, broken: Path | None, file: Path | None, out: Path, as_jso
 
     check_out(out)
     printer = read_printer("ender5")
-    corruption = read_corruption(broken) if broken else demo_corruption(np.random.default_rng(seed))
+    corruption = corruption_of(broken, seed=seed) if broken else demo_corruption(np.random.default_rng(seed))
     body = (
         load_body(file, printer, note=lambda text: click.echo(text, err=True))
         if file

@@ -10,11 +10,13 @@ import numpy as np
 from printmend.corruption import Cause, Corruption, cause_of, corruption_toml, parse_corruption
 from printmend.corruption.cause import example_of
 from printmend.corruption.sampling import Severity
-from printmend.effects import EFFECTS, Of, columns_of, places_of
+from printmend.effects import EFFECTS, Of, columns_of, places_of, scene_of
 from printmend.effects.sample import terms_of
 from printmend.effects.sized import Sized, scene_of_printer
+from printmend.infer.fit import fitted
+from printmend.infer.posterior import posterior_of
 from printmend.machine import Mechanism, contacts_from, healthy_mechanism
-from printmend.path import Trace
+from printmend.path import FLATBED, Trace
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend_lab.conformance.need import need
@@ -24,6 +26,10 @@ PLAY_MM = 1.0  # beside what is checked: it keeps the sides apart, and no play b
 SMALL_MM = 1e-5
 SAME_MM = 1e-9  # a thousandth of what a small size moves
 PLACES = 240
+DOTS, NOISE_MM = 200, 0.05
+FOUND = 0.5
+SERIES = 3  # with so many sizes they are known together, not each by itself
+MOST_LEFT = 1.15  # of the noise, where another effect stands for one
 
 
 @dataclass(frozen=True)
@@ -143,6 +149,47 @@ def the_example_shows(candidate: EffectCandidate) -> None:
         need(max(moved) > 1e-3, f"wanted a print or a measurement that is 0.001 mm off at least, got {max(moved):.6f}")
 
 
+def learning_finds_it(candidate: EffectCandidate) -> str:
+    """From dots with 0.05 mm of noise the example is found and its sizes are known, or others leave noise alone.
+
+    Not for effects of the filament, which move walls and no dots.
+    """
+    law, printer = EFFECTS[candidate.name], next(candidate.presets())
+    if law.of is Of.MATERIAL:
+        return "not asked: it moves no dots"
+    path, dots = _dots(printer)
+    seen = candidate.twin(printer).seen(path) + np.random.default_rng(1).normal(0.0, NOISE_MM, path.shape)
+    read = law.of is Of.INSTRUMENT
+    trace = Trace(
+        path, np.where(dots[:, None], seen, np.nan), homed=True, placed=not read, instrument=FLATBED if read else None
+    )
+    scene = scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    fit = fitted(trace, scene, healthy_mechanism(printer))
+    parts = posterior_of(fit, np.random.default_rng(0)).parts
+    true = candidate.example().part(printer)
+    found = [part for part in parts if part.effect == candidate.name and part.where == true.where]
+    if sum(part.chance for part in found) > FOUND:
+        best = max(found, key=lambda part: part.chance)
+        if best.shape == true.shape and len(true.sizes_mm) < SERIES and not read:
+            sd_mm = best.draws_mm[:, best.draws_mm.any(axis=0)].std(axis=1)
+            near = np.abs(best.mean_mm / best.chance - true.sizes_mm) < 5 * sd_mm + 2e-3
+            need(near.all(), f"wanted sizes near {true.sizes_mm}, got {best.mean_mm} ± {sd_mm}")
+        return ""
+    left_mm = float(np.sqrt(np.nanmean(np.square(fit.left_by_mark_mm(trace)))))
+    need(left_mm < MOST_LEFT * NOISE_MM, f"wanted it found, or noise alone left; got {left_mm:.3f} mm left")
+    return f"others stand for it: {left_mm:.3f} mm left, as much as the noise"
+
+
+def _dots(printer: Printer) -> tuple[np.ndarray, np.ndarray]:
+    """Return way-points [N, 2] mm all over the bed, approached from every side, and which of them leave a dot."""
+    rng = np.random.default_rng(4)
+    low, high = np.array([[axis.min_mm, axis.max_mm] for axis in printer.axes[:2]]).T
+    dots = low + rng.uniform(0.08, 0.92, (DOTS, 2)) * (high - low)
+    before = dots + rng.choice([-4.0, 4.0], (DOTS, 2))
+    path = np.concatenate([np.array(printer.home_mm)[None], np.stack([before, dots], axis=1).reshape(-1, 2)])
+    return path, (np.arange(len(path)) % 2 == 0) & (np.arange(len(path)) > 0)
+
+
 def _twins(part: Sized, printer: Printer) -> tuple[Twin, Twin]:
     """Return the twin with play alone, and with this effect beside it."""
     bare = _with_play(printer)
@@ -185,7 +232,7 @@ def way(printer: Printer) -> np.ndarray:
     return np.asarray(printer.from_motor(np.array(motors)))
 
 
-CHECKS: dict[str, Callable[[EffectCandidate], None]] = {
+CHECKS: dict[str, Callable[[EffectCandidate], str | None]] = {
     "some printer has it": some_printer_has_it,
     "the listed example is written and read": is_written_and_read,
     "draws repeat and differ (damaged)": partial(draws_repeat_and_differ, severity="damaged"),
@@ -195,4 +242,5 @@ CHECKS: dict[str, Callable[[EffectCandidate], None]] = {
     "the frame inverts": the_bed_inverts,
     "a taut drive inverts": the_inverse_of_a_taut_drive_prints_the_path,
     "the example shows": the_example_shows,
+    "learning finds it": learning_finds_it,
 }
