@@ -244,6 +244,9 @@ def test_a_frame_and_its_effects_are_one_law(
         ("splice:on=x,size_mm=-9,width_mm=2", "moves forwards"),
         ("aspect:percent=1", "cannot have"),
         ("play:seed=-1", "seed"),
+        ("play:size_mm=1,size_mm=2", "size_mm twice"),
+        ("no/such/file", "no such file"),
+        ("x" * 5000, "no such name"),
     ],
 )
 def test_a_wrong_effect_is_named(text: str, named: str, ender5: Printer) -> None:
@@ -252,6 +255,8 @@ def test_a_wrong_effect_is_named(text: str, named: str, ender5: Printer) -> None
 
 
 def test_what_an_effect_leaves_out_is_drawn_from_its_seed(ender5: Printer) -> None:
+    steep = cause_of("teeth:on=x,period_mm=0.2", seed=8).part(ender5)  # a size that is drawn leaves the belt going on
+    assert 2 * math.pi / 0.2 * np.hypot(*steep.sizes_mm) < 1
     one, same, other = (cause_of("splice:size_mm=0.5", seed=seed).part(ender5) for seed in (1, 1, 2))
     assert (one.where, one.shape) == (same.where, same.shape) != (other.where, other.shape)
     assert one.sizes_mm == same.sizes_mm == other.sizes_mm == [0.5]
@@ -306,6 +311,7 @@ def test_an_over_tight_loose_belt_is_refused(ender5: Printer) -> None:
 @pytest.mark.parametrize(
     ("text", "named"),
     [
+        ("[[effect]]\nname = 'play'\non = ['x']", "'x'"),
         ("effect = 3", r"\[\[effect\]\]"),
         ("[[effect]]\nsize_mm = 3", "name in"),
         ("[[effect]]\nname = 'racking'\nsize = 3", "broken.toml, effect 'racking'.*'size'"),

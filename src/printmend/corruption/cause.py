@@ -6,9 +6,7 @@ The motors are x and y, or a and b on a CoreXY, where x and y are the axes of th
 made so, also those of other packages.
 """
 
-import inspect
 import math
-import sys
 import zlib
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -28,8 +26,6 @@ from printmend.printer import Printer, read_printer
 
 STEEPEST = -0.95  # slope of a belt's error: at −1 it would stand still
 REALISTIC_SHARE = 0.12  # sizes on a well-kept machine, as a share of those on a damaged one
-COARSE = 4  # micro-steps between the places at which a slope is taken
-MOST_SHOWN = 2  # sizes in an example
 _MOTORS, _BED_AXES = {"x": 0, "y": 1, "a": 0, "b": 1}, {"x": 2, "y": 3}
 _LISTED = ("ender3", "corexy")  # printers between them have every effect
 _TODO = "`printmend twin --list` shows every effect with its keys"
@@ -53,14 +49,14 @@ class Cause:
                 f"effect {self.effect!r}", wanted="the name of an effect", came="no such name",
                 todo=f"did you mean {' or '.join(near)}? Else {_TODO}" if near else _TODO,
             )  # fmt: skip
-        if self.on is not None and self.on not in _MOTORS:
+        if self.on is not None and not (isinstance(self.on, str) and self.on in _MOTORS):
             self._refuse("on as x, y, a or b", repr(self.on))
         if not isinstance(self.seed, int) or isinstance(self.seed, bool) or self.seed < 0:
             self._refuse("seed as a whole number from 0", repr(self.seed))
         if self.severity not in ("damaged", "realistic"):
             self._refuse("severity damaged or realistic", repr(self.severity))
         object.__setattr__(self, "values", tuple(sorted(self.values)))
-        keys = _keys(EFFECTS[self.effect])
+        keys = named_keys(EFFECTS[self.effect])
         for name, value in self.values:
             if name not in keys.names:
                 self._refuse(f"keys out of on, {', '.join(keys.names)}, seed, severity", repr(name))
@@ -92,10 +88,11 @@ class Cause:
         if self.severity == "realistic":
             sizes = sizes * REALISTIC_SHARE
         drawn, given = Sized(self.effect, term.where, term.shape, sizes), dict(self.values)
-        part = keys_of(effect, len(term.shape), len(sizes)).filled(given, drawn, effect, scene)
+        keys = keys_of(effect, len(term.shape), len(sizes))
+        part = keys.filled(given, drawn, effect, scene)
         steepest = _steepest(part, scene)
         if steepest < STEEPEST:
-            if given:
+            if given.keys() - set(getattr(keys, "shape", ())):
                 self._refuse("a size with which the belt still moves forwards", f"a slope of {steepest:.2f}")
             part = part.of(sizes_mm=part.sizes_mm * STEEPEST / steepest)
         return part
@@ -137,6 +134,8 @@ def cause_of(text: str, *, seed: int = 0) -> Cause:
         key, equals, value = item.partition("=")
         if not equals:
             raise ConfigError(text, wanted="keys as key=value, with commas between", came=repr(item), todo=_TODO)
+        if key.strip() in table.keys() - {"seed"}:
+            raise ConfigError(text, wanted="each key once", came=f"{key.strip()} twice", todo="remove one of them")
         table[key.strip()] = _plain(value.strip())
     return cause_from(name.strip(), table)
 
@@ -146,11 +145,6 @@ def cause_from(name: str, table: dict[str, Any]) -> Cause:
     values = dict(table)
     own = {key: values.pop(key) for key in ("on", "seed", "severity") if key in values}
     return Cause(name, values=tuple(values.items()), **own)
-
-
-def listing() -> list[tuple[str, str, str]]:
-    """Return each effect with what it is, in a line, and an example of a text for `cause_of`."""
-    return [(name, _said(effect), example_of(name)) for name, effect in EFFECTS.items()]
 
 
 def _plain(text: str) -> float | str:
@@ -163,45 +157,24 @@ def _plain(text: str) -> float | str:
             return text
 
 
-def _said(effect: Effect) -> str:
-    """Return the first line of what is written over an effect, its file's where that is of it alone."""
-    module = sys.modules.get(type(effect).__module__)
-    text = inspect.getdoc(module) if module is not None and module.__name__.startswith("printmend.effects.") else None
-    line = (text or inspect.getdoc(type(effect)) or effect.name).splitlines()[0]
-    return line.partition(" (physics.md")[0].partition(" (eq.")[0].rstrip(".:")
-
-
-def _offered(effect: Effect) -> list[Term]:
+def offered(effect: Effect) -> list[Term]:
     """Return an effect's terms on the first printer that has it."""
     each = (terms_of(effect, scene_of_printer(read_printer(name))) for name in _LISTED)
     return next((terms for terms in each if terms), [])
 
 
-def _keys(effect: Effect) -> Keys:
+def named_keys(effect: Effect) -> Keys:
+    """Return the keys of an effect, its own ones or those that `keys_of` gives it."""
     if (named := getattr(effect, "keys", None)) is not None:
         return named  # type: ignore[no-any-return]
-    terms = _offered(effect)
+    terms = offered(effect)
     return keys_of(effect, len(terms[0].shape) if terms else 0, len(terms[0].sd_mm) if terms else 1)
 
 
-def example_of(name: str) -> str:
-    """Return a text for `cause_of`: an effect with one of the shapes that its terms have."""
-    effect = EFFECTS[name]
-    keys, terms = _keys(effect), _offered(effect)
-    items = ["on=x"] if len({term.where for term in terms}) > 1 else []
-    terms = [term for term in terms if term.where == terms[0].where]
-    shape = dict(zip(getattr(keys, "shape", ()), terms[len(terms) // 4].shape if terms else (), strict=False))
-    sizes = [key for key in keys.names if key not in shape and key not in ("phase_rad", "harmonic")]
-    for key, value in shape.items():
-        items.append(f"{key}={AXES[int(value)] if key == 'axis' else format(value, '.3g')}")
-    room_mm = shape.get("period_mm", math.inf) / 20  # a wave that leaves the belt moving forwards
-    items += [f"{key}={min(limits_of(key)[2], room_mm):.3g}" for key in sizes[:MOST_SHOWN]]
-    return f"{name}:{','.join(items)}"
-
-
 def _steepest(part: Sized, scene: Scene) -> float:
-    """Return the steepest fall of what a part does to its belt; 0 where it is of no drive."""
+    """Return the steepest fall of what a part does to its belt over the bed; 0 where it is of no drive."""
     if not part.is_held or EFFECTS[part.effect].acts is not Acts.DRIVE:
         return 0.0
-    places = healthy_transmission(scene.printer, part.where).motor_mm[::COARSE]
+    places, (low, high) = healthy_transmission(scene.printer, part.where).motor_mm, scene.motor_span_mm[part.where]
+    places = places[(places >= low) & (places <= high)]
     return min(float((np.diff(belt) / np.diff(places)).min()) for belt in belts_mm(scene, part.where, [part], places))

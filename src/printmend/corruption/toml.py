@@ -21,6 +21,7 @@ left out is healthy. An unknown key is an error that names it.
 import dataclasses
 import tomllib
 from collections.abc import Sequence
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,7 @@ def corruption_of(texts: Sequence[str], *, seed: int = 0) -> Corruption:
 
     ``seed`` draws what an effect leaves out.
     """
-    files = [text for text in texts if text.endswith(".toml") or Path(text).is_file()]
+    files = [text for text in texts if text.endswith(".toml") or "/" in text or isfile(text)]
     if len(files) > 1:
         raise ConfigError(
             files[1], wanted="one TOML file of a corruption", came="a second one", todo="put both in one file"
