@@ -90,6 +90,8 @@ class Cause:
         drawn, given = Sized(self.effect, term.where, term.shape, sizes), dict(self.values)
         keys = keys_of(effect, len(term.shape), len(sizes))
         part = keys.filled(given, drawn, effect, scene)
+        if term.positive and part.sizes_mm.min() < 0:
+            self._refuse("sizes of 0 or more: it has no other side", f"{part.sizes_mm.min():g}")
         steepest = _steepest(part, scene)
         if steepest < STEEPEST:
             if given.keys() - set(getattr(keys, "shape", ())):

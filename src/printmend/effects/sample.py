@@ -38,4 +38,10 @@ def drawn_term(terms: list[Term], rng: np.random.Generator) -> tuple[Term, np.nd
     most = max(float(np.linalg.norm(term.sd_mm)) for term in alike)
     alike = [term for term in alike if np.linalg.norm(term.sd_mm) > DAMAGED_SHARE * most]
     term = alike[int(rng.integers(len(alike)))]
-    return term, np.array(term.sd_mm) * rng.standard_normal(len(term.sd_mm))
+    return term, drawn_sizes(term, rng)
+
+
+def drawn_sizes(term: Term, rng: np.random.Generator) -> np.ndarray:
+    """Draw the sizes [P] of a term by its prior."""
+    sizes = np.array(term.sd_mm) * rng.standard_normal(len(term.sd_mm))
+    return np.abs(sizes) if term.positive else sizes

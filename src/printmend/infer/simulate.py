@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Scene, Term
+from printmend.effects.sample import drawn_sizes
 from printmend.effects.sized import Sized
 from printmend.infer.machine import machine_of
 from printmend.machine import contacts_of
@@ -27,21 +28,17 @@ def drawn_parts(scene: Scene, rng: np.random.Generator) -> list[Sized]:
             odds = float(np.exp(np.minimum([term.log_odds for term in terms], MOST_LOG_ODDS)).sum())
             if rng.uniform() < odds / (1 + odds):
                 term = terms[int(rng.integers(len(terms)))]
-                parts.append(
-                    Sized(
-                        effect.name, term.where, term.shape, np.array(term.sd_mm) * rng.standard_normal(len(term.sd_mm))
-                    )
-                )
+                parts.append(Sized(effect.name, term.where, term.shape, drawn_sizes(term, rng)))
     return _possible(parts)
 
 
 def _possible(parts: Sequence[Sized]) -> list[Sized]:
     """Return parts as a machine can have them: no belt has less than no play, however much of it comes and goes."""
-    kept = [replace(part, sizes_mm=np.abs(part.sizes_mm)) if part.effect == "wear" else part for part in parts]
+    kept = list(parts)
     for motor in range(2):
         mine = [part for part in kept if part.where == motor]
         most_mm = sum(float(np.abs(part.sizes_mm).sum()) for part in mine if part.effect in CHANGING)
-        own_mm = sum(abs(float(part.sizes_mm[0])) for part in mine if part.effect == "play")
+        own_mm = sum(float(part.sizes_mm[0]) for part in mine if part.effect == "play")
         kept = [part for part in kept if part.effect != "play" or part.where != motor]
         if own_mm or most_mm:
             kept.append(Sized("play", motor, (), np.array([max(own_mm, most_mm)])))
