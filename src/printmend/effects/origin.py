@@ -8,6 +8,7 @@ from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, along
 from printmend.effects.keys import Numbers
 
 FAR_MM = 30.0  # how far off an origin may be; the trace's was put near the bed's beforehand
+ALWAYS = 1e3  # logarithm of its odds: no sheet lies exactly where the bed does, though it may look so
 
 
 class Origin:
@@ -23,7 +24,7 @@ class Origin:
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if not scene.placed:
-            yield Term(self.name, 0, (), (FAR_MM, FAR_MM), 7.0)
+            yield Term(self.name, 0, (), (FAR_MM, FAR_MM), ALWAYS)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         one = np.ones((len(places), 1))
