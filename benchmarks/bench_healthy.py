@@ -27,7 +27,7 @@ import outside
 import outside_scan
 from bench_outside import part_gcode
 from printmend.errors import RefusedError
-from printmend.learn.callipers import choose_distances
+from printmend.infer.distances import choose_distances
 from printmend.measure import ProbePlan
 from printmend.measure.measurement import measure_scans
 from printmend.path import Trace

@@ -29,7 +29,7 @@ import outside_faults
 from bench_outside import FAMILIES, PRESETS, contour_error_mm, part_gcode, run, walk_of
 from bench_outside_scan import placed_error_mm
 from printmend.errors import RefusedError
-from printmend.learn.callipers import choose_distances
+from printmend.infer.distances import choose_distances
 from printmend.measure.distance import scaled_by
 from printmend.measure.join import scanner_axes
 from printmend.measure.measurement import instrument_on_bed

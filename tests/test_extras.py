@@ -29,7 +29,7 @@ sys.modules.update(dict.fromkeys({names}))  # what is None cannot be imported
 import printmend
 for name in set(printmend.__all__) - {{"measure_scans"}}:
     getattr(printmend, name)
-import printmend.export.firmware, printmend.learn.callipers, printmend.learn.prior.prior, printmend.repair.update
+import printmend.export.firmware, printmend.measure.callipers, printmend.learn.prior.prior, printmend.repair.update
 import printmend.learn.hybrid.residual, printmend.probe.part_layer, printmend.promise.misfit_rows
 import printmend.cli.main as cli
 try:

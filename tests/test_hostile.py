@@ -24,11 +24,13 @@ from printmend.corruption import read_corruption
 from printmend.errors import InputError, PrintmendError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
-from printmend.learn.callipers import choose_distances, estimate, read_readings
+from printmend.infer.distances import choose_distances
+from printmend.measure.callipers import read_readings
 from printmend.measure.plan import read_plan
 from printmend.measure.table import read_trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
+from printmend.promise.by_hand import estimates_by_hand
 from printmend.saved import read_model, write_model
 from printmend_lab.bench.run import read_results
 from printmend_lab.body.mesh import read_solid
@@ -42,7 +44,7 @@ PLAN = design_probe(ENDER3, size_mm=60)
 
 def _readings(path: Path) -> object:
     distances = choose_distances(PLAN)
-    return estimate(distances, read_readings(path, distances))
+    return estimates_by_hand(distances, read_readings(path, distances))
 
 
 def _trace(path: Path) -> object:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from printmend.learn.calliper_talk import talk
+from printmend.cli.calliper_talk import talk
 from printmend.measure import read_plan
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -11,7 +11,7 @@ from printmend.cli.number import Finite
 if TYPE_CHECKING:
     import numpy as np
 
-    from printmend.learn.callipers import Distances
+    from printmend.measure.callipers import Distances
     from printmend.printer import Printer
 
 
@@ -139,15 +139,11 @@ def _measure_layer(
 def _measure_by_hand(
     files: tuple[Path, ...], plan_path: Path, overlay: Path | None, printer_name: str | None, output: Path
 ) -> None:
-    from printmend.learn.calliper_map import draw_map
-    from printmend.learn.calliper_talk import talk
-    from printmend.learn.callipers import (
-        choose_distances,
-        describe,
-        parse_readings,
-        read_readings,
-    )
+    from printmend.cli.calliper_map import draw_map
+    from printmend.cli.calliper_talk import talk
+    from printmend.infer.distances import choose_distances
     from printmend.measure import read_plan
+    from printmend.measure.callipers import describe, parse_readings, read_readings
     from printmend.measure.whose import check_origin
     from printmend.printer import read_printer
 
@@ -179,12 +175,15 @@ def _measure_by_hand(
 
 def _say_estimates(distances: "Distances", readings_mm: "np.ndarray", printer: "Printer | None", output: Path) -> None:
     """Say what was measured by hand, and save the model that follows from it."""
-    from printmend.learn.callipers import estimate
-    from printmend.promise.by_hand import model_by_hand
+    from printmend.promise.by_hand import estimates_by_hand, model_by_hand
     from printmend.saved import write_model
 
-    for item in estimate(distances, readings_mm):
-        click.echo(str(item))
-    if printer is not None:
-        write_model(output, model_by_hand(distances, readings_mm, printer))
-        click.echo(f"{output}: only what is known well is corrected")
+    if printer is None:
+        for item in estimates_by_hand(distances, readings_mm):
+            click.echo(str(item))
+        return
+    model = model_by_hand(distances, readings_mm, printer)
+    for line in model.findings:
+        click.echo(line)
+    write_model(output, model)
+    click.echo(f"{output}: only what is known well is corrected")

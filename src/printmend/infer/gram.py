@@ -1,6 +1,6 @@
 """Every candidate column of a measurement, and the sums of their products: all that the search looks at."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,12 +58,15 @@ class Dictionary:
     columns: np.ndarray
 
 
-def dictionary_of(places: Places, rows: Rows, scene: Scene) -> Dictionary:
-    """Return every term that the effects offer, with its columns."""
+def dictionary_of(
+    places: Places, rows: Rows, scene: Scene, *, kept: Callable[[Term], bool] | None = None
+) -> Dictionary:
+    """Return every term that the effects offer, or those that are ``kept``, with its columns."""
     grouped: dict[tuple[str, int, tuple[float, ...]], list[Term]] = {}
     for effect in EFFECTS.values():
         for term in effect.terms(scene):
-            grouped.setdefault(term.key, []).append(term)
+            if kept is None or kept(term):
+                grouped.setdefault(term.key, []).append(term)
     blocks, columns, first = [], [], 0
     for (name, where, shape), terms in grouped.items():
         one = seen(name, where, shape, places, rows, scene)

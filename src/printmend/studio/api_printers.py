@@ -297,7 +297,7 @@ def learn(here: Here, key: Key, given: LearnIn) -> JobCard:
 
 def _distances(here: StudioState, key: str) -> Any:
     """Return the distances of a test print to measure by hand."""
-    from printmend.learn.callipers import choose_distances
+    from printmend.infer.distances import choose_distances
     from printmend.measure import read_plan
 
     folder = _folder(here, key)
@@ -319,7 +319,7 @@ def distances(here: Here, key: Key) -> list[Distance]:
 @router.post("/{key}/callipers", tags=["measure"])
 def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
     """Learn from distances that were taken with callipers: scale, play, pulleys off their centre, skew."""
-    from printmend.learn.callipers import parse_readings
+    from printmend.measure.callipers import parse_readings
     from printmend.promise.by_hand import model_by_hand
     from printmend.saved import write_model
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from printmend.learn.callipers import Distances
+from printmend.measure.callipers import Distances
 from printmend.picture.image import write_image
 
 PX_PER_MM = 8.0

@@ -5,19 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.learn.calliper_map import draw_map
-from printmend.learn.callipers import (
-    READING_SD_MM,
-    Distances,
-    distances_of,
-    estimate,
-    measurable_pairs,
-    most_telling,
-    number_in,
-    prior_covariance,
-    slopes,
-)
+from printmend.cli.calliper_map import draw_map
+from printmend.infer.distances import Guess, first_guess
+from printmend.measure.callipers import READING_SD_MM, Distances, distances_of, measurable_pairs, number_in
 from printmend.measure.plan import ProbePlan
+from printmend.promise.by_hand import estimates_by_hand
 
 WIDE, TALL = 36, 12  # characters of the picture of the plate
 RARE_SHARE = 0.02  # share of a distance by which a printer is off more rarely than a hand slips
@@ -39,18 +31,18 @@ def talk(
     ``picture``. Raises `TraceError` for a plate too small to be measured so.
     """
     pairs = measurable_pairs(plan)
-    features = slopes(plan, pairs)
+    first = first_guess(plan, pairs)
     say(HELP)
     taken: list[tuple[int, float, bool]] = []
     skipped: list[int] = []
     doubted: float | None = None
     while True:
-        mean, covariance = _known(plan, pairs, features, taken)
+        guess = _known(first, plan, pairs, taken)
         used = [one for one, _, _ in taken] + skipped
         if len(used) == len(pairs):
             break
-        best, _ = most_telling(features, covariance, used)
-        spread = float(np.sqrt(features[best] @ covariance @ features[best]))
+        best = guess.most_telling(used)
+        spread = float(guess.spread_mm()[best])
         if taken and spread < ENOUGH_SPREADS * READING_SD_MM:
             say("Enough: no further distance would tell more than the callipers' own doubt.")
             break
@@ -75,7 +67,7 @@ def talk(
             inner = answer.startswith("i")
             wanted = _commanded_mm(plan, pairs, best, inner)
             value = number_in(answer.removeprefix("i"), wanted)
-            fits = wanted + float(_row(features, best, inner) @ mean)
+            fits = wanted + float(guess.row(best, inner=inner) @ guess.mean)
             if value is None:
                 say(f"{answer!r} is no number; {HELP}")
             elif doubted != value and (words := _doubt(value, wanted, fits, spread, bool(taken))):
@@ -116,24 +108,12 @@ def _commanded_mm(plan: ProbePlan, pairs: np.ndarray, one: int, inner: bool) -> 
     return across - (2 * plan.big_dot_mm if inner else 0.0)
 
 
-def _row(features: np.ndarray, one: int, inner: bool) -> np.ndarray:
-    """Return how a reading changes with each fault; between inner edges larger dots make it smaller."""
-    return features[one] * np.append(np.ones(features.shape[1] - 1), -1.0 if inner else 1.0)
-
-
-def _known(
-    plan: ProbePlan, pairs: np.ndarray, features: np.ndarray, taken: list[tuple[int, float, bool]]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the readings say of the faults: their means [P] and covariance [P, P]."""
-    covariance = prior_covariance(plan)
-    mean = np.zeros(len(covariance))
+def _known(first: Guess, plan: ProbePlan, pairs: np.ndarray, taken: list[tuple[int, float, bool]]) -> Guess:
+    """Return what the readings say of the machine."""
+    guess = first
     for one, value, inner in taken:
-        row = _row(features, one, inner)
-        gain = covariance @ row
-        off = value - _commanded_mm(plan, pairs, one, inner) - row @ mean
-        mean = mean + gain * off / (READING_SD_MM**2 + row @ gain)
-        covariance = covariance - np.outer(gain, gain) / (READING_SD_MM**2 + row @ gain)
-    return mean, covariance
+        guess = guess.after(one, value - _commanded_mm(plan, pairs, one, inner), inner=inner)
+    return guess
 
 
 def _tell_estimates(
@@ -144,7 +124,8 @@ def _tell_estimates(
         return
     rows = [one for one, _, _ in taken]
     distances = distances_of(plan, pairs[rows], np.array([inner for _, _, inner in taken], bool))
-    for item in estimate(distances, np.array([value for _, value, _ in taken])):
+    readings_mm = np.array([value for _, value, _ in taken])
+    for item in estimates_by_hand(distances, readings_mm):
         say(f"  {item}")
 
 

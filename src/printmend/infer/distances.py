@@ -1,0 +1,222 @@
+"""Distances by callipers as rows: each is the difference of two marks, along the line between them.
+
+Nothing else is special about them: the effects, their priors and the drawn machines are those of every measurement.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from printmend.effects import EFFECTS, Acts, Of, Places, Scene, Term, columns_of, places_of, scene_of
+from printmend.effects.sample import drawn_places
+from printmend.infer.contacts import contacts_of
+from printmend.infer.few import SWEEPS, Few, drawn_sizes
+from printmend.infer.gram import Block, Rows, dictionary_of
+from printmend.infer.known import Key
+from printmend.infer.posterior import DRAWS, MOST_WORSE_SHARE, Part
+from printmend.machine import healthy_mechanism
+from printmend.measure.callipers import MOST_DISTANCES, READING_SD_MM, Distances, distances_of, measurable_pairs
+from printmend.measure.plan import ProbePlan
+from printmend.path import Instrument, Trace
+from printmend.printer import Axis, Printer
+
+PASSES = (0, SWEEPS)  # sweeps of each: a distance bends a little with the errors themselves
+UNSEEN_MM = 1e-4  # what moves no distance by more says nothing
+BOTH = 2  # "where" of a scale of both motors
+LIKELY = 0.5  # chance from which on an effect may act
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """What is known of a machine: ``mean`` [P] and ``covariance`` [P, P] of its unknowns, each over its prior standard
+    deviation; the last is the width of dots. ``features`` [K, P] say how K distances between outer edges go with
+    them, in mm."""
+
+    features: np.ndarray
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    def row(self, one: int, *, inner: bool = False) -> np.ndarray:
+        """Return how a reading goes with the unknowns: between inner edges wider dots make it smaller."""
+        row = self.features[one].copy()
+        row[-1] *= -1.0 if inner else 1.0
+        return row
+
+    def spread_mm(self) -> np.ndarray:
+        """Return how well each distance is known [K], as a standard deviation."""
+        return np.sqrt(np.maximum(np.sum((self.features @ self.covariance) * self.features, axis=1), 0.0))
+
+    def most_telling(self, taken: Sequence[int]) -> int:
+        """Return the distance that tells most of those that were not taken."""
+        spread = self.spread_mm()
+        spread[list(taken)] = -1.0
+        return int(np.argmax(spread))
+
+    def after(self, one: int, off_mm: float = 0.0, *, inner: bool = False) -> "Guess":
+        """Return what is known after a distance was read so far off."""
+        row = self.row(one, inner=inner)
+        pull = self.covariance @ row
+        gain = pull / (READING_SD_MM**2 + row @ pull)
+        mean = self.mean + gain * (off_mm - row @ self.mean)
+        return replace(self, mean=mean, covariance=self.covariance - np.outer(gain, pull))
+
+
+def choose_distances(plan: ProbePlan) -> Distances:
+    """Choose at most twelve distances between large dots that tell most about the machine."""
+    pairs = measurable_pairs(plan)
+    guess = first_guess(plan, pairs)
+    chosen: list[int] = []
+    for _ in range(MOST_DISTANCES):
+        chosen.append(guess.most_telling(chosen))
+        guess = guess.after(chosen[-1])
+    return distances_of(plan, pairs[chosen])
+
+
+def first_guess(plan: ProbePlan, pairs: np.ndarray) -> Guess:
+    """Return what is known before any of the pairs [K, 2] of dots is read. Errors whose place would
+    have to be looked for are left aside."""
+    scene = _scene(plan, printer_of(plan))
+    rows = _rows(distances_of(plan, pairs), scene, np.zeros((2 * len(pairs), 2)), plain=True)
+    variance = np.zeros(rows.columns.shape[1])
+    for block in rows.blocks:
+        odds = np.exp(block.log_odds)
+        variance[block.at] = odds / (1 + odds.sum()) @ block.sds_mm**2
+    last = next(block.at.start for block in rows.blocks if block.effect == "bead")
+    order = np.append(np.delete(np.arange(len(variance)), last), last)
+    features = (rows.columns * np.sqrt(variance))[:, order]
+    seen = np.abs(features).max(axis=0) > UNSEEN_MM
+    features = features[:, seen]
+    return Guess(features, np.zeros(features.shape[1]), np.eye(features.shape[1]))
+
+
+def machines_by_hand(
+    distances: Distances, readings_mm: np.ndarray, printer: Printer, rng: np.random.Generator
+) -> tuple[Scene, list[Part]]:
+    """Return what readings [K] (NaN where none was taken) say of a printer: drawn machines, and what acts of them."""
+    known = np.isfinite(readings_mm)
+    taken = distances_of(distances.plan, distances.pairs[known], distances.inner[known])
+    scene = _scene(distances.plan, printer)
+    off_mm = np.zeros((2 * len(taken.pairs), 2))  # of both dots of each distance, as far as known
+    parts: list[Part] = []
+    for sweeps in PASSES:
+        rows = _rows(taken, scene, off_mm)
+        few = Few(rows.blocks, rows.columns, readings_mm[known] - rows.healthy_mm, READING_SD_MM)
+        sizes = drawn_sizes(few, rng, sweeps=sweeps)
+        parts = _parts(rows.blocks, sizes)
+        off_mm = np.zeros_like(off_mm)
+        for part in parts:
+            if part.effect != "bead":
+                off_mm += columns_of(part.effect, rows.places, part.where, part.shape, scene) @ part.mean_mm
+    return scene, _acting(scene, parts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """K distances: both dots of each as ``places`` [2K], the ``columns`` [K, P] of all ``blocks``, and what each would
+    be on a healthy printer, ``healthy_mm`` [K]."""
+
+    places: Places
+    blocks: tuple[Block, ...]
+    columns: np.ndarray
+    healthy_mm: np.ndarray
+
+
+def _rows(distances: Distances, scene: Scene, off_mm: np.ndarray, *, plain: bool = False) -> _Rows:
+    """Return distances as rows, linear about where the second and the first dot of each are ``off_mm`` [2K, 2].
+
+    On a CoreXY two opposite scales are a lean and a turn, which no distance shows. So that a lean is not taken for
+    them, one scale of both motors is a block of its own.
+    """
+    plan, count = distances.plan, len(distances.pairs)
+    ends = distances.pairs[:, ::-1].T.ravel()
+    moved = plan.marks_mm[ends] + off_mm
+    between = moved[:count] - moved[count:]
+    length = np.hypot(*between.T)
+    along = np.concatenate([between, -between]) / np.tile(length, 2)[:, None]
+    side = np.where(distances.inner, -1.0, 1.0)
+    whole = Trace(plan.waypoints_mm, plan.waypoints_mm, homed=True, placed=False)
+    contacts = contacts_of(healthy_mechanism(scene.printer), scene.printer.to_motor(plan.waypoints_mm))
+    places = places_of(whole, scene, contacts.row, contacts.side, plan.waypoints_mm).at(plan.rows[ends])
+    places = replace(places, normal=along * np.tile(side, 2)[:, None])
+    one = np.ones(2 * count)
+    found = dictionary_of(places, Rows(np.arange(2 * count), along, one, one), scene, kept=_plain if plain else _told)
+    columns, blocks = found.columns[:count] + found.columns[count:], list(found.blocks)
+    if scene.corexy:
+        first, second = (block for block in blocks if block.effect == "scale")
+        end = columns.shape[1]
+        blocks.append(replace(first, where=BOTH, at=slice(end, end + 1)))
+        columns = np.hstack([columns, columns[:, first.at] + columns[:, second.at]])
+    healthy = length + side * plan.big_dot_mm - np.sum(along * off_mm, axis=1).reshape(2, -1).sum(axis=0)
+    return _Rows(places, tuple(blocks), columns, healthy)
+
+
+def _told(term: Term) -> bool:
+    """Tell whether distances may tell a term. Both axes' leans differ by a turn, so one of them will do."""
+    return EFFECTS[term.effect].of is not Of.INSTRUMENT and (term.effect, term.where) != ("skew", 1)
+
+
+def _plain(term: Term) -> bool:
+    """Tell whether a term needs no place or length that would have to be looked for."""
+    return _told(term) and not term.shape
+
+
+def _parts(blocks: Sequence[Block], sizes: Mapping[int, np.ndarray]) -> list[Part]:
+    found: dict[Key, np.ndarray] = {}
+    for b, draws_mm in sorted(sizes.items()):
+        block = blocks[b]
+        for where in (0, 1) if block.where == BOTH and block.effect == "scale" else (block.where,):
+            key = (block.effect, where, block.shape)
+            found[key] = found.get(key, 0.0) + draws_mm
+            if block.effect == "play":  # a normal size may be negative
+                found[key] = np.maximum(found[key], 0.0)
+    return [Part(*key, np.zeros(len(draws_mm)), draws_mm) for key, draws_mm in found.items()]
+
+
+def _acting(scene: Scene, parts: Sequence[Part]) -> list[Part]:
+    """Return the parts with what acts: likely ones, one by one, that bring nearly all drawn machines closer.
+
+    The scales of a CoreXY's motors act together: each alone leans the bed.
+    """
+    places, found = drawn_places(scene), list(parts)
+    together: dict[Key, list[int]] = {}
+    moved: list[np.ndarray] = []
+    for at, part in enumerate(parts):
+        columns = columns_of(part.effect, places, part.where, part.shape, scene)
+        moved.append((columns - columns.mean(axis=0)) * (EFFECTS[part.effect].of is Of.MACHINE))
+        where = BOTH if scene.corexy and part.effect == "scale" else part.where
+        together.setdefault((part.effect, where, part.shape), []).append(at)
+    drawn = {key: sum(moved[at] @ parts[at].draws_mm for at in of) for key, of in together.items()}
+    left = sum(drawn.values(), np.zeros((1, 2, DRAWS)))
+    for key in sorted(drawn, key=lambda each: -float(np.square(drawn[each]).sum())):
+        of = together[key]
+        chance = float(np.any([parts[at].draws_mm.any(axis=0) for at in of], axis=0).mean())
+        if EFFECTS[key[0]].acts is Acts.NOT or chance < LIKELY:
+            continue
+        acts_mm = {at: parts[at].mean_mm / chance for at in of}
+        closer = left - sum((moved[at] @ acts_mm[at] for at in of), np.zeros((1, 2)))[:, :, None]
+        before, after = (np.square(each).sum(axis=(0, 1)) for each in (left, closer))
+        if np.mean(after >= before) <= MOST_WORSE_SHARE:
+            left = closer
+            for at in of:
+                found[at] = replace(parts[at], acts_mm=acts_mm[at])
+    return found
+
+
+def _scene(plan: ProbePlan, printer: Printer) -> Scene:
+    marks = np.full(plan.waypoints_mm.shape, np.nan)
+    marks[plan.rows] = plan.marks_mm
+    trace = Trace(plan.waypoints_mm, marks, homed=True, placed=False, instrument=Instrument())
+    return replace(scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn)), walls=True)
+
+
+def printer_of(plan: ProbePlan) -> Printer:
+    """Return the printer of a plan as far as that tells: what distances depend on."""
+    low, high = plan.waypoints_mm.min(axis=0), plan.waypoints_mm.max(axis=0)
+    home = plan.waypoints_mm[0]
+    x, y = (
+        Axis("xy"[i], float(low[i]), float(high[i]), 200, plan.mm_per_turn[i], 16, float(home[i]),
+             "min" if home[i] < (low[i] + high[i]) / 2 else "max")
+        for i in range(2)
+    )  # fmt: skip
+    return Printer(plan.printer, "corexy" if plan.kinematics == "corexy" else "cartesian", x, y, x)

@@ -1,0 +1,138 @@
+"""Callipers instead of a scanner: distances across two large dots of a probe, and what an owner reads of them."""
+
+import itertools
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from printmend.errors import TraceError
+from printmend.files import read_text
+from printmend.measure.plan import ProbePlan
+from printmend.path import frozen
+
+MOST_DISTANCES = 12  # distances that are asked for; more try an owner's patience
+READING_SD_MM = 0.07  # standard deviation of one reading: the callipers and the hand that holds them
+SHORTEST_MM, LONGEST_MM = 20.0, 145.0  # the common callipers open 150 mm
+SURE_OF_SIDE_MM = 4.0  # a motor that came this far one way pushes the belt with a known side: no play is wider
+SLIP_SHARE = 0.25  # a reading that differs from its distance by a larger share is a slip of the hand
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """``pairs`` [K, 2] numbers of the marks, both large dots; ``across_mm`` [K] the distance on a healthy printer,
+    between outer edges or, where ``inner`` [K] says so, inner ones."""
+
+    plan: ProbePlan
+    pairs: np.ndarray
+    across_mm: np.ndarray
+    inner: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+
+    def __post_init__(self) -> None:
+        inner = np.asarray(self.inner, bool)
+        object.__setattr__(self, "inner", frozen(inner if len(inner) else np.zeros(len(self.pairs), bool)))
+        object.__setattr__(self, "pairs", frozen(np.asarray(self.pairs, np.int64)))
+        object.__setattr__(self, "across_mm", frozen(np.asarray(self.across_mm, float)))
+
+
+def distances_of(plan: ProbePlan, pairs: np.ndarray, inner: np.ndarray | None = None) -> Distances:
+    """Return distances between pairs [K, 2] of large dots."""
+    marks, inner = plan.marks_mm, np.zeros(len(pairs), bool) if inner is None else inner
+    across = np.hypot(*(marks[pairs[:, 1]] - marks[pairs[:, 0]]).T) + np.where(inner, -1, 1) * plan.big_dot_mm
+    return Distances(plan, pairs, across, inner)
+
+
+def measurable_pairs(plan: ProbePlan) -> np.ndarray:
+    """Return the pairs [K, 2] of large dots that callipers can span. Raises `TraceError` for too few."""
+    marks, (_, run) = plan.marks_mm, plan.motor_approaches
+    sure = plan.big & (run >= SURE_OF_SIDE_MM).all(axis=1)
+    pairs = np.array(list(itertools.combinations(np.flatnonzero(sure), 2)), np.int64).reshape(-1, 2)
+    length = np.hypot(*(marks[pairs[:, 1]] - marks[pairs[:, 0]]).T)
+    pairs = pairs[(length >= SHORTEST_MM) & (length <= LONGEST_MM)]
+    if len(pairs) < MOST_DISTANCES:
+        raise TraceError(
+            "the probe",
+            wanted=f"{MOST_DISTANCES} pairs of large dots {SHORTEST_MM:.0f} to {LONGEST_MM:.0f} mm apart",
+            came=f"{len(pairs)}",
+            todo="print a larger probe",
+        )
+    return pairs
+
+
+def describe(distances: Distances) -> list[str]:
+    """Return one line a distance: which dots, and about how far apart."""
+    marks = distances.plan.marks_mm
+    lines = []
+    for number, ((first, second), across) in enumerate(zip(distances.pairs, distances.across_mm, strict=True), start=1):
+        (x0, y0), (x1, y1) = marks[first], marks[second]
+        lines.append(
+            f"{number:2d}. across the large dots at X{x0:.0f} Y{y0:.0f} and X{x1:.0f} Y{y1:.0f}, about {across:.1f} mm"
+        )
+    return lines
+
+
+def parse_readings(text: str, distances: Distances, *, subject: str) -> np.ndarray:
+    """Read distances [K] in mm, one a line (or the last cell of a CSV line), NaN where a line is empty.
+
+    Raises `TraceError` for text, too many lines, and readings that cannot be of these dots (inches are named).
+    """
+    lines = [line.strip() for line in text.splitlines()]
+    if lines and lines[0] and not _is_number(lines[0]):
+        lines = lines[1:]  # a header
+    while lines and not lines[-1]:
+        lines.pop()
+    if len(lines) > len(distances.pairs):
+        raise TraceError(subject, wanted=f"{len(distances.pairs)} distances", came=f"{len(lines)}", todo="one a line")
+    readings = np.full(len(distances.pairs), np.nan)
+    for row, line in enumerate(lines):
+        cell = line.rsplit(",", 1)[-1].strip()
+        if not cell:
+            continue
+        about_mm = float(distances.across_mm[row])
+        value = number_in(line, about_mm)
+        if value is None:
+            raise TraceError(
+                subject, wanted=f"distance {row + 1} in mm", came=repr(cell[:30]), todo="write numbers like 123.45"
+            )
+        readings[row] = value
+        _check_reading(subject, row + 1, value, about_mm)
+    if not np.isfinite(readings).any():
+        raise TraceError(subject, wanted="at least one distance", came="none", todo="measure a few of the list")
+    return readings
+
+
+def read_readings(path: str | Path, distances: Distances) -> np.ndarray:
+    """Read distances [K] from a file, as `parse_readings` does."""
+    text = read_text(path, wanted="a list of distances", todo="write them one a line", error=TraceError)
+    return parse_readings(text, distances, subject=str(path))
+
+
+def number_in(line: str, about_mm: float) -> float | None:
+    """Return the number of a line, None without one: 146.25, 146,25, or the last cell of a table's row.
+
+    Of several ways to read it, the one nearest to what is expected counts.
+    """
+    line = line.strip().removesuffix("mm").strip()
+    whole, cell = line.replace(",", ".", 1), line.rsplit(",", 1)[-1]
+    values = [float(text) for text in (cell, whole) if _is_number(text) and "," not in text]
+    return min(values, key=lambda value: abs(value - about_mm)) if values else None
+
+
+def _is_number(line: str) -> bool:
+    try:
+        return math.isfinite(float(line.rsplit(",", 1)[-1]))
+    except ValueError:
+        return False
+
+
+def _check_reading(subject: str, number: int, came_mm: float, about_mm: float) -> None:
+    if abs(came_mm / about_mm - 1) <= SLIP_SHARE:
+        return
+    inches = abs(came_mm * 25.4 / about_mm - 1) <= SLIP_SHARE
+    raise TraceError(
+        subject,
+        wanted=f"distance {number} of about {about_mm:.1f} mm",
+        came=f"{came_mm:g}" + (" (inches: a factor of 25.4)" if inches else ""),
+        todo="measure it again in mm, or leave its line empty",
+    )
