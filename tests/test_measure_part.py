@@ -273,3 +273,16 @@ def test_a_ruler_beside_the_part_settles_the_scale_along_it(scanned):
     inches, _ = read_image(io.BytesIO(foreign.with_ruler(taken, 25.4 / 16)))
     with pytest.raises(ScanError, match=r"millimetre, got one in inches; turn"):
         find_rulers(inches, 300 / 25.4, subject="inches.jpg")
+
+
+@pytest.mark.parametrize(("machine", "limit_mm"), [(foreign.Machine(skew=0.006), 0.02), (foreign.Machine(), 0.0)])
+def test_walls_that_repeat_their_neighbours_convince_nobody(scanned, machine, limit_mm):
+    """A bead is too wide or too narrow for some millimetres: no error of the machine, however many walls say it."""
+    printed = machine.strokes(foreign.gcode(foreign.gear())[1])
+    (scanned / "again.jpg").write_bytes(foreign.scan(printed, np.random.default_rng(6), dpi=300, stretch=(1e-3, -5e-4)))
+    model = learn_model(measure_part(scanned / "again.jpg", scanned / "gear.gcode", PRINTER).trace, PRINTER)
+    if not limit_mm:
+        assert is_as_it_was(scanned / "star.gcode", model)
+        return
+    mend_gcode(scanned / "star.gcode", model, scanned / "again.gcode")
+    assert foreign.paired_error(machine, scanned / "star.gcode", scanned / "again.gcode") < limit_mm

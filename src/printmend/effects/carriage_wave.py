@@ -21,6 +21,7 @@ from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
 
 SHORTEST_MM, LONGEST_MM = 10.0, 150.0  # of a period
+CAMERA_MM = 0.004  # what is more uneven than this is a camera's picture: it has no carriage
 ONE_TURN_SD = 5e-4  # of the difference of the picture's axes: scans at two turns know it better, and cancel the wave
 
 SAID = Message(
@@ -41,7 +42,7 @@ class CarriageWave:
     keys = Waves(shape=("period_mm",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        if not scene.instrument.wave_mm or scene.instrument.axes_sd < ONE_TURN_SD:
+        if not 0.0 < scene.instrument.wave_mm < CAMERA_MM or scene.instrument.axes_sd < ONE_TURN_SD:
             return
         for axis in range(2):
             low, high = scene.bed_span_mm[axis]

@@ -140,7 +140,8 @@ def _rows(distances: Distances, scene: Scene, off_mm: np.ndarray, *, plain: bool
     places = places_of(whole, scene, contacts.row, contacts.side, plan.waypoints_mm).at(plan.rows[ends])
     places = replace(places, normal=along * np.tile(side, 2)[:, None])
     one = np.ones(2 * count)
-    found = dictionary_of(places, Rows(np.arange(2 * count), along, one, one), scene, kept=_plain if plain else _told)
+    rows = Rows(np.arange(2 * count), along, one, one, one)
+    found = dictionary_of(places, rows, scene, kept=_plain if plain else _told)
     columns, blocks = found.columns[:count] + found.columns[count:], list(found.blocks)
     if scene.corexy:
         first, second = (block for block in blocks if block.effect == "scale")

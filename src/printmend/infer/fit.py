@@ -1,12 +1,12 @@
 """From a trace to the effects that made it: contacts, weights and search in turn, until they agree."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Places, Scene, places_of
+from printmend.effects import EFFECTS, Places, Scene, Term, places_of
 from printmend.effects.effect import SCALE_MM
 from printmend.effects.sized import Sized
 from printmend.infer.gram import Block, Dictionary, Gram, Rows, dictionary_of, extended, gram_of, seen
@@ -23,6 +23,8 @@ MOST_MARKS = 1200  # marks that are looked at: more take time and say the same
 PASSES = 4  # of contacts, then search, at most
 SETTLED_MM = 0.02  # belts that move less from pass to pass change no column worth a word
 WEIGHINGS = 2  # of rows in each pass
+NEIGHBOURS = 8  # of a wall's place whose errors may be alike
+NEWS, LEAST_NEWS, MOST_NEWS = 0.25, 0.08, 0.99  # share of a wall's place that is news: at first, least, and most
 HOME_SD_MM = 0.1  # of an end stop's place: switches scatter by as much
 BEGUN_WITH = ("place", "scale")  # a search from nothing may explain a pulley's size by a skewed frame, bit by bit
 WORSE = 1.02  # factor by which a pass may leave more than the one before
@@ -78,8 +80,9 @@ class Fit:
         return left_of(self.rows, self.dictionary, self.state)
 
 
-def fitted(trace: Trace, scene: Scene, first: Mechanism) -> Fit:
-    """Return the effects that a trace shows; ``first`` is a machine that is nearly right, for the first contacts."""
+def fitted(trace: Trace, scene: Scene, first: Mechanism, *, kept: Callable[[Term], bool] | None = None) -> Fit:
+    """Return the effects that a trace shows; ``first`` is a machine that is nearly right, for the first contacts. Only
+    terms that are ``kept`` are looked for, all without."""
     mechanism, whole, turned_rad = first, trace, 0.0
     fit: Fit | None = None
     if scene.homed:
@@ -97,7 +100,7 @@ def fitted(trace: Trace, scene: Scene, first: Mechanism) -> Fit:
             weight = weighed(rows, fit.left_mm())
         else:
             weight = rows.weight
-        newer = _searched(trace, scene, places, rows, contacts, weight, fit)
+        newer = _searched(scene, places, rows, contacts, weight, fit, kept)
         if fit is not None and _typical_mm(newer) > WORSE * _typical_mm(fit):
             break  # its contacts are no better than the last
         again = (
@@ -135,8 +138,14 @@ def _measured_mm(trace: Trace) -> np.ndarray:
     """Return where the marks are [N, 2] before any model says so: as measured, or else as commanded."""
     off_mm = trace.measured_mm - trace.commanded_mm
     if not trace.placed:
-        off_mm = off_mm - np.nanmedian(off_mm, axis=0)
+        off_mm = off_mm - _middle_mm(off_mm)
     return trace.commanded_mm + np.where(np.isfinite(off_mm), off_mm, 0.0)
+
+
+def _middle_mm(off_mm: np.ndarray) -> np.ndarray:
+    """Return the median [2] of what places are off [N, 2], 0 where walls alone were measured."""
+    known = np.isfinite(off_mm).all(axis=1)
+    return np.asarray(np.median(off_mm[known], axis=0)) if known.any() else np.zeros(2)
 
 
 def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
@@ -155,13 +164,13 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
     dictionary = Dictionary(tuple(kept), np.hstack(columns))
     numbered: Set = tuple((at, variant) for at, (_, variant) in enumerate(fit.state.members))
     known = slice(0, len(fit.state.columns))  # the members come first
-    whole = Gram(np.zeros((first, first)), np.zeros(first), 0.0, 0)
+    whole = Gram(np.zeros((first, first)), np.zeros(first), 0.0, 0.0)
     for at in range(0, len(rows.mark), CHUNK_ROWS):
         part = rows.some(slice(at, at + CHUNK_ROWS))
         some = _columns_of(kept, fit.places, part, fit.scene)
         left_mm = part.error_mm - some[:, known] @ fit.state.mean_mm
         away = left_mm * np.sqrt(part.weight) / fit.state.sigma_mm
-        one = gram_of(some, part.error_mm, part.weight * (DEGREES + 1) / (DEGREES + away**2))
+        one = gram_of(some, part, part.weight * (DEGREES + 1) / (DEGREES + away**2))
         whole = Gram(
             whole.matrix + one.matrix, whole.slope + one.slope, whole.square + one.square, whole.count + one.count
         )
@@ -180,7 +189,7 @@ def _columns_of(blocks: Sequence[Block], places: Places, rows: Rows, scene: Scen
 def _left_by(mechanism: Mechanism, trace: Trace, contacts: Contacts, rows: Rows) -> np.ndarray:
     """Return what a first machine leaves of the measured numbers [M], but for what the measurement's origin may be."""
     off_mm = trace.measured_mm - mechanism.bed.printed(contacts.belt_mm)
-    off_mm = off_mm - np.nanmedian(off_mm, axis=0)
+    off_mm = off_mm - _middle_mm(off_mm)
     left_mm = np.einsum("mc,mc->m", rows.along, off_mm[rows.mark])
     return np.where(np.isfinite(left_mm), left_mm, 0.0)
 
@@ -190,9 +199,10 @@ def _typical_mm(fit: Fit) -> float:
 
 
 def _searched(
-    trace: Trace, scene: Scene, places: Places, rows: Rows, contacts: Contacts, weight: np.ndarray, last: Fit | None
-) -> Fit:
-    dictionary = dictionary_of(places, rows, scene)
+    scene: Scene, places: Places, rows: Rows, contacts: Contacts, weight: np.ndarray, last: Fit | None,
+    kept: Callable[[Term], bool] | None,
+) -> Fit:  # fmt: skip
+    dictionary = dictionary_of(places, rows, scene, kept=kept)
     members: Set = tuple(
         (b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0 or block.effect in BEGUN_WITH
     )
@@ -202,11 +212,12 @@ def _searched(
         sigma_mm = last.state.sigma_mm
     state: State | None = None
     for _ in range(WEIGHINGS):
-        search = Search(dictionary, gram_of(dictionary.columns, rows.error_mm, weight))
+        search = Search(dictionary, gram_of(dictionary.columns, rows, weight))
         state = searched(search, members, sigma_mm)
         search, state = _finer(search, state, places, rows, scene, weight)
         dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
-        weight = weighed(rows, left_of(rows, dictionary, state))
+        left_mm = left_of(rows, dictionary, state)
+        weight, rows = weighed(rows, left_mm), shared(rows, left_mm)
     assert state is not None
     mechanism, _ = machine_of(scene, sized(dictionary, state.members, state.mean_mm))
     return Fit(scene, places, rows, contacts, search, state, mechanism)
@@ -257,7 +268,7 @@ def _finer(
             break
         old = search.dictionary.columns
         new = dictionary.columns[:, old.shape[1] :]
-        search = Search(dictionary, extended(search.gram, old, new, rows.error_mm, weight))
+        search = Search(dictionary, extended(search.gram, old, new, rows, weight))
         state = searched(search, state.members, state.sigma_mm)
     return search, state
 
@@ -283,6 +294,22 @@ def weighed(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
     away = np.abs(left_mm) * np.sqrt(rows.weight)
     scale = max(SIGMA_PER_MEDIAN * float(np.median(away)), LEAST_SIGMA_MM)
     return np.asarray(rows.weight * (DEGREES + 1) / (DEGREES + (away / scale) ** 2))
+
+
+def shared(rows: Rows, left_mm: np.ndarray) -> Rows:
+    """Return rows of which walls count by how much news each is: a bead is too wide or too narrow for some millimetres.
+
+    Where neighbours are correlated by ρ at a distance, 1 + 2 Σ ρ of them tell the same.
+    """
+    walls = rows.share < 1.0
+    if not walls.any():
+        return rows
+    left = left_mm[walls]
+    scale = SIGMA_PER_MEDIAN * float(np.median(np.abs(left)))
+    left = np.clip(left, -3 * scale, 3 * scale)
+    square = float(left @ left) + 1e-12
+    alike = sum(max(float(left[:-lag] @ left[lag:]) / square, 0.0) for lag in range(1, NEIGHBOURS + 1))
+    return replace(rows, share=np.where(walls, np.clip(1 / (1 + 2 * alike), LEAST_NEWS, MOST_NEWS), 1.0))
 
 
 def thinned(count: int, most: int) -> np.ndarray:
@@ -317,4 +344,5 @@ def rows_of(
         offset = trace.offset_mm[walls] + (normal * ahead).sum(axis=1)
     error = np.concatenate([off[dots, 0], off[dots, 1], offset])
     along, weight = np.concatenate([x, y, normal]), weight[mark]
-    return Rows(mark, along, error, weight)
+    share = np.where(np.arange(len(mark)) < 2 * len(dots), 1.0, NEWS)
+    return Rows(mark, along, error, weight, share)

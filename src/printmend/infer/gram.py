@@ -32,12 +32,14 @@ class Block:
 @dataclass(frozen=True, eq=False)
 class Rows:
     """M measured numbers: ``mark`` [M] is the place that each is of, ``along`` [M, 2] the direction in which it was
-    measured, ``error_mm`` [M] how far the mark lies from where it was commanded, ``weight`` [M] its relative weight."""
+    measured, ``error_mm`` [M] how far the mark lies from where it was commanded, ``weight`` [M] its relative weight.
+    ``share`` [M] is how much of it is news, beside its neighbours."""
 
     mark: np.ndarray
     along: np.ndarray
     error_mm: np.ndarray
     weight: np.ndarray
+    share: np.ndarray
 
     def some(self, which: slice) -> "Rows":
         """Return some of the rows."""
@@ -86,24 +88,25 @@ def _block(terms: Sequence[Term], at: slice) -> Block:
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Weighted sums of products: of all columns [P, P], of each with the errors [P], of the errors; and M."""
+    """Weighted sums of products: of all columns [P, P], of each with the errors [P], and of the errors; ``count`` rows
+    tell something of their own."""
 
     matrix: np.ndarray
     slope: np.ndarray
     square: float
-    count: int
+    count: float
 
 
-def gram_of(columns: np.ndarray, error_mm: np.ndarray, weight: np.ndarray) -> Gram:
-    """Return the sums of products of columns [M, P] and errors [M] with weights [M]."""
-    root = np.sqrt(weight)
-    scaled, error = columns * root[:, None], error_mm * root
-    return Gram(scaled.T @ scaled, scaled.T @ error, float(error @ error), len(error))
+def gram_of(columns: np.ndarray, rows: Rows, weight: np.ndarray) -> Gram:
+    """Return the sums of products of columns [M, P] and errors of rows with weights [M]."""
+    root = np.sqrt(weight * rows.share)
+    scaled, error = columns * root[:, None], rows.error_mm * root
+    return Gram(scaled.T @ scaled, scaled.T @ error, float(error @ error), float(rows.share.sum()))
 
 
-def extended(gram: Gram, old: np.ndarray, new: np.ndarray, error_mm: np.ndarray, weight: np.ndarray) -> Gram:
+def extended(gram: Gram, old: np.ndarray, new: np.ndarray, rows: Rows, weight: np.ndarray) -> Gram:
     """Return the sums of products of ``old`` columns [M, P], whose own are known, and ``new`` ones [M, Q]."""
-    weighed = new * weight[:, None]
+    weighed = new * (weight * rows.share)[:, None]
     crossing = old.T @ weighed
     matrix = np.block([[gram.matrix, crossing], [crossing.T, new.T @ weighed]])
-    return Gram(matrix, np.concatenate([gram.slope, weighed.T @ error_mm]), gram.square, gram.count)
+    return Gram(matrix, np.concatenate([gram.slope, weighed.T @ rows.error_mm]), gram.square, gram.count)

@@ -187,7 +187,7 @@ def _sigma_mm(rows: Rows, old: np.ndarray, weight: np.ndarray, mean: np.ndarray)
 
 
 def _sums(dictionary: Dictionary, old: np.ndarray, rows: Rows, weight: np.ndarray) -> Sums:
-    return Sums(dictionary, gram_of(np.hstack([dictionary.columns, old]), rows.error_mm, weight))
+    return Sums(dictionary, gram_of(np.hstack([dictionary.columns, old]), rows, weight))
 
 
 def _search(sums: Sums, story: Story, left: Left) -> Search:
