@@ -29,8 +29,7 @@ from printmend.picture.silhouette import Silhouette, find_edges, find_silhouette
 from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
 
-# Round by round, how far a ray looks [mm], and how many harmonics of a turn the model has.
-CAPTURES: tuple[tuple[float, int], ...] = ((3.0, 1), (2.0, 2), (1.5, 4), (1.0, 8), (0.8, 12), (0.6, 12), (0.6, 12))
+CAPTURES_MM = (3.0, 1.5, 1.0, 0.6, 0.6)  # how far a ray looks, round by round
 LEAST_FOUND_SHARE = 0.6  # of the walls that a scan can show; with fewer it is another part
 LARGEST_SIGMA_MM = 0.12  # walls that scatter by more about the model are not those of this file
 EDGE_SIGMA_MM = 0.01  # standard deviation of an edge: no scan is read better
@@ -155,14 +154,14 @@ def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer, p
     """Find the walls and learn the machine from them in turn, with ever shorter rays."""
     pose, printed, swell, fit = lie.pose, walls.commanded_mm, 0.0, None
     eye = None if page.eye_mm is None else page.eye_mm - np.array([*silhouette.corner_mm, 0.0])
-    for capture_mm, harmonics in CAPTURES:
+    for capture_mm in CAPTURES_MM:
         edges = _look(silhouette, walls, pose, printed, swell, capture_mm, eye)
         if np.isfinite(edges.offset_mm).sum() < LEAST_WALLS:
             raise ScanError(
                 "the scan", wanted="edges along the part's walls", came="hardly any", todo="scan it again at 600 dpi"
             )
         trace = walls.trace(edges.offset_mm, np.full(len(walls.row), EDGE_SIGMA_MM))
-        fit = fit_walls(trace, printer, harmonics=harmonics)
+        fit = fit_walls(trace, printer)
         swell = fit.swell_mm
         # what lay turned and shifted is the pose's, not the machine's
         printed = _on_walls(trace, walls, fit.printed_mm)
@@ -170,7 +169,7 @@ def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer, p
         printed = printed - shift
         pose = _moved(pose, fit.turn, shift, np.array(printer.middle_mm))
     assert fit is not None
-    return _Match(pose, fit, _look(silhouette, walls, pose, printed, swell, CAPTURES[-1][0], eye))
+    return _Match(pose, fit, _look(silhouette, walls, pose, printed, swell, CAPTURES_MM[-1], eye))
 
 
 def _scales(walls: Walls, edges: _Edges) -> tuple[float, float]:
