@@ -96,9 +96,9 @@ def test_a_single_slip_is_not_believed(case, reading):
 
 
 def test_few_distances_say_what_they_cannot_tell(case):
-    _, distances = case
-    readings = read_off(distances, broken(read_printer("ender3")))
-    readings[2:] = np.nan
+    printer, distances = case
+    readings = read_off(distances, broken(printer))
+    readings[1:] = np.nan
     said = estimates_by_hand(distances, readings)
     assert not all(item.supported for item in said)
     assert any(str(item).endswith("which these distances cannot tell") for item in said)
@@ -153,7 +153,8 @@ def test_a_sound_printer_is_not_promised_badly_nor_a_loose_one_well(case):
         readings = read_off(distances, machine)
         readings[count:] = np.nan
         belief = parse_belief(model_by_hand(distances, readings, printer))
-        assert belief is not None
+        assert belief is not None  # of a file as it is, on a machine of which nothing is known
+        belief = replace(belief, parts=tuple(replace(part, acts_mm=0 * part.acts_mm) for part in belief.parts))
         angle = np.linspace(0, 2 * np.pi, 400, endpoint=False)
         tangent = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
         ring = PathPlaces(

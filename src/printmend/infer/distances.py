@@ -10,12 +10,11 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, Term, columns_of, places_of, scene_of
 from printmend.effects.sample import drawn_places
-from printmend.infer.contacts import contacts_of
 from printmend.infer.few import SWEEPS, Few, drawn_sizes
 from printmend.infer.gram import Block, Rows, dictionary_of
 from printmend.infer.known import Key
 from printmend.infer.posterior import DRAWS, MOST_WORSE_SHARE, Part
-from printmend.machine import healthy_mechanism
+from printmend.machine import contacts_of, healthy_mechanism
 from printmend.measure.callipers import MOST_DISTANCES, READING_SD_MM, Distances, distances_of, measurable_pairs
 from printmend.measure.plan import ProbePlan
 from printmend.path import Instrument, Trace
@@ -169,7 +168,7 @@ def _parts(blocks: Sequence[Block], sizes: Mapping[int, np.ndarray]) -> list[Par
         for where in (0, 1) if block.where == BOTH and block.effect == "scale" else (block.where,):
             key = (block.effect, where, block.shape)
             found[key] = found.get(key, 0.0) + draws_mm
-            if block.effect == "play":  # a normal size may be negative
+            if block.positive:  # a normal size may be negative
                 found[key] = np.maximum(found[key], 0.0)
     return [Part(*key, np.zeros(len(draws_mm)), draws_mm) for key, draws_mm in found.items()]
 

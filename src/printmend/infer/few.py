@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from printmend.infer.fit import DEGREES
 from printmend.infer.gram import Block
@@ -33,11 +34,13 @@ class Few:
 @dataclass(frozen=True, eq=False)
 class _Slot:
     """What may be at one place of an effect: nothing first, then (block, size). ``chance`` [A] and ``kernels``
-    [A, K, K] are their prior chances and the covariances that they give to the numbers."""
+    [A, K, K] are their prior chances and the covariances that they give to the numbers. ``positive`` [A, K] is what
+    sizes that cannot be below 0 do to the numbers, 0 for others."""
 
     states: tuple[tuple[int, int], ...]
     chance: np.ndarray
     kernels: np.ndarray
+    positive: np.ndarray
 
 
 def _slots(few: Few) -> list[_Slot]:
@@ -47,6 +50,7 @@ def _slots(few: Few) -> list[_Slot]:
     found = []
     for members in grouped.values():
         states, odds, kernels = [(-1, -1)], [1.0], [np.zeros((len(few.columns),) * 2)]
+        positive = [np.zeros(len(few.columns))]
         for b in members:
             block = few.blocks[b]
             for v, (sds, log_odds) in enumerate(zip(block.sds_mm, block.log_odds, strict=True)):
@@ -54,7 +58,8 @@ def _slots(few: Few) -> list[_Slot]:
                 states.append((b, v))
                 odds.append(float(np.exp(log_odds)))
                 kernels.append(scaled @ scaled.T)
-        found.append(_Slot(tuple(states), np.array(odds) / sum(odds), np.array(kernels)))
+                positive.append(scaled[:, 0] * block.positive)
+        found.append(_Slot(tuple(states), np.array(odds) / sum(odds), np.array(kernels), np.array(positive)))
     return found
 
 
@@ -72,7 +77,7 @@ def drawn_sizes(few: Few, rng: np.random.Generator, *, sweeps: int = SWEEPS) -> 
             offered = np.concatenate([there[at][:, None], offered], axis=1)
             mine = np.flatnonzero((offered != offered[:, :1]).any(axis=1))  # others have no choice
             offered = offered[mine]
-            weight = _evidence(beside[mine, None] + slot.kernels[offered], few.error_mm)
+            weight = _evidence(beside[mine, None] + slot.kernels[offered], few.error_mm, slot.positive[offered])
             noisy = weight + rng.gumbel(size=weight.shape)  # the largest is one drawn by its weight
             there[at, mine] = offered[np.arange(len(mine)), np.argmax(noisy, axis=1)]
             whole = beside + slot.kernels[there[at]]
@@ -94,12 +99,19 @@ def _sum(slots: Sequence[_Slot], there: np.ndarray) -> np.ndarray:
     return np.asarray(sum(slot.kernels[there[at]] for at, slot in enumerate(slots)))
 
 
-def _evidence(covariance: np.ndarray, error_mm: np.ndarray) -> np.ndarray:
-    """Return the log evidence [...] of the errors [K] under covariances [..., K, K], but for a constant."""
+def _evidence(covariance: np.ndarray, error_mm: np.ndarray, positive: np.ndarray) -> np.ndarray:
+    """Return the log evidence [...] of the errors [K] under covariances [..., K, K], but for a constant.
+
+    Half a normal prior has 2 Φ(mean ÷ standard deviation) times the evidence of a whole one: of what a size of one
+    standard deviation, which must be ``positive`` [..., K], does to the errors.
+    """
     factor = np.linalg.cholesky(covariance)
-    white = np.linalg.solve(factor, np.broadcast_to(error_mm[:, None], (*factor.shape[:-1], 1)))[..., 0]
+    both = np.stack([np.broadcast_to(error_mm, positive.shape), positive], axis=-1)
+    white = np.linalg.solve(factor, both)
     log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
-    return np.asarray(-0.5 * np.square(white).sum(axis=-1) - log_det)
+    (square, pull), own = np.einsum("...k,...kj->j...", white[..., 0], white), np.square(white[..., 1]).sum(axis=-1)
+    half = np.where(own > 0, log_ndtr(pull / np.sqrt(np.maximum(1 - own, TINY_MM2))) + np.log(2), 0.0)
+    return np.asarray(half - 0.5 * square - log_det)
 
 
 def _sizes(

@@ -11,10 +11,9 @@ import numpy as np
 from printmend.effects import scene_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import TraceError
-from printmend.infer.contacts import contacts_of
 from printmend.infer.fit import fitted
 from printmend.learn.greybox.rows import wall_shares
-from printmend.machine import healthy_mechanism
+from printmend.machine import contacts_of, healthy_mechanism
 from printmend.path import Instrument, Trace
 from printmend.printer import Printer
 from printmend.units import SIGMA_PER_MEDIAN
