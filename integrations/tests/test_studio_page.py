@@ -19,7 +19,7 @@ from printmend.client import Studio
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
 from printmend.measure import read_plan
 from printmend.path import Trace
-from printmend.picture.image import write_image
+from printmend.picture.image import read_image, write_image
 from printmend.printer import read_printer
 from printmend.repair.against import judge_gcode
 from printmend.saved.model import exact_model, write_model
@@ -173,6 +173,8 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     page.get_by_role("link", name="My printers").click()
     mine = page.locator("a.pcard", has=page.get_by_role("heading", name=name, exact=True))
     expect(mine).to_contain_text("The frame is not square")
+    expect(mine.locator(".mpart.bad")).not_to_have_count(0)
+    assert page.title() == "My printers – printmend"
     watched.picture("printers")
     _ok(watched)
 
@@ -202,10 +204,30 @@ def test_broken_to_mended_on_the_play_screen(browser: Browser, server: Server) -
     watched.picture("play-broken")
     page.get_by_role("button", name="Mend it").click()
     page.wait_for_selector("[data-testid=part]")
+    expect(page.locator(".number b[data-still=true]")).to_have_count(2)  # counted down
     off = [float(text.split()[0]) for text in page.locator(".number b").all_inner_texts()[:2]]
     assert off[1] < 0.05 < 0.3 < off[0], off
     expect(page.get_by_role("heading", name="X pulley is off its centre")).to_be_visible()
     until(lambda: page.locator("canvas").get_attribute("data-frame"))
+    handle = page.get_by_role("slider", name="Wipe between as it prints and mended")
+    until(lambda: handle.get_attribute("aria-valuenow") == "50")
+    handle.press("ArrowRight")
+    expect(handle).to_have_attribute("aria-valuenow", "54")
+    machine = page.get_by_role("group", name=re.compile("^Your printer"))
+    page.locator("[data-fault=x]").first.hover()  # a sentence lights its part, and a part its sentences
+    expect(machine.locator("[data-part=x]")).to_have_class(re.compile("lit"))
+    machine.locator("[data-part=y]").focus()
+    expect(page.locator("[data-fault=y]").first).to_have_class(re.compile("lit"))
+    watched.picture("play-moment")
+    page.get_by_role("button", name="Share").click()
+    with page.expect_download() as load:
+        page.get_by_role("dialog").get_by_role("button", name="Save as PNG").click()
+    card, _ = read_image(Path(load.value.path()))
+    assert card.shape[:2] == (1260, 2400)
+    halves = [card[220:900, :1190].reshape(-1, 3).astype(float), card[220:900, 1210:].reshape(-1, 3).astype(float)]
+    red = [(half[:, 2] > half[:, 0] + 60).mean() for half in halves]
+    assert red[0] > 0.02 > 10 * red[1]  # what is far off is red, and is not in the mended half
+    page.get_by_role("button", name="Close").click()
     drawn_finely(page, page.get_by_role("button", name="as it prints").click)
     watched.picture("play-mended")
     with page.expect_download() as load:
@@ -495,3 +517,19 @@ def test_fifty_at_once_and_killed_in_the_middle(browser: Browser, tmp_path: Path
         watched.page.context.close()
     finally:
         one.stop()
+
+
+def test_storage_is_freed_in_a_dialog_of_the_pages_own(browser: Browser, server: Server, known: str) -> None:
+    watched = _page(browser, server, reduced_motion="reduce")
+    page = watched.page
+    page.goto(f"{server.address}#/storage")
+    mended = page.locator(".stored", has=page.get_by_role("heading", name="Mended files"))
+    before = mended.locator("b").inner_text()
+    assert before != "0.0 MB"
+    mended.get_by_role("button", name="Free this").click()
+    asked = page.get_by_role("dialog")
+    expect(asked).to_contain_text("This cannot be undone.")
+    page.keyboard.press("Escape")
+    expect(asked).to_have_count(0)
+    assert mended.locator("b").inner_text() == before
+    _ok(watched)

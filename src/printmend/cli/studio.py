@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 
+# Its many parameters are its options.
 @click.command(epilog="Example: printmend studio")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Where it listens. Elsewhere than on this "
               "computer only known devices come in; the first one's address is printed once.")  # fmt: skip
@@ -20,12 +21,12 @@ import click
 @click.option("--revoke", metavar="NAME", help="Let a device in no longer, and end.")
 @click.option("--devices", is_flag=True, help="List the devices that are let in, and end.")
 @click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Jobs at a time.")
+@click.option("--most-gb", type=click.FloatRange(0.1), default=20.0, show_default=True, help="Most in its folder.")
 @click.option("--cluster", help="Run jobs on Dask workers instead, which see the folder, too: tcp://HOST:PORT of a "
               "scheduler, or local:N.")  # fmt: skip
-# Its many parameters are its options.
 def command(
     host: str, port: int, names: tuple[str, ...], no_browser: bool, folder: Path | None, device: str | None,
-    revoke: str | None, devices: bool, workers: int, cluster: str | None,
+    revoke: str | None, devices: bool, workers: int, most_gb: float, cluster: str | None,
 ) -> None:  # fmt: skip
     """Open printmend in the browser: your printers, measuring, mending, and a printer to break.
 
@@ -51,7 +52,7 @@ def command(
             click.echo(f"{one.name}, since {datetime.fromtimestamp(one.created_s, UTC).date().isoformat()}")
     if device is None and revoke is None and not devices:
         serve(folder, host=host, port=port, names=names, browser=not no_browser, workers=workers, cluster=cluster,
-              told=lambda words: click.echo(words))  # fmt: skip
+              most_gb=most_gb, told=lambda words: click.echo(words))  # fmt: skip
 
 
 def usual_folder() -> Path:

@@ -22,7 +22,7 @@ from printmend import __version__
 from printmend.errors import InputError
 from printmend.studio.jobs import StudioState
 from printmend.studio.shapes import KEY, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
-from printmend.studio.store import DONE, HALF, NotThereError
+from printmend.studio.store import DONE, HALF, NotThereError, bytes_in
 
 LONGEST_UPLOAD_S = 900.0  # for one file
 LEAST_FREE_BYTES = 500_000_000  # on the disk, below which nothing more is taken
@@ -85,6 +85,7 @@ async def upload(request: Request, here: Here, name: Annotated[str, Query(min_le
         raise InputError(
             "the disk", wanted="some free space", came="less than 500 MB", todo="remove what is not needed"
         )
+    await run_in_threadpool(_hold, here, int(request.headers.get("content-length", 0)))
     target = here.store.path("upload", key)
     beside = target.with_name(f".{key}{HALF}")
     try:
@@ -106,6 +107,15 @@ async def upload(request: Request, here: Here, name: Annotated[str, Query(min_le
     finally:
         beside.unlink(missing_ok=True)
     return Upload(id=key, name=shown, bytes=size)
+
+
+def _hold(here: StudioState, more_bytes: int) -> None:
+    """Raise `InputError` where ``more_bytes`` would take the folder over what it may hold."""
+    if (held := bytes_in(here.store.folder)) + more_bytes > here.most_bytes:
+        raise InputError(
+            "the studio", wanted=f"at most {here.most_bytes / 1e9:g} GB in its folder", came=f"{held / 1e9:.1f} GB",
+            todo="free some of it under Storage",
+        )  # fmt: skip
 
 
 def _settle(file: Any, beside: Path, target: Path) -> None:

@@ -62,6 +62,7 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
     trend = [job["result"]["said"]["before_mm"] for job in learned]
     health, healthy, digest, measured_s = None, None, None, None
     messages: dict[str, Any] = {}
+    parts: list[str] = []
     if (folder / MODEL).is_file():
         from printmend.promise.misfit import NOTE, misfit_words
         from printmend.studio.said import LEAST_ADVICE_MM, advice_of  # all of learning: not for a printer's bare card
@@ -76,12 +77,13 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
         if not titles and grave:  # no fault is known, but what was measured is not a sound printer's
             health, healthy = grave[0], False
         messages = messages | messages_of(health)
+        parts = sorted({fault["part"] for fault in document.get("diagnosis", [])})
         digest, measured_s = document["digest"], (folder / MODEL).stat().st_mtime
     notes = json.loads((folder / _NOTES).read_text(encoding="utf-8")) if (folder / _NOTES).is_file() else []
     return PrinterCard(
         id=row["id"], name=row["name"], kinematics=printer.kinematics, bed_mm=_bed(printer), notes=notes,
         health=health, healthy=healthy, measured_s=measured_s, trend=[value for value in trend if value is not None],
-        has_probe=(folder / PLAN).is_file(), digest=digest, host=_host_card(folder), messages=messages,
+        parts=parts, has_probe=(folder / PLAN).is_file(), digest=digest, host=_host_card(folder), messages=messages,
     )  # fmt: skip
 
 

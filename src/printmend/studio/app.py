@@ -18,13 +18,14 @@ from starlette.types import ASGIApp
 from printmend import __version__
 from printmend.errors import PrintmendError, RefusedError
 from printmend.messages import messages_of, page_messages
-from printmend.studio import api, api_printers
+from printmend.studio import api, api_printers, api_storage
 from printmend.studio.guard import LOOPBACK, Guard, TooLargeError
 from printmend.studio.jobs import Jobs, StudioState
 from printmend.studio.store import NotThereError, Store
 
 PAGE = Path(__file__).parent / "page"
 MOST_BYTES = 400_000_000  # of an upload: a sliced part of this size takes a day to print
+MOST_HELD_BYTES = 20_000_000_000  # of the studio's folder
 WORKERS = 2  # processes that jobs run in
 _ABOUT = (
     "Everything that the page does, for other programs: send files, start jobs, follow them, fetch what they made. "
@@ -40,6 +41,7 @@ def create_app(
     workers: int = WORKERS,
     cluster: Executor | None = None,
     most_bytes: int = MOST_BYTES,
+    most_held_bytes: int = MOST_HELD_BYTES,
     stopping: Callable[[], bool] = lambda: False,
 ) -> ASGIApp:
     """Return the server over ``folder``, where everything is kept: printers, uploads, jobs and their files.
@@ -53,7 +55,7 @@ def create_app(
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         store = Store(folder)
         jobs = Jobs(store, workers=workers, cluster=cluster)
-        app.state.studio = StudioState(store, jobs)
+        app.state.studio = StudioState(store, jobs, most_held_bytes)
         yield
         jobs.close()
         store.close()
@@ -70,7 +72,7 @@ def create_app(
     app.add_exception_handler(RequestValidationError, _misfit)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(TooLargeError, _too_large)
-    for router in (api.router, api_printers.router):
+    for router in (api.router, api_printers.router, api_storage.router):
         _name_operations(router)
         app.include_router(router)
     app.add_api_route("/messages.json", page_messages, include_in_schema=False, response_class=JSONResponse)

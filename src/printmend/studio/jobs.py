@@ -180,3 +180,4 @@ class StudioState:
 
     store: Store
     jobs: Jobs
+    most_bytes: int

@@ -19,20 +19,17 @@ from printmend.corruption import (
     Screw,
 )
 from printmend.corruption.pulley import Pulley
-from printmend.demo.body import demo_body_gcode
-from printmend.gcode.read import Moves, read_gcode
 from printmend.measure.plan import ProbePlan
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend.studio import kernels
+from printmend.studio import kernels, plate
 from printmend.studio.scene import NEAR
 from printmend.studio.sliders import MOST_DENT_MM, Shape
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
 
 PRINTER = "ender3"
-LAYER = 12  # of the part: the one that the screen draws while sliders move
 _ANGLES = 180  # of a pulley's outline
 _FIRST = threading.Lock()  # what is made once is made by one
 _SCREW_PHASE_RAD = 0.6  # of the bent screw that one can play with
@@ -101,18 +98,15 @@ def play_printer() -> tuple[Printer, ProbePlan]:
 
 
 @lru_cache(maxsize=1)
-def _play_moves() -> Moves:
-    """Return the moves of the part that one plays with."""
-    return read_gcode(demo_body_gcode(), printer=play_printer()[0]).moves
-
-
-@lru_cache(maxsize=1)
 def play_layer() -> tuple[np.ndarray, np.ndarray]:
-    """Return a layer of the part of the play screen: places [N, 2] mm along its path, and where a bead leads on [N]."""
-    moves = _play_moves()
-    mine = (moves.layer == LAYER) & moves.known[:, :2].all(axis=1)
-    places = np.concatenate([moves.start_mm[mine][:1, :2], moves.end_mm[mine, :2]])
-    return places, np.append(moves.extruding[mine], False)
+    """Return what the screen draws of the part while sliders move: the plate's topmost layer and what stands on it.
+
+    Places [N, 2] mm along the path, the lines that fill among them, and where a bead leads on that is drawn [N].
+    """
+    strokes = [stroke for layer in plate.layers()[plate.PLATE_LAYERS - 1 : plate.PLATE_LAYERS + 1] for stroke in layer]
+    places = np.concatenate([places for places, _, _ in strokes]) + play_printer()[0].middle_mm
+    joined = [np.append(np.full(len(places) - 1, not fills), False) for places, _, fills in strokes]
+    return places, np.concatenate(joined)
 
 
 def preview(faults: Faults) -> dict[str, Any]:
@@ -155,8 +149,7 @@ def _rms_mm(wanted_mm: np.ndarray, printed_mm: np.ndarray, joined: np.ndarray) -
 
 def _wall(corruption: Corruption, printer: Printer) -> list[list[float]]:
     """Return where a bent screw leaves the layers of the part's wall: rows of height and push [mm]."""
-    moves = _play_moves()
-    z = np.unique(moves.end_mm[moves.extruding, 2])
+    z = np.arange(1, len(plate.layers()) + 1) * plate.LAYER_MM
     push = np.zeros(len(z)) if corruption.screw is None else corruption.screw.lower(printer).wobble_at_mm(z)[:, 0]
     return np.column_stack([z, push - push.mean()]).round(3).tolist()
 

@@ -13,7 +13,7 @@ import uvicorn
 
 from printmend.errors import InputError, reason
 from printmend.executor import Cluster, executor
-from printmend.studio.app import WORKERS, create_app
+from printmend.studio.app import MOST_HELD_BYTES, WORKERS, create_app
 from printmend.studio.devices import FIRST, Devices
 from printmend.studio.door import Door
 from printmend.studio.guard import LOOPBACK
@@ -25,7 +25,7 @@ _ELSEWHERE = ((socket.AF_INET, "198.51.100.1"), (socket.AF_INET6, "2001:db8::1")
 
 def serve(
     folder: Path, *, host: str, port: int, names: tuple[str, ...] = (), browser: bool, told: Callable[[str], None],
-    workers: int = WORKERS, cluster: str | None = None,
+    workers: int = WORKERS, cluster: str | None = None, most_gb: float = MOST_HELD_BYTES / 1e9,
 ) -> None:  # fmt: skip
     """Serve until Ctrl-C. From another ``host`` than this computer only known devices come in, see `Devices`.
 
@@ -55,7 +55,8 @@ def serve(
         pool = None if remote is None else stack.enter_context(remote.client()).get_executor(pure=False)
         config = uvicorn.Config(
             create_app(folder.resolve(), hosts=hosts, knows=None if devices is None else devices.knows, workers=workers,
-                       cluster=pool, stopping=lambda: server.should_exit), log_level="warning",
+                       cluster=pool, most_held_bytes=int(most_gb * 1e9), stopping=lambda: server.should_exit),
+            log_level="warning",
             server_header=False, timeout_keep_alive=30, timeout_graceful_shutdown=2, limit_concurrency=400, ws="none",
             lifespan="on", http=Door,
         )  # fmt: skip

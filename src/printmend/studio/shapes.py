@@ -30,6 +30,23 @@ class Health(BaseModel):
     most_bytes: int = Field(description="of an upload")
 
 
+class StoragePart(BaseModel):
+    """What may be removed: mended files and pictures, plays, what was measured, uploads that no job uses."""
+
+    part: Literal["mended", "play", "measured", "unused"]
+    count: int
+    bytes: int
+
+
+class Storage(BaseModel):
+    """What a studio keeps on the disk."""
+
+    parts: list[StoragePart]
+    kept_bytes: int = Field(description="printers, models, history and files of jobs that go on: they stay")
+    free_bytes: int = Field(description="of the disk")
+    most_bytes: int = Field(description="that the studio may hold")
+
+
 class Preset(BaseModel):
     """A printer that the program knows."""
 
@@ -99,6 +116,7 @@ class PrinterCard(BaseModel):
     healthy: bool | None
     measured_s: float | None = Field(description="when it was last measured, in seconds since 1970")
     trend: list[float] = Field(description="how far test prints were off, mm, the oldest first")
+    parts: list[str] = Field(default_factory=list, description="of the machine that have a fault")
     has_probe: bool
     digest: str | None = Field(description="of its model")
     host: HostCard | None = Field(description="what it prints with, where that is known here")

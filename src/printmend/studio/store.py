@@ -1,7 +1,9 @@
 """What the studio remembers: printers, uploads and jobs, in one SQLite file; large things lie in folders beside it."""
 
+import contextlib
 import itertools
 import json
+import os
 import secrets
 import threading
 import time
@@ -152,6 +154,10 @@ class Store:
         query = query.where(JOBS.c.state.not_in(DONE)) if waiting else query.limit(most)
         return [_read(row) for row in self._rows(query)]
 
+    def uploads(self) -> list[Row]:
+        """Return all uploads, the oldest first."""
+        return self._rows(sql.select(UPLOADS).order_by(UPLOADS.c.created_s))
+
     def jobs_of(self, upload: str) -> list[str]:
         """Return the jobs that an upload was given to."""
         return [row["id"] for row in self._rows(sql.select(JOBS.c.id).where(JOBS.c.params.contains(f'"{upload}"')))]
@@ -183,6 +189,17 @@ class Store:
 
 class NotThereError(InputError):
     """What was asked for is not in the studio."""
+
+
+def bytes_in(path: Path) -> int:
+    """Return what a file, or all in a folder, takes of the disk; what two names share counts once."""
+    seen: dict[int, int] = {}
+    places = [path] if path.is_file() else (Path(base) / name for base, _, names in os.walk(path) for name in names)
+    for place in places:
+        with contextlib.suppress(OSError):  # removed meanwhile
+            stat = place.stat()
+            seen[stat.st_ino] = stat.st_size
+    return sum(seen.values())
 
 
 def _numbered(name: str) -> Iterator[str]:

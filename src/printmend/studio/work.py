@@ -25,7 +25,7 @@ Params = dict[str, Any]
 PROGRESS = "progress.json"
 MODEL, PRINTER, PLAN, PROBE = "printer.mend.json", "printer.toml", "probe.json", "probe.gcode"
 TOWER, TOWER_TABLE = "tower.gcode", "tower.csv"
-COARSE, WANTED, MENDED = "coarse.bin", "printed.bin", "mended.bin"
+COARSE, WANTED, MENDED, THUMB = "coarse.bin", "printed.bin", "mended.bin", "thumb.svg"
 _SMALL_PART = "G28\nG90\nM83\nG1 Z0.2 F3000\nG1 X60 Y60\nG1 X110 Y60 E2\nG2 X110 Y100 I0 J20 E3\nG1 X60 Y95 E2\n"
 _NICENESS = 5  # of a worker, below the server and the browser of the same computer
 _PLAY_DPI = 300.0  # of the scan that one plays with
@@ -187,6 +187,7 @@ def _mend(job: Job) -> dict[str, Any]:
 def _draw(job: Job, path: Path, model: Any) -> tuple[Any, Any]:
     """Draw a part as it is printed, a large one coarsely first; return its `Drawing` and its `Scene`."""
     from printmend.studio.scene import as_printed, coarse, lay_points, read_motion, write_wanted
+    from printmend.studio.thumb import write_thumb
 
     motion, aligned = read_motion(path, model.printer), _is_of_shape(model)
     if (few := coarse(motion)) is not None:
@@ -196,6 +197,7 @@ def _draw(job: Job, path: Path, model: Any) -> tuple[Any, Any]:
     drawing = lay_points(motion)
     scene = as_printed(drawing, model.mechanism, aligned=aligned)
     write_wanted(job.folder / WANTED, scene)
+    write_thumb(job.file(THUMB), scene)
     job.file(WANTED)
     return drawing, scene
 
@@ -410,7 +412,6 @@ def _play(job: Job) -> dict[str, Any]:
     """Break a printer that exists only here, scan its test print, learn, and mend a part that nobody learned from."""
     from dataclasses import replace
 
-    from printmend.demo.body import demo_body_gcode
     from printmend.measure.measurement import measure_scans
     from printmend.path import Trace
     from printmend.picture.image import write_image
@@ -418,6 +419,7 @@ def _play(job: Job) -> dict[str, Any]:
     from printmend.repair.learned import learn_model
     from printmend.repair.update import update
     from printmend.saved import write_model
+    from printmend.studio.plate import plate_gcode
     from printmend.studio.play import faults_of, play_printer, tower_trace
     from printmend.studio.said import said
     from printmend.studio.scene import Tap, as_mended, as_printed, read_drawing, write_mended, write_wanted
@@ -434,7 +436,7 @@ def _play(job: Job) -> dict[str, Any]:
     )  # a flat print: no screw
     part = job.folder / "part.gcode"
     with replacing(part, "wb") as file:
-        file.write(demo_body_gcode())
+        file.write(plate_gcode(printer))
     drawing, tap = read_drawing(part, printer), Tap()
     scene = as_printed(drawing, truth, aligned=True)
     write_wanted(job.folder / WANTED, scene)

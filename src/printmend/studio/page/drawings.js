@@ -39,7 +39,7 @@ export function Slice({ wanted, printed, joined, id }) {
     return text;
   };
   const drawn = wanted.filter((_, i) => joined[i] || joined[i - 1]);
-  const xs = drawn.map((p) => p[0]), ys = drawn.map((p) => -p[1]), pad = 3;
+  const xs = drawn.map((p) => p[0]), ys = drawn.map((p) => -p[1]), pad = 9;
   const low = [Math.min(...xs) - pad, Math.min(...ys) - pad], high = [Math.max(...xs) + pad, Math.max(...ys) + pad];
   return html`<svg class="fill" id=${id} viewBox="${low[0]} ${low[1]} ${high[0] - low[0]} ${high[1] - low[1]}" role="img" aria-label=${t("part")}>
     <path d=${path(wanted)} class="w" stroke-width="1.1" opacity="0.8" /><path d=${path(printed)} class="p" stroke-width="1.5" stroke-linejoin="round" />

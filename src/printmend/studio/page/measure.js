@@ -1,6 +1,7 @@
 // Measure: the test print, and what was seen of it, by scan, by callipers or as a table.
 import { html, useEffect, useState } from "./vendor.js";
 import { ended, fileOf, get, post, upload } from "./api.js";
+import { ask } from "./ask.js";
 import { Plate, Save } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { Problem, Progress, Sending, useEarlier, useJob, useSending } from "./job.js";
@@ -12,7 +13,7 @@ export function Measure({ printer, changed, more, tell }) {
   const [probe, setProbe] = useState(null), [error, setError] = useState(null), [size, setSize] = useState(more ?? ""), [way, setWay] = useState("scan");
   const make = async (overwrite = false) => {
     try { setProbe(await post(`/printers/${printer.id}/probe`, { size_mm: asked(size), overwrite })); setError(null); changed(); } catch (problem) {
-      if (!overwrite && /plan of another test print/.test(problem.message)) { if (confirm(t("overwrite_sure"))) await make(true); } else setError(problem.message);
+      if (!overwrite && /plan of another test print/.test(problem.message)) { if (await ask(t("overwrite_sure"), t("overwrite"))) await make(true); } else setError(problem.message);
     }
   };
   useEffect(() => { if (printer.has_probe) get(`/printers/${printer.id}/probe`).then((card) => setProbe((old) => old ?? card), () => {}); }, [printer.id]);
@@ -65,7 +66,7 @@ function Scan({ printer, learned, tell }) {
   useEffect(() => { tell(result ? "measure_found" : null); return () => tell(null); }, [Boolean(result)]);
   const settle = (event) => { event.preventDefault(); setError(null); run(uploads); };
   const toggle = (mark) => setOut((old) => { const next = new Set(old); if (!next.delete(mark)) next.add(mark); return next; });
-  return html`<${Problem} error=${error ?? failed} />
+  return html`<${Problem} error=${error ?? (busy ? null : failed)} />
     <${Sending} now=${now} />
     ${key && !ended(job) && html`<section class="card"><${Progress} job=${job ?? { id: key, state: "queued", share: 0 }} steps=${["measure"]} /></section>`}
     ${result && html`<section class="card stack"><div class="row between"><h2>${t("marks_found", { found: result.marks - result.missing.length, marks: result.marks })}</h2>

@@ -14,11 +14,17 @@ const STEPS = ["read", "rewrite", "draw"];
 // A job that is done may have refused to mend.
 const stateOf = (job) => job.result?.refused ? "failed" : job.state;
 
+// What a row of the list shows of a job.
+function rowOf(job) {
+  const p = job.result?.prediction;
+  return { state: stateOf(job), drawn: job.files.includes("thumb.svg"), numbers: p && (job.result.refused || job.result.untouched ? `${mm(p.before.rms_mm)} mm` : `${mm(p.before.rms_mm)} → ${mm(p.after.rms_mm)} mm`) };
+}
+
 export function Mend({ printer, changed }) {
   const [now, send] = useSending(), [rows, setRows] = useState([]), [shown, setShown] = useState(null), [error, setError] = useState(null);
   useEffect(() => {
     get(`/jobs?printer=${printer.id}`).then((jobs) => {
-      const mine = jobs.filter((job) => job.kind === "mend").slice(0, 30).map((job) => ({ id: job.id, name: job.params.name, state: stateOf(job) }));
+      const mine = jobs.filter((job) => job.kind === "mend").slice(0, 30).map((job) => ({ id: job.id, name: job.params.name, ...rowOf(job) }));
       setRows((old) => [...old, ...mine.filter((job) => !old.some((row) => row.id === job.id))]); // a file may have been dropped meanwhile
       if (mine.length) setShown((old) => old ?? mine[0].id);
     }, (problem) => setError(problem.message));
@@ -29,8 +35,8 @@ export function Mend({ printer, changed }) {
     let timer, stopped = false;
     const later = () => { timer = setTimeout(look, 1500); };
     const look = () => get(`/jobs?printer=${printer.id}`).then((jobs) => {
-      const now = new Map(jobs.map((job) => [job.id, stateOf(job)]));
-      if (!stopped) setRows((old) => old.map((row) => ({ ...row, state: now.get(row.id) ?? row.state })));
+      const now = new Map(jobs.map((job) => [job.id, rowOf(job)]));
+      if (!stopped) setRows((old) => old.map((row) => ({ ...row, ...now.get(row.id) })));
     }, () => {}).then(() => stopped || later());
     later();
     return () => { stopped = true; clearTimeout(timer); };
@@ -68,7 +74,7 @@ export function Mend({ printer, changed }) {
   };
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}><${Sending} now=${now} />
-      ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<div class="file" key=${row.id ?? row.at}><button class="quiet" aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => setShown(row.id)}><span>${row.name}</span>
+      ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<div class="file" key=${row.id ?? row.at}><button class="quiet" aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => { setShown(row.id); setError(null); }}>${row.drawn ? html`<img class="thumb" src=${`/api/jobs/${row.id}/files/thumb.svg`} alt="" />` : html`<i class="thumb"></i>`}<span class="fname">${row.name}${row.numbers && html`<br /><span class="faint">${row.numbers}</span>`}</span>
         <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.state === "cancelled" ? t("stopped") : ended(row) ? t("ready") : t(row.state === "queued" ? "waits" : "mending")}</span></button>
         <button class="quiet icon" disabled=${row.state === "sending"} title=${t("forget", { name: row.name })} aria-label=${t("forget", { name: row.name })} onClick=${() => forget(row)}>×</button></div>`)}</section>`}</div>
     <div class="stack"><${File_} id=${shown} printer=${printer} changed=${changed} anyway=${anyway} /></div></div>`;
@@ -80,7 +86,7 @@ function File_({ id, printer, changed, anyway }) {
   return html`<${Problem} error=${job?.state === "failed" ? job.error : result?.refused ?? error} />
     ${job?.may_force && html`<div class="row"><button disabled=${asked === job.id} onClick=${() => { setAsked(job.id); anyway(job).then(() => setAsked(null)); }}>${t("anyway")}</button><span class="faint">${t("anyway_now")}</span></div>`}
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}
-    <${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene?.mended ? 2 : 1} busy=${Boolean(job) && !ended(job)}>
+    <${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene?.mended ? 2 : 1} busy=${Boolean(job) && !ended(job)} moment=${Boolean(result && !result.refused && !result.untouched)} share=${result && !result.refused && { numbers: { before_mm: result.prediction.before.rms_mm, after_mm: result.prediction.after.rms_mm }, printer: printer.name, part: job.params.name }}>
       ${!id ? html`<p class="soon">${t("soon")}</p>` : ended(job) && !scene && !job.files.includes("printed.bin") && html`<p class="soon">${t("no_picture")}</p>`}${job && !ended(job) && html`<section class="card busy ${scene ? "low" : ""}"><${Progress} job=${job} steps=${scene ? null : STEPS} /></section>`}</${Part}>
     ${result && html`<${Numbers} job=${job} printer=${printer} changed=${changed} />`}`;
 }

@@ -3,6 +3,8 @@
 import { html, useEffect, useRef, useState } from "./vendor.js";
 import { Cut } from "./cut.js";
 import { Save, saveBlob } from "./drawings.js";
+import { Share } from "./card.js";
+import { Wipe } from "./moment.js";
 import { mm, number, t } from "./words.js";
 import { scaleOf } from "./scene.js";
 import { vector } from "./vector.js";
@@ -10,10 +12,11 @@ import { View } from "./view3d.js";
 
 const PLACES = [["wanted", 0], ["printed", 1], ["mended", 2]];
 
-export function Part({ scene, bed, name = "part", morph: start, busy = false, children }) {
+// With `share` {numbers, printer, part} it can be sent to a friend; `moment` begins with the wipe.
+export function Part({ scene, bed, name = "part", morph: start, busy = false, share, moment = false, children }) {
   const canvas = useRef(), view = useRef();
   const [failed, setFailed] = useState(false), [morph, setMorph] = useState(start ?? 1), [enlarge, setEnlarge] = useState(1);
-  const [top, setTop] = useState(0), [single, setSingle] = useState(false), [cut, setCut] = useState(false);
+  const [wipe, setWipe] = useState(null), [top, setTop] = useState(0), [single, setSingle] = useState(false), [cut, setCut] = useState(false);
   const last = (scene?.layers.length ?? 1) - 1, scale = scaleOf(scene), { most, fine } = scale;
   useEffect(() => {
     try { view.current = new View(canvas.current, { onFrame: (ms, fine) => { if (canvas.current) Object.assign(canvas.current.dataset, { frame: ms.toFixed(1), fine, pictures: Number(canvas.current.dataset.pictures ?? 0) + 1 }); } }); } catch { setFailed(true); }
@@ -31,7 +34,8 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false, ch
     view.current?.set({ most, fine });
   }, [scene]);
   useEffect(() => { view.current?.wait(busy); }, [busy]);
-  useEffect(() => { if (start !== undefined) setMorph(start); }, [start, scene]);
+  useEffect(() => { if (start !== undefined) setMorph(start); setWipe(moment && scene?.mended ? 1 : null); }, [start, scene]);
+  useEffect(() => { view.current?.wipeAt(scene?.mended ? wipe : null); }, [wipe, scene]);
   useEffect(() => { view.current?.set({ morph, enlarge, tinted: morph > 0.02 ? 1 : 0 }); }, [morph, enlarge, scene]);
   useEffect(() => { if (scene && single) view.current?.aim(scene.layers[Math.min(top, last)][2]); }, [single, top]);
   useEffect(() => { if (scene && !single) view.current?.aim((scene.low_mm[2] + scene.high_mm[2]) / 2); }, [single]);
@@ -51,7 +55,8 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false, ch
     ${children}
     ${scene && html`<div class="over">
       <div class="segment" role="group" aria-label=${t("morph")}>
-        ${places.map(([place, at]) => html`<button aria-pressed=${Math.abs(morph - at) < 0.3} onClick=${() => setMorph(at)}>${t(place)}</button>`)}
+        ${places.map(([place, at]) => html`<button aria-pressed=${wipe === null && Math.abs(morph - at) < 0.3} onClick=${() => { setWipe(null); setMorph(at); }}>${t(place)}</button>`)}
+        ${scene.mended && html`<button aria-pressed=${wipe !== null} onClick=${() => { setMorph(2); setWipe(1); }}>${t("compare")}</button>`}
       </div>
       <div class="row">
         <button class="quiet glass" onClick=${() => { view.current?.fit([0, -0.01, 1]); view.current?.draw(); }}>${t("view_top")}</button>
@@ -60,6 +65,7 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false, ch
         <${Save} save=${save} />
       </div>
     </div>
+    ${scene.mended && wipe !== null && html`<${Wipe} at=${wipe} onMove=${setWipe} />`}
     <div class="layers"><input type="range" min="0" max=${last} value=${Math.min(top, last)} aria-label=${says}
       onInput=${(event) => setTop(Number(event.target.value))} /></div>
     <div class="under">
@@ -72,7 +78,8 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false, ch
     </div>`}
   </div>
   ${scene && html`<label class="field"><span class="sr">${t("morph")}</span>
-    <input type="range" min="0" max=${scene.mended ? 2 : 1} step="0.01" value=${morph} onInput=${(event) => setMorph(Number(event.target.value))} /><span class="row between faint" aria-hidden="true">${places.map(([place]) => html`<span>${t(place)}</span>`)}</span></label>
+    <input type="range" min="0" max=${scene.mended ? 2 : 1} step="0.01" value=${morph} onInput=${(event) => { setWipe(null); setMorph(Number(event.target.value)); }} /><span class="row between faint" aria-hidden="true">${places.map(([place]) => html`<span>${t(place)}</span>`)}</span></label>
+  ${scene?.mended && share && html`<div class="row end"><${Share} ...${share} scene=${scene} name=${name} shots=${() => view.current.shots()} /></div>`}
   ${cut && html`<${Cut} scene=${scene} morph=${morph} scale=${scale} name=${name} />`}
   ${scene.every > 1 && !scene.coarse && html`<p class="faint">${t("every", { n: scene.every })}</p>`}`}`;
 }

@@ -2,6 +2,10 @@
 import { html, useEffect, useRef, useState } from "./vendor.js";
 import { ended, fileOf, post } from "./api.js";
 import { Number_, Plate, Pulley, Save, Slice, Wall } from "./drawings.js";
+import { inside, Machine } from "./machine.js";
+import { Counting, times } from "./moment.js";
+import { useTitle } from "./title.js";
+import { lights } from "./wrong.js";
 import { Problem, Progress, useJob } from "./job.js";
 import { Part } from "./part.js";
 import { useScene } from "./scene.js";
@@ -18,6 +22,7 @@ const PRESETS = {
   crooked: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 1.6, screw_mm: 0 },
   healthy: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 0, screw_mm: 0 },
 };
+const FROM = [-0.22, -0.85, 0.9]; // the plate's holes are seen round, or not
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
 function Slider({ label, value, unit, max, min = 0, step, digits, onInput, disabled }) {
@@ -42,6 +47,7 @@ function Motor({ name, values, outline, radius, onChange }) {
 }
 
 export function Play() {
+  useTitle(t("play"));
   const [faults, setFaults] = useState(PRESETS.day), [shown, setShown] = useState(null), [error, setError] = useState(null);
   const [key, setKey] = useState(null), [what, setWhat] = useState("part"), [enlarge, setEnlarge] = useState(5);
   const job = useJob(key), busy = useRef(false), next = useRef(null);
@@ -65,8 +71,8 @@ export function Play() {
   };
   const has = (name) => job?.files?.includes(name);
   const done = job?.state === "done", running = key && !ended(job);
-  const [scene, lost] = useScene(done ? job : null);
-  useEffect(() => { if (job?.state === "failed") setError(job.error); }, [job?.state]);
+  const [scene, lost] = useScene(done ? job : null, FROM);
+  useEffect(() => { if (job?.state === "failed") setError(job.error); else if (job?.state === "done") setError(null); }, [job?.state]);
   const result = done ? job.result : null;
   return html`<div class="head"><div><h1>${t("play_title")}</h1><p class="now">${t(done && scene ? "now_mended" : "play_now")}</p></div>
       ${done ? html`<button class="big" onClick=${() => setKey(null)}>${t("change")}</button>`
@@ -74,7 +80,7 @@ export function Play() {
     <${Problem} error=${error ?? lost} />
     <div class="split first">
       <div class="stack">
-        ${result ? html`<${Result} result=${result} />` : running ? html`<section class="card"><${Progress} job=${job ?? { state: "queued", share: 0, id: key }} steps=${faults.screw_mm ? TOWER : STEPS} /></section>` : html`
+        ${result ? html`<${Result} result=${result} played=${key} />` : running ? html`<section class="card"><${Progress} job=${job ?? { state: "queued", share: 0, id: key }} steps=${faults.screw_mm ? TOWER : STEPS} /></section>` : html`
           <div class="chips" role="group" aria-label=${t("play_title")}>${Object.entries(PRESETS).map(([name, preset]) => html`<button class="chip" aria-pressed=${same(faults, preset)} onClick=${() => change(preset)}>${t(`preset_${name}`)}</button>`)}</div>
           <${Motor} name="X" values=${faults.x} outline=${shown?.outlines_mm[0]} radius=${shown?.radii_mm[0]} onChange=${(x) => change({ ...faults, x })} />
           <${Motor} name="Y" values=${faults.y} outline=${shown?.outlines_mm[1]} radius=${shown?.radii_mm[1]} onChange=${(y) => change({ ...faults, y })} />
@@ -82,7 +88,7 @@ export function Play() {
             <${Slider} label=${t("screw")} value=${faults.screw_mm} unit="mm" max="0.5" step="0.01" digits=${2} onInput=${(screw_mm) => change({ ...faults, screw_mm })} /></section>`}
       </div>
       <div class="stack">
-        ${scene ? html`<${Part} scene=${scene} name="printmend" morph=${scene.mended ? 2 : 1} /><p class="faint">${t(result?.refused || result?.before.rms_mm < 0.002 ? "play_healthy" : "aligned")}</p>`
+        ${scene ? html`<${Part} scene=${scene} name="printmend" morph=${scene.mended ? 2 : 1} moment share=${{ numbers: { before_mm: result.before.rms_mm, after_mm: result.after.rms_mm }, printer: t("card_play"), part: t("card_plate") }} /><p class="faint">${t(result?.refused || result?.before.rms_mm < 0.002 ? "play_healthy" : "aligned")}</p>`
           : html`<div class="stage">
             ${running && has("seen.jpg") && what === "plate" ? html`<img alt=${t("step_scan")} src=${fileOf(job, "seen.jpg")} style=${{ width: "100%", height: "100%", objectFit: "contain" }} />`
               : !shown ? html`<p class="soon" role="status">${t("drawing")}</p>` : (what === "plate" ? html`<${Plate} id="drawing" marks=${shown.marks_mm} errors=${shown.errors_mm} big=${shown.big} bed=${shown.bed_mm} enlarge=${enlarge} />`
@@ -96,12 +102,12 @@ export function Play() {
     </div>`;
 }
 
-function Result({ result }) {
-  const { before, after, said } = result, times = before.rms_mm / Math.max(after.rms_mm, 1e-4);
+function Result({ result, played }) {
+  const [lit, light] = useState(null), { before, after, said } = result, more = before.rms_mm / Math.max(after.rms_mm, 1e-4), larger = inside(said.machine);
   return html`<section class="card stack"><div class="numbers">
-      <${Number_} value=${mm(before.rms_mm)}>${t("before")}</${Number_}><${Number_} value=${mm(after.rms_mm)}>${t("after")}</${Number_}>
-      ${!result.refused && times > 1.5 && html`<${Number_} value=${number(times, times < 10 ? 1 : 0)} unit="">${t("better")}</${Number_}>`}</div></section>
+      <${Number_} value=${mm(before.rms_mm)}>${t("before")}</${Number_}><${Counting} from=${before.rms_mm} to=${after.rms_mm}>${t("after")}</${Counting}>
+      ${!result.refused && more > 1.5 && html`<${Counting} from=${1} to=${more} unit="" show=${times}>${t("better")}</${Counting}>`}</div></section>
     <section class="card stack"><h2>${t("found")}</h2>
-      <div class="row">${said.machine.motors.map((motor) => html`<div style=${{ width: "7rem" }}><${Pulley} outline=${motor.outline_mm} radius=${motor.radius_mm} name=${t("motor", { name: motor.name })} /></div>`)}</div>
-      ${said.faults.length ? said.faults.map((fault) => html`<div class="fault ${fault.urgency}"><h3>${say(fault.title)}</h3><p class="faint">${say(fault.meaning)}</p></div>`) : html`<p>${say(said.headline)}</p>`}</section>`;
+      <div class="picture"><${Machine} machine=${said.machine} larger=${larger} label=${larger > 1 ? t("machine", { n: larger }) : t("machine_sound")} faults=${said.faults.map((fault) => fault.part)} lit=${lit} light=${light} played=${played} /></div><p class="faint">${t("light_up")}</p>
+      ${said.faults.length ? said.faults.map((fault) => html`<div ...${lights(fault, lit, light)}><h3>${say(fault.title)}</h3><p class="faint">${say(fault.meaning)}</p></div>`) : html`<p>${say(said.headline)}</p>`}</section>`;
 }

@@ -1,12 +1,15 @@
 // My printers: what they are and how they are; and the way through one of them.
 import { html, useEffect, useRef, useState } from "./vendor.js";
 import { get, patch, post, remove, upload } from "./api.js";
+import { ask } from "./ask.js";
 import { Drop } from "./drop.js";
 import { Problem } from "./job.js";
+import { Machine } from "./machine.js";
 import { Measure } from "./measure.js";
 import { Mend } from "./mend.js";
 import { Prove } from "./prove.js";
-import { day, sentence, t, typed } from "./words.js";
+import { useTitle } from "./title.js";
+import { day, mm, sentence, t, typed } from "./words.js";
 import { Wrong } from "./wrong.js";
 
 const TABS = { measure: Measure, wrong: Wrong, mend: Mend, prove: Prove };
@@ -18,14 +21,19 @@ export function Printers({ at }) {
 
 function List() {
   const [printers, setPrinters] = useState(null), [error, setError] = useState(null);
+  useTitle(t("printers"));
   useEffect(() => { get("/printers").then(setPrinters, (problem) => setError(problem.message)); }, []);
-  return html`<div class="head"><div><h1>${t("printers")}</h1><p class="now">${t("printers_now")}</p></div><a class="button primary big" href="#/printers/new">${t("new_printer")}</a></div>
+  return html`<div class="head"><div><h1>${t("printers")}</h1><p class="now">${t("printers_now")}</p></div><div class="row"><a class="button quiet" href="#/storage">${t("storage")}</a><a class="button primary big" href="#/printers/new">${t("new_printer")}</a></div></div>
     <${Problem} error=${error} />
     <div class="grid">${printers?.map((one) => html`<a class="card pcard" href="#/printers/${one.id}/${one.digest ? "mend" : "measure"}">
       <div class="row between"><h2>${one.name}</h2><span class="dot ${one.healthy === null ? "" : one.healthy ? "good" : "bad"}"></span></div>
+      <div class="pthumb"><${Machine} id=${`machine-${one.id}`} machine=${one} label=${one.name} faults=${one.parts} small />${one.trend.length > 0 && html`<div class="number"><b>${mm(one.trend.at(-1))} <small>mm</small></b><span>${t("before_model")}</span></div>`}</div>
       <p class="soft">${one.health === null ? t("now_measure") : one.healthy ? t("healthy") : sentence(one.health)}</p>
-      <div class="row between faint"><span>${one.measured_s ? t("measured_on", { day: day(one.measured_s) }) : t("not_measured")}</span><${Trend} values=${one.trend} /></div></a>`)}</div>`;
+      <div class="row between faint"><span>${one.measured_s ? t("measured_on", { day: day(one.measured_s) }) : t("not_measured")}</span><${Trend} values=${one.trend} /></div></a>`)}${printers?.length === 0 && html`<${Ghost} />`}</div>`;
 }
+
+// What a card will look like, where there is none yet.
+const Ghost = () => html`<div class="card pcard ghost"><div class="row between"><h2>${t("ghost_name")}</h2></div><div class="pthumb"><${Machine} id="ghost" machine=${{ kinematics: "cartesian", bed_mm: [0, 0, 220, 220] }} label=${t("ghost_name")} faults=${["x"]} small /><div class="number"><b>0.31 <small>mm</small></b><span>${t("before_model")}</span></div></div><p class="soft">${t("ghost_says")}</p></div>`;
 
 function Trend({ values }) {
   if (values.length < 2) return null;
@@ -36,6 +44,7 @@ function Trend({ values }) {
 function New() {
   const [presets, setPresets] = useState([]), [like, setLike] = useState("ender3"), [name, setName] = useState(""), [error, setError] = useState(null);
   const [bed, setBed] = useState(null), [file, setFile] = useState(null), [busy, setBusy] = useState(false);
+  useTitle(t("new_printer"));
   useEffect(() => { get("/presets").then(setPresets, (problem) => setError(problem.message)); }, []);
   const preset = presets.find((one) => one.id === like);
   const size = bed ?? (preset ? [preset.bed_mm[2] - preset.bed_mm[0], preset.bed_mm[3] - preset.bed_mm[1]] : [220, 220]);
@@ -79,8 +88,9 @@ function Printer({ id, tab = "measure", more }) {
   const load = () => get(`/printers/${id}`).then(setPrinter, (problem) => setError(problem.message));
   useEffect(() => { load(); }, [id]);
   const shown = TABS[tab] ? tab : "measure", Screen = TABS[shown];
-  const away = async () => { if (confirm(t("remove_sure", { name: printer.name }))) { await remove(`/printers/${id}`); location.hash = "#/printers"; } };
+  const away = async () => { if (await ask(t("remove_sure", { name: printer.name }), t("remove"))) { await remove(`/printers/${id}`); location.hash = "#/printers"; } };
   const rename = async (event) => { event.preventDefault(); try { setPrinter(await patch(`/printers/${id}`, { name: naming })); setNaming(null); } catch (problem) { setError(problem.message); } };
+  useTitle(t(`tab_${shown}`), printer?.name);
   if (!printer) return html`<${Problem} error=${error} />`;
   const first = shown !== "measure" && (!printer.digest || (shown === "prove" && !printer.has_probe)); // something comes before this screen
   return html`<div class="head"><div>${naming === null ? html`<h1>${printer.name}</h1>` : html`<form class="row" onSubmit=${rename}><input aria-label=${t("name")} value=${naming} maxlength="80" style=${{ width: "18rem" }} onInput=${(event) => setNaming(event.target.value)} /><button class="primary">${t("rename")}</button></form>`}
@@ -88,5 +98,5 @@ function Printer({ id, tab = "measure", more }) {
       <div class="row"><button class="quiet" onClick=${() => setNaming(naming === null ? printer.name : null)}>${t("rename")}</button><button class="quiet" onClick=${away}>${t("remove")}</button></div></div>
     <nav class="tabs" aria-label=${printer.name}>${Object.keys(TABS).map((name) => html`<a href="#/printers/${id}/${name}" aria-current=${name === shown ? "page" : undefined}>${t(`tab_${name}`)}</a>`)}</nav>
     <${Problem} error=${error} />
-    ${first ? html`<div><a class="button primary big" href="#/printers/${id}/measure">${t("to_measure")}</a></div>` : html`<${Screen} printer=${printer} changed=${load} more=${more} tell=${tell} />`}`;
+    ${first ? html`<div class="stage ghost"><${Machine} id="ghost" machine=${printer} label=${printer.name} /><div class="soon"><a class="button primary big" href="#/printers/${id}/measure">${t("to_measure")}</a></div></div>` : html`<${Screen} printer=${printer} changed=${load} more=${more} tell=${tell} />`}`;
 }

@@ -55,6 +55,9 @@ export default [
 
   // files and the studio itself
   ["some free space", "etwas freier Platz"],
+  ["at most {a} GB in its folder", "höchstens {a} GB in seinem Ordner"],
+  ["{a} GB", "{a} GB"],
+  ["free some of it under Storage", "Unter Speicher etwas davon freigeben"],
   ["less than 500 MB", "weniger als 500 MB"],
   ["remove what is not needed", "Entfernen, was nicht gebraucht wird"],
   ["a file", "eine Datei"],

@@ -5,7 +5,7 @@ import { fileOf, PAUSE_MS, tables } from "./api.js";
 // Fetch what a job has of its picture: [the scene, null until there is something to show; why a job that is done shows none].
 // What a job listed may be gone before it is fetched: it failed, was stopped, or begins again. Only of one that was done
 // already when it was asked is this worth a word; while it goes on it is asked again.
-export function useScene(job) {
+export function useScene(job, from) {
   const [coarse, setCoarse] = useState(null), [wanted, setWanted] = useState(null), [mended, setMended] = useState(null), [problem, setProblem] = useState(null), state = useRef();
   state.current = job?.state;
   useEffect(() => setProblem(null), [job?.id]);
@@ -31,7 +31,7 @@ export function useScene(job) {
   const scene = useMemo(() => {
     if (!wanted && !coarse) return null;
     const [head, base, raw] = wanted ?? coarse;
-    return { ...head, of: job?.id, base, raw, coarse: !wanted, mended: wanted ? mended?.[1] ?? null : null, left_mm: (wanted && mended?.[0].p95_mm) || 0 };
+    return { ...head, from, of: job?.id, base, raw, coarse: !wanted, mended: wanted ? mended?.[1] ?? null : null, left_mm: (wanted && mended?.[0].p95_mm) || 0 };
   }, [coarse, wanted, mended]);
   return [scene, problem];
 }

@@ -84,6 +84,15 @@ export default {
   cut_show: "Wand schneiden", cut: "Ein Schnitt durch die Wände", cut_along: "längs {axis}", cut_at: "Schnitt bei {axis}", cut_whole: "Ganzer Schnitt", cut_wall: "Äußere Wand",
   cut_says: "{n} Bahnen, geschnitten bei {axis} {at} mm", cut_key: "Jede Bahn ist so breit und so hoch, wie sie gedruckt wird; gestrichelt, wo sie gewollt war.", cut_none: "Hier wird nichts gedruckt.",
 
+  compare: "vergleichen", wipe: "Zwischen wie er druckt und geheilt wischen", wipe_at: "{n} % wie er druckt", light_up: "Zeigen Sie auf einen Satz oder ein Teil: Das andere leuchtet auf.",
+  share: "Teilen", card_off: "Abweichung im Mittel", card_says: "druckt gerade auf einem krummen Drucker", card_play: "ein simulierter Drucker, wie ein Ender 3", card_plate: "Eine Platte mit Löchern, Schrift und Wand",
+  card_alt: "Vorher {before} mm, geheilt {after} mm", save_card: "Als PNG speichern", copy: "Kopieren", copied: "Kopiert", copy_not: "Dieser Browser kann nicht kopieren", close: "Schließen", keep: "Behalten", mpart_frame: "Rahmen und Bett", mpart_z: "Z-Spindel",
+
+  storage: "Speicher", storage_now: "Das Studio belegt {size} von höchstens {most}; {free} der Platte sind frei.", free_this: "Freigeben", free_sure: "{what} ({size}) entfernen? Das lässt sich nicht rückgängig machen.", stays: "bleibt",
+  stored_mended: "Geheilte Dateien", stored_mended_why: "G-Code, den Sie abgelegt haben, was daraus wurde, und die Bilder dazu.", stored_play: "Spiele", stored_play_why: "Simulierte Drucke der Seite Ausprobieren.", stored_measured: "Scans und Prüfdrucke", stored_measured_why: "Scans, Fotos und Tabellen mit den Bildern ihrer Punkte. Was daraus gelernt wurde, bleibt.",
+  stored_unused: "Ungenutzte Dateien", stored_unused_why: "Gesendete Dateien, die nichts mehr braucht.", stored_kept: "Drucker und Verlauf", stored_kept_why: "Beschreibungen, Modelle, Testdrucke und ihr Verlauf.",
+  ghost_name: "Ihr Drucker", ghost_says: "Hier steht, was ihm fehlt, und darunter, wie es sich mit der Zeit ändert.", overwrite: "Ersetzen",
+
   send_to: "An {host} senden", send_setup: "An den Drucker senden …", send_change: "Adresse ändern", sent: "{name} liegt bei den Dateien von {host}. Dort starten:",
   send_now: "Wo laufen die Drucke? Die Adresse von OctoPrint, Mainsail oder Fluidd angeben, wie der Browser sie zeigt. Dateien gehen nur auf Wunsch dorthin, und nichts startet von selbst.",
   address: "Adresse", api_key: "API-Schlüssel (OctoPrint: Einstellungen, Anwendungsschlüssel; Moonraker braucht oft keinen)", connect: "Verbinden", connecting: "Fragt …", disconnect: "Vergessen",

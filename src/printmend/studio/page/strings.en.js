@@ -84,6 +84,15 @@ export default {
   cut_show: "Cut a wall", cut: "A cut through the walls", cut_along: "along {axis}", cut_at: "Cut at {axis}", cut_whole: "Whole cut", cut_wall: "Outer wall",
   cut_says: "{n} beads cut at {axis} {at} mm", cut_key: "Each bead is as wide and as high as it is printed; the dashed line is where it was wanted.", cut_none: "Nothing is printed at this place.",
 
+  compare: "compare", wipe: "Wipe between as it prints and mended", wipe_at: "{n} % as it prints", light_up: "Point at a sentence or at a part: the other one lights up.",
+  share: "Share", card_off: "off, on average", card_says: "prints straight on a broken printer", card_play: "a simulated printer, like an Ender 3", card_plate: "A plate with holes, a word and a wall",
+  card_alt: "Before {before} mm, mended {after} mm", save_card: "Save as PNG", copy: "Copy", copied: "Copied", copy_not: "This browser cannot copy", close: "Close", keep: "Keep it", mpart_frame: "Frame and bed", mpart_z: "Z screw",
+
+  storage: "Storage", storage_now: "The studio holds {size} of at most {most}; {free} of the disk are free.", free_this: "Free this", free_sure: "Remove {what} ({size})? This cannot be undone.", stays: "stays",
+  stored_mended: "Mended files", stored_mended_why: "G-code that you dropped, what was made of it, and its pictures.", stored_play: "Plays", stored_play_why: "Simulated prints of the screen Try it.", stored_measured: "Scans and check prints", stored_measured_why: "Scans, photos and tables, with the pictures of their dots. What was learned from them stays.",
+  stored_unused: "Unused uploads", stored_unused_why: "Files that were sent, and that nothing uses.", stored_kept: "Printers and history", stored_kept_why: "Descriptions, models, test prints, and how they went over time.",
+  ghost_name: "Your printer", ghost_says: "What is wrong with it stands here, and below how it changes over time.", overwrite: "Replace it",
+
   send_to: "Send to {host}", send_setup: "Send it to the printer…", send_change: "Change the address", sent: "{name} is among the files of {host}. Start it there:",
   send_now: "Where do you watch your prints? Give the address of OctoPrint, Mainsail or Fluidd as your browser shows it. Files go there only when you say so, and nothing starts by itself.",
   address: "Address", api_key: "API key (OctoPrint: Settings, Application Keys; Moonraker often needs none)", connect: "Connect", connecting: "Asking…", disconnect: "Forget it",

@@ -9,6 +9,8 @@ const LIGHTS = [[0.5, new Vector3(-0.35, 0.65, 0.7).normalize()], [0.14, new Vec
 // The numbers of the segments that are in front of all others somewhere in a picture `width` × `height`.
 function visible(view, width, height) {
   const { renderer, uniforms } = view, target = new WebGLRenderTarget(width, height), pixels = new Uint8Array(4 * width * height), found = new Set();
+  const { wipe } = view;
+  view.wipe = null;
   uniforms.counted.value = true;
   view.floor.visible = false;
   renderer.setRenderTarget(target);
@@ -17,6 +19,7 @@ function visible(view, width, height) {
   renderer.readRenderTargetPixels(target, 0, 0, width, height, pixels);
   renderer.setRenderTarget(null);
   uniforms.counted.value = false;
+  view.wipe = wipe;
   target.dispose();
   for (let at = 0; at < pixels.length; at += 4) if (pixels[at + 3]) found.add(pixels[at] | (pixels[at + 1] << 8) | (pixels[at + 2] << 16));
   return found;

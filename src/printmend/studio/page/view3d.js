@@ -196,13 +196,13 @@ export class View {
     this.glance();
   }
 
-  fit(from = [-0.5, -1, 0.72]) {
+  fit(from = this.part.from ?? [-0.5, -1, 0.72]) {
     const { low_mm: low, high_mm: high } = this.part;
     const middle = new Vector3(...low.map((v, i) => (v + high[i]) / 2));
     const size = Math.hypot(...low.map((v, i) => high[i] - v)) || 50;
     const narrow = Math.min(1, this.camera.aspect);
     this.controls.target.copy(middle);
-    this.camera.position.copy(middle).addScaledVector(new Vector3(...from).normalize(), (size * 1.55) / narrow);
+    this.camera.position.copy(middle).addScaledVector(new Vector3(...from).normalize(), (size * 1.3) / narrow);
     this.camera.near = size / 60;
     this.camera.far = size * 12;
     this.camera.updateProjectionMatrix();
@@ -270,10 +270,42 @@ export class View {
     this.count = 0;
     for (const [first, count] of spans) { geometry.addGroup(first * CORNERS, count * CORNERS, 0); this.count += count; }
     this.begun = performance.now();
-    this.renderer.render(this.scene, this.camera);
+    this.paint();
     if (this.sync) this.gl.deleteSync(this.sync);
     this.sync = this.gl.fenceSync(this.gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     this.gl.flush();
+  }
+
+  // Left of `wipe`, a share of the width, the part is as it prints, right of it mended.
+  paint() {
+    if (!(this.wipe > 0 && this.wipe < 1)) { this.renderer.render(this.scene, this.camera); return; }
+    const { clientWidth: width, clientHeight: height } = this.canvas, { morph } = this.uniforms, kept = morph.value, at = Math.round(this.wipe * width);
+    this.renderer.setScissorTest(true);
+    for (const [value, left, wide] of [[1, 0, at], [2, at, width - at]]) {
+      morph.value = value;
+      this.renderer.setScissor(left, 0, wide, height);
+      this.renderer.render(this.scene, this.camera);
+    }
+    morph.value = kept;
+    this.renderer.setScissorTest(false);
+  }
+
+  // Show a wipe at this share of the width; null shows none.
+  wipeAt(share) {
+    if (this.wipe === share) return;
+    this.wipe = share;
+    if (this.part) this.glance();
+  }
+
+  // Pictures of the part as it prints and mended, seen as now.
+  async shots() {
+    const { wipe, uniforms: { morph } } = this, kept = morph.value, found = [];
+    this.wipe = null;
+    for (const value of [1, 2]) { morph.value = value; found.push(await this.picture()); }
+    Object.assign(this, { wipe });
+    morph.value = kept;
+    this.draw();
+    return found;
   }
 
   resize() {

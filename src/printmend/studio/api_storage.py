@@ -1,0 +1,76 @@
+"""The API of what a studio keeps on the disk: how much that is, and how to be free of it."""
+
+import contextlib
+import shutil
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from fastapi import APIRouter
+from fastapi import Path as Where
+
+from printmend.studio.api import PROBLEMS, Here
+from printmend.studio.jobs import StudioState
+from printmend.studio.shapes import Storage, StoragePart
+from printmend.studio.store import DONE, NotThereError, bytes_in
+
+Part = Literal["mended", "play", "measured", "unused"]
+_KINDS: dict[str, Part] = {
+    "mend": "mended",
+    "play": "play",
+    "measure": "measured",
+    "check": "measured",
+    "send": "measured",
+}
+router = APIRouter(prefix="/api/storage", responses=PROBLEMS, tags=["storage"])
+
+
+@router.get("", name="list")
+def storage(here: Here) -> Storage:
+    """Say what the studio keeps and how much of the disk is free."""
+    found = {part: [0, 0] for part in get_args(Part)}
+    for part, path in _freed(here):
+        found[part][0] += 1
+        found[part][1] += bytes_in(path)
+    kept = bytes_in(here.store.folder) - sum(size for _, size in found.values())
+    parts = [StoragePart(part=part, count=count, bytes=size) for part, (count, size) in found.items()]
+    free = shutil.disk_usage(here.store.folder).free
+    return Storage(parts=parts, kept_bytes=max(kept, 0), free_bytes=free, most_bytes=here.most_bytes)
+
+
+@router.delete("/{part}", name="free")
+def free(here: Here, part: Annotated[Part, Where()]) -> Storage:
+    """Remove one part of what is kept. Printers, their models and their history always stay."""
+    for mine, path in _freed(here):
+        if mine == part:
+            with contextlib.suppress(NotThereError):  # removed meanwhile
+                _remove(here, part, path)
+    return storage(here)
+
+
+def _freed(here: StudioState) -> list[tuple[Part, Path]]:
+    """Return what may be removed: folders of jobs that have ended, and uploads that no job was given."""
+    store, found = here.store, []
+    held: set[str] = set()
+    for job in store.jobs(most=1_000_000):
+        keys = _uploads(job["params"])
+        if job["state"] in DONE and job["kind"] in _KINDS:
+            found.append((_KINDS[job["kind"]], store.path("job", job["id"])))
+        held.update(keys)
+    unused = [store.path("upload", row["id"]) for row in store.uploads() if row["id"] not in held]
+    return [*found, *(("unused", path) for path in unused)]
+
+
+def _uploads(params: dict[str, Any]) -> list[str]:
+    """Return the uploads that a job was given."""
+    return [*([params["upload"]] if "upload" in params else []), *(one["upload"] for one in params.get("scans", ()))]
+
+
+def _remove(here: StudioState, part: Part, path: Path) -> None:
+    if part == "unused":
+        here.store.remove_upload(path.name)
+        return
+    given = _uploads(here.store.job(path.name)["params"])
+    here.jobs.remove(path.name)
+    for upload in given:
+        if not here.store.jobs_of(upload):
+            here.store.remove_upload(upload)
