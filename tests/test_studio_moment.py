@@ -3,21 +3,28 @@
 import itertools
 import math
 import xml.etree.ElementTree as ElementTree
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
+from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.gcode.read import read_gcode
 from printmend.printer import preset_names, read_printer
+from printmend.repair import mend_gcode
+from printmend.saved import exact_model
+from printmend.studio import jobs as studio_jobs
 from printmend.studio import plate
+from printmend.studio import scene as studio_scene
 from printmend.studio.app import create_app
 from printmend.studio.jobs import Jobs
 from printmend.studio.play import Faults, Side, play_layer, preview
-from printmend.studio.scene import Scene
+from printmend.studio.scene import Scene, Tap, as_mended, as_printed, read_drawing
 from printmend.studio.store import Store
 from printmend.studio.thumb import write_thumb
+from printmend.twin import Twin
 
 HERE = "http://127.0.0.1:8765"
 
@@ -142,3 +149,67 @@ def test_a_studio_holds_no_more_than_it_may(folder: Path) -> None:
         assert refused.json()["error"] == ("the studio: wanted at most 0.001 GB in its folder, got 0.0 GB; "
                                            "free some of it under Storage")  # fmt: skip
         assert len(list((folder / "uploads").iterdir())) == 1
+
+
+def test_of_a_large_part_every_nth_layer_is_read_and_lies_where_it_would(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    printer = read_printer("ender3")
+    path = tmp_path / "plate.gcode"
+    path.write_bytes(plate.plate_gcode(printer))
+    bent = Corruption((Drive(pulley=EccentricBore(0.5, 1.0), belt=Play(0.2)), Drive(belt=Play(0.1))))
+    model = exact_model(Twin.of(bent, printer).homed())
+    scenes = []
+    for small_bytes in (10**9, 0):  # once all of it is read, and once every third layer
+        monkeypatch.setattr(studio_scene, "_SMALL_BYTES", small_bytes)
+        drawing = read_drawing(path, printer, most=5000)
+        tap = Tap(drawing.motion.there)
+        mend_gcode(path, model, tmp_path / "mended.gcode", watch=tap.watch)
+        scenes.append(as_mended(as_printed(drawing, model.mechanism), drawing, model.mechanism, tap))
+    whole, some = scenes
+    assert drawing.motion.every == 3
+    assert whole.every > 1
+    assert some.every % 3 == 0
+    shared = {*whole.layer.tolist()} & {*some.layer.tolist()}
+    assert shared
+    for error in ("raw_error_mm", "mended_error_mm"):
+        means = [[getattr(one, error)[one.layer == layer].mean() for layer in sorted(shared)] for one in scenes]
+        assert means[1] == pytest.approx(means[0], rel=0.03)  # points lie at other places of a line
+    assert some.raw_error_mm.max() == pytest.approx(whole.raw_error_mm.max(), rel=0.1)
+    np.testing.assert_allclose(np.unique(some.height_mm), plate.LAYER_MM)
+
+
+def test_workers_rest_where_no_job_runs_and_the_next_job_has_new_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+
+    class Pool(studio_jobs.ProcessPool):
+        def __init__(self, *given: object, **named: object) -> None:
+            made.append(self)
+            self.asked, self.stopped = [], False
+
+        def schedule(self, function: object, args: tuple = (), timeout: float | None = None) -> Future:
+            self.asked.append(Future())
+            return self.asked[-1]
+
+        def stop(self) -> None:
+            self.stopped = True
+
+        def join(self) -> None:
+            pass
+
+    monkeypatch.setattr(studio_jobs, "ProcessPool", Pool)
+    (tmp_path / "studio").mkdir()
+    jobs = Jobs(store := Store(tmp_path / "studio"), workers=1)
+    key = jobs.submit("play", None, {})
+    jobs.rest()
+    assert len(made) == 1  # a job runs
+    made[0].asked[-1].set_result({"files": []})
+    assert store.job(key)["state"] == "done"
+    jobs.rest()
+    assert [one.stopped for one in made] == [True, False]
+    jobs.submit("play", None, {})
+    assert len(made[1].asked) == 1
+    jobs.close()
+    store.close()

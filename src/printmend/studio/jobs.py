@@ -22,6 +22,7 @@ LONGEST_S = 1800.0  # a job that takes longer is stopped
 MOST_WAITING = 500  # jobs
 KEPT_DAYS = 30  # for a job's files
 _WARM_AFTER_S = 8.0  # at the latest: until the page is drawn, it has the processor
+_REST_AFTER_S = 300.0  # without a job: then the workers end, which hold a hundred megabytes each
 _DRAWN_AFTER_S = 0.7  # a browser's pause between the first picture's data and its being seen
 _LOG = logging.getLogger("printmend.studio")
 
@@ -37,8 +38,10 @@ class Jobs:
         self._store, self._closing, self._warmed, self._drawn = store, False, False, False
         # spawned, not forked: a fork of a process with threads may hang
         context = multiprocessing.get_context("spawn")
-        self._pool = _Remote(cluster) if cluster else ProcessPool(workers, context=context, initializer=work.begin)
+        self._make = lambda: ProcessPool(workers, context=context, initializer=work.begin)
+        self._pool = _Remote(cluster) if cluster else self._make()
         self._running: dict[str, Future[Any]] = {}
+        self._changing = threading.Lock()  # of the pool
         self._tidy()
         for job in store.jobs(waiting=True):
             self._schedule(job["id"], job["kind"], job["params"])
@@ -107,7 +110,11 @@ class Jobs:
             self._warm_in(_DRAWN_AFTER_S)
 
     def _warm_in(self, seconds: float) -> None:
-        self._later = threading.Timer(seconds, self.warm)
+        self._in(seconds, self.warm)
+
+    def _in(self, seconds: float, then: Callable[[], None]) -> None:
+        """Do one thing later, and nothing that was to be done later before."""
+        self._later = threading.Timer(seconds, then)
         self._later.daemon = True
         self._later.start()
 
@@ -115,7 +122,19 @@ class Jobs:
         """Let the workers start and rehearse, unless they have, before somebody waits for them."""
         if isinstance(self._pool, ProcessPool) and not (self._warmed or self._closing):
             self._warmed = True
-            self._pool.schedule(work.rehearsed)
+            with self._changing:
+                self._pool.schedule(work.rehearsed)
+            self._in(_REST_AFTER_S, self.rest)
+
+    def rest(self) -> None:
+        """End the workers where no job runs; the next one begins with new ones."""
+        with self._changing:
+            if self._closing or self._running or not isinstance(self._pool, ProcessPool):
+                return
+            before, self._pool = self._pool, self._make()
+            self._warmed = self._drawn = False
+        before.stop()
+        before.join()
 
     def close(self) -> None:
         """Stop the workers; what they had not finished begins again with the next server."""
@@ -128,8 +147,10 @@ class Jobs:
         folder = self._store.path("job", key)
         (folder / work.PROGRESS).unlink(missing_ok=True)  # of a run that was killed
         arguments = (kind, str(folder), str(self._store.folder), params)
-        future = self._pool.schedule(work.run, args=arguments, timeout=LONGEST_S)
-        self._running[key] = future
+        with self._changing:
+            self._warmed = True
+            future = self._pool.schedule(work.run, args=arguments, timeout=LONGEST_S)
+            self._running[key] = future
         future.add_done_callback(lambda done: self._ended(key, done))
 
     def _ended(self, key: str, future: Future[Any]) -> None:
@@ -137,6 +158,9 @@ class Jobs:
             return
         self._keep(key, future)
         self._running.pop(key, None)  # whoever sees that it no longer runs finds what came of it
+        if not self._running:
+            self._later.cancel()
+            self._in(_REST_AFTER_S, self.rest)
 
     def _keep(self, key: str, future: Future[Any]) -> None:
         try:

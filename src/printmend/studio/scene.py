@@ -30,6 +30,7 @@ from printmend.studio.pace import busiest
 COARSE_LINES = 40_000  # of a large part's first picture
 MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns without a jerk; 14 MB
 ROW = 2048  # points in a row of a packed table
+_SMALL_BYTES = 1_500_000  # of a file, packed or not, that has fewer beads than a picture may have
 _PITCHES_MM = (0.8, 6.0)  # between points on long lines: finest and coarsest
 _BESIDE_END_SHARE = 1e-7  # of a line: this side of its end, or that
 NEAR = 3  # wanted segments to either side that a printed point may belong to
@@ -85,10 +86,14 @@ class Scene:
 
 
 class Tap:
-    """Keeps what passes through a planner: how many pieces each motion of a file became, and the pieces."""
+    """Keeps what passes through a planner: how many pieces each motion of a file became, and the pieces.
 
-    def __init__(self) -> None:
+    ``there`` says which of the file's motions are kept, as `Motion` does.
+    """
+
+    def __init__(self, there: np.ndarray | None = None) -> None:
         self._name: str | None = None
+        self._there, self._at = there, 0
         self._counts: list[np.ndarray] = [np.empty(0, np.int64)]
         self._pieces: list[np.ndarray] = [np.empty(0, k.PIECE)]
 
@@ -110,6 +115,10 @@ class Tap:
         def noticed(records: np.ndarray, begin: int) -> tuple[int, np.ndarray, np.ndarray]:
             end, first, pieces = plan(records, begin)
             motion = _motion(records[begin:end])
+            if self._there is not None:
+                passed = np.flatnonzero(motion)
+                motion[passed] = self._there[self._at : self._at + len(passed)]
+                self._at += len(passed)
             count = np.diff(first[begin : end + 1])
             self._counts.append(count[motion])
             self._pieces.append(pieces[first[begin] : first[end]][np.repeat(motion, count)])
@@ -125,7 +134,8 @@ class Tap:
 @dataclass(frozen=True, eq=False)
 class Motion:
     """What moves in a file: columns of its motion ``records`` [R] with their ``lines``, ``length_mm`` and ``layer``,
-    ``drawn`` [R] whether a bead is laid; ``height_mm`` of each layer. It holds every ``every``-th layer."""
+    ``drawn`` [R] whether a bead is laid; ``height_mm`` of each layer. It holds every ``every``-th layer; ``there`` says
+    which of the file's motions these are, None where it holds all."""
 
     records: Columns
     lines: Lines
@@ -134,6 +144,7 @@ class Motion:
     drawn: np.ndarray
     height_mm: np.ndarray
     every: int = 1
+    there: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,25 +167,58 @@ class Drawing:
 
 def read_drawing(source: Path, printer: Printer, *, most: int = MOST_POINTS) -> Drawing:
     """Read a file's first part and lay points along its extruded path. Raises `GcodeError` for what cannot be read."""
-    return lay_points(read_motion(source, printer), most=most)
+    return lay_points(read_motion(source, printer, most=most), most=most)
 
 
-def read_motion(source: Path, printer: Printer) -> Motion:
-    """Read what moves in a file's first part. Raises `GcodeError` for what cannot be read."""
-    parts = [{name: np.empty(0, k.RECORD[name]) for name in _COLUMNS}]
+def read_motion(source: Path, printer: Printer, *, most: int = MOST_POINTS) -> Motion:
+    """Read what moves in a file's first part, of a file with more than ``most`` beads every n-th layer.
+
+    Such a file is read twice: what all of it says would fill the memory. Raises `GcodeError` for what cannot be read.
+    """
+    if source.stat().st_size < _SMALL_BYTES:
+        return _whole(_read(source, printer, _COLUMNS))
+    seen = _read(source, printer, ["z0", "z1", "flags", "layer"])
+    drawn, layer = _drawn(seen)
+    height_mm = _heights(seen, layer)
+    every = -(-int(np.count_nonzero(drawn)) // most)
+    del seen
+    if every < 2:
+        return _whole(_read(source, printer, _COLUMNS))
+    there = (layer % every == 0) | (layer == layer.max(initial=0)) | (layer < 0)
+    records = _read(source, printer, _COLUMNS, there)
+    lines = _source_lines(records)
+    return Motion(records, lines, _lengths(lines)[0], layer[there], drawn[there], height_mm, every, there)
+
+
+def _read(source: Path, printer: Printer, names: list[str], there: np.ndarray | None = None) -> Columns:
+    """Read columns of the motions in a file's first part, of all or of those that are ``there``."""
+    parts, at = [{name: np.empty(0, k.RECORD[name]) for name in names}], 0
 
     def keep_records(records: np.ndarray, begin: int) -> tuple[int, np.ndarray, np.ndarray]:
+        nonlocal at
         motion = _motion(records[begin:])
-        parts.append({name: records[name][begin:][motion] for name in _COLUMNS})
+        if there is not None:
+            passed = np.flatnonzero(motion)
+            motion[passed] = there[at : at + len(passed)]
+            at += len(passed)
+        parts.append({name: records[name][begin:][motion] for name in names})
         return len(records), np.zeros(len(records) + 1, np.int64), np.empty(0, k.PIECE)
 
     with open_gcode(source) as file:
         part = file.parts[0]
         follow(part.chunks(), starting_state(part, printer=printer), keep_records)
-    records = {name: np.concatenate([one[name] for one in parts]) for name in _COLUMNS}
+    return {name: np.concatenate([one[name] for one in parts]) for name in names}
+
+
+def _drawn(records: Columns) -> tuple[np.ndarray, np.ndarray]:
+    """Return which motions [R] lay a bead, and the layer [R] of each."""
     drawn = (records["flags"] & k.FLAG_EXTRUDING != 0) & (records["flags"] & _BOTH_KNOWN == _BOTH_KNOWN)
     layer = layers_of(records["layer"].astype(np.int64), records["z0"], records["z1"], drawn)
-    drawn &= layer >= 0
+    return drawn & (layer >= 0), layer
+
+
+def _whole(records: Columns) -> Motion:
+    drawn, layer = _drawn(records)
     lines = _source_lines(records)
     return Motion(records, lines, _lengths(lines)[0], layer, drawn, _heights(records, layer))
 
@@ -185,13 +229,14 @@ def coarse(motion: Motion) -> Motion | None:
     every = int(np.count_nonzero(motion.drawn)) // COARSE_LINES
     if every < 2:
         return None
-    mine = (motion.layer >= 0) & ((motion.layer % every == 0) | (motion.layer == motion.layer.max()))
+    number = motion.layer // motion.every
+    mine = (motion.layer >= 0) & ((number % every == 0) | (motion.layer == motion.layer.max()))
     if mine[motion.drawn].all():  # of one layer
         return None
     records = {name: column[mine] for name, column in motion.records.items()}
     return Motion(
         records, _source_lines(records), motion.length_mm[mine], motion.layer[mine], motion.drawn[mine],
-        motion.height_mm, every,
+        motion.height_mm, every * motion.every,
     )  # fmt: skip
 
 
@@ -208,7 +253,7 @@ def lay_points(motion: Motion, *, most: int = MOST_POINTS) -> Drawing:
     every = max(1, -(-int(keep.sum()) // most))
     which = np.where(bead_end, record, np.minimum(record + 1, len(length) - 1))
     of = layer[which]
-    keep &= of % every == 0
+    keep &= of // motion.every % every == 0
     joined = joined[keep] & np.append(of[keep][1:] == of[keep][:-1], False)[: int(keep.sum())]
     return Drawing(motion, points, at, bead_end, which[keep], keep, joined, of[keep], pitch_mm, every * motion.every)
 

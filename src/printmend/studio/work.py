@@ -6,6 +6,7 @@ a job that was killed is simply run again.
 """
 
 import contextlib
+import ctypes
 import json
 import os
 import signal
@@ -121,7 +122,15 @@ def run(kind: str, folder: str, data: str, params: Params) -> dict[str, Any]:
         result = KINDS[kind](job)
     except PrintmendError as error:
         return {"error": job.said(error), "may_force": kind == "mend" and may_force(error)}
+    finally:
+        _give_back()
     return {**result, "files": job.files}
+
+
+def _give_back() -> None:
+    """Return memory that is free to the system, where its C library does so only when asked (glibc)."""
+    with contextlib.suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def may_force(error: PrintmendError) -> bool:
@@ -151,6 +160,7 @@ def _mend(job: Job) -> dict[str, Any]:
     tap, drawing = Tap(), None
     if job.params.get("scene", True):
         drawing, scene = _draw(job, named, model)
+        tap = Tap(drawing.motion.there)
         job.tell(0.3, "rewrite")
     seen = 0
 
