@@ -1,8 +1,12 @@
 """Who comes into the studio from other computers, and what keeps others from coming in."""
 
 import http.client
+import plistlib
 import re
+import shlex
 import socket
+import sqlite3
+import sys
 import threading
 import time
 from pathlib import Path
@@ -10,6 +14,7 @@ from pathlib import Path
 import pytest
 import uvicorn
 from click.testing import CliRunner
+from httpx2 import Response
 from starlette.testclient import TestClient
 
 from printmend.cli.main import group
@@ -18,6 +23,8 @@ from printmend.errors import InputError
 from printmend.studio import door
 from printmend.studio.app import create_app
 from printmend.studio.devices import Devices
+from printmend.studio.service import service, write_service
+from printmend.studio.store import Store
 
 HERE = "http://127.0.0.1:8765"
 
@@ -31,7 +38,7 @@ def folder(tmp_path: Path) -> Path:
 def test_a_token_is_asked_for_and_kept_as_a_cookie_that_scripts_cannot_read(folder: Path) -> None:
     devices = Devices(folder)
     token, other = devices.add("phone"), devices.add("laptop")
-    with TestClient(create_app(folder, workers=1, knows=devices.knows), base_url=HERE) as client:
+    with TestClient(create_app(folder, workers=1, devices=devices), base_url=HERE) as client:
         assert client.get("/").status_code == client.get("/api/health").status_code == 401
         assert client.get("/api/health", headers={"authorization": "Bearer wrong"}).status_code == 401
         assert client.get("/api/health", headers={"authorization": f"Bearer {token}"}).status_code == 200
@@ -162,3 +169,95 @@ def _is_ended(link: socket.socket) -> bool:
     except TimeoutError:
         return False
     return True
+
+
+def test_a_browser_without_a_token_is_shown_a_page_that_asks_for_one(folder: Path) -> None:
+    devices = Devices(folder)
+    token = devices.add("phone")
+    with TestClient(create_app(folder, workers=1, devices=devices), base_url=HERE) as client:
+        page = {"accept": "text/html,*/*"}
+        asked = client.get("/", headers=page)
+        assert asked.status_code == 401
+        assert '<input name="token"' in asked.text
+        assert 'role="alert" hidden' in asked.text
+        assert "form-action 'self'" in asked.headers["content-security-policy"]
+        wrong = client.get("/?token=guess", headers=page)
+        assert wrong.status_code == 401
+        assert 'role="alert" hidden' not in wrong.text
+        for part in ("/style.css", "/icon.svg"):
+            assert client.get(part).status_code == 200
+        assert client.get("/app.js").status_code == client.get("/api/openapi.json").status_code == 401
+        assert client.get("/", params={"token": token}, headers=page).status_code == 200
+        assert client.get("/", headers=page).status_code == 200  # by its cookie
+    with TestClient(create_app(folder, workers=1, devices=devices), base_url="https://127.0.0.1") as client:
+        assert client.get("/", params={"token": token}).headers["set-cookie"].endswith("; Secure")
+
+
+def test_users_see_their_own_printers_and_everybodys(folder: Path) -> None:
+    devices = Devices(folder)
+    tokens = {"desk": devices.add("desk"), "anna": devices.add("phone", "Anna"), "ben": devices.add("tablet", "Ben")}
+    with TestClient(create_app(folder, workers=1, devices=devices), base_url=HERE) as client:
+
+        def ask(who: str, method: str, path: str, **more: object) -> Response:
+            headers = {"authorization": f"Bearer {tokens[who]}"}
+            return client.request(method, f"/api{path}", headers=headers, **more)  # type: ignore[arg-type]
+
+        made = {who: ask(who, "POST", "/printers", json={"preset": "ender3", "name": f"of {who}"}).json()["id"]
+                for who in tokens}  # fmt: skip
+        seen = {who: {one["name"] for one in ask(who, "GET", "/printers").json()} for who in tokens}
+        assert seen == {"desk": {"of desk", "of anna", "of ben"}, "anna": {"of desk", "of anna"},
+                        "ben": {"of desk", "of ben"}}  # fmt: skip
+        assert ask("ben", "GET", f"/printers/{made['anna']}").status_code == 404
+        assert ask("ben", "DELETE", f"/printers/{made['anna']}").status_code == 404
+        sent = ask("anna", "POST", "/uploads?name=a.gcode", content=b"G28\n").json()["id"]
+        assert ask("ben", "DELETE", f"/uploads/{sent}").status_code == 404
+        assert ask("ben", "POST", f"/printers/{made['ben']}/learn", json={"upload": sent}).status_code == 404
+        assert ask("ben", "GET", "/storage").json()["parts"][3]["count"] == 0
+        assert ask("anna", "GET", "/devices").status_code == 409  # only who sees everything lets others in
+        assert ask("desk", "GET", "/health").json()["shared"] > ask("anna", "GET", "/health").json()["shared"]
+        assert [one["user"] for one in ask("desk", "GET", "/devices").json()] == ["", "Anna", "Ben"]
+
+
+def test_a_device_is_let_in_by_a_code(folder: Path) -> None:
+    pytest.importorskip("segno", reason="needs segno, of the extra studio")
+    devices = Devices(folder)
+    token = devices.add("desk")
+    with TestClient(create_app(folder, workers=1, devices=devices), base_url=HERE) as client:
+        client.headers["authorization"] = f"Bearer {token}"
+        fresh = client.post("/api/devices", json={"name": "phone"}).json()
+        assert fresh["address"].startswith(f"{HERE}/?token=")
+        assert fresh["qr"].startswith("data:image/svg+xml")
+        assert devices.knows(fresh["address"].partition("token=")[2])
+        assert client.post("/api/devices", json={"name": "phone"}).status_code == 400
+        assert client.delete("/api/devices/phone").status_code == 204
+        assert not devices.knows(fresh["address"].partition("token=")[2])
+
+
+@pytest.mark.parametrize("platform", ["linux", "darwin", "win32"])
+def test_a_service_starts_the_studio_as_it_was_asked_for(platform: str, tmp_path: Path) -> None:
+    made = service(["--folder", "/data/our % studio"], platform=platform, home=tmp_path)
+    assert made.path.is_relative_to(tmp_path)
+    if platform == "linux":
+        line = next(line for line in made.text.splitlines() if line.startswith("ExecStart="))
+        words = shlex.split(line.removeprefix("ExecStart=").replace("%%", "%"))
+    elif platform == "darwin":
+        words = plistlib.loads(made.text.encode())["ProgramArguments"]
+    else:
+        told = re.search(r'/TR "(.*)"', made.text)
+        assert told
+        words = shlex.split(told[1].replace('\\"', '"').replace("%%", "%"), posix=True)
+    assert words == [sys.executable, "-m", "printmend", "studio", "--no-browser", "--folder", "/data/our % studio"]
+    with pytest.raises(InputError, match="without quotes"):
+        service(["--name", 'a"b'], platform=platform, home=tmp_path)
+    write_service(made)
+    assert made.path.read_text() == made.text
+
+
+def test_a_studio_from_before_there_were_users_keeps_its_printers(folder: Path) -> None:
+    with sqlite3.connect(folder / "studio.sqlite") as link:
+        link.execute("CREATE TABLE printers (id VARCHAR PRIMARY KEY, name VARCHAR NOT NULL, created_s FLOAT NOT NULL)")
+        link.execute("INSERT INTO printers VALUES ('0000000000000000', 'old one', 1.0)")
+    link.close()
+    store = Store(folder)
+    assert [row["name"] for row in store.of("Anna").printers()] == ["old one"]
+    store.close()

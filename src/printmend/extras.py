@@ -25,6 +25,7 @@ _EXTRAS = {
     "thingi10k": "thingi10k",
     "fastapi": "studio",
     "httpx2": "studio",
+    "segno": "studio",
     "pebble": "studio",
     "sqlalchemy": "studio",
     "uvicorn": "studio",

@@ -9,7 +9,7 @@ import click
 
 
 # Its many parameters are its options.
-@click.command(epilog="Example: printmend studio")
+@click.group(invoke_without_command=True, epilog="Example: printmend studio")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Where it listens. Elsewhere than on this "
               "computer only known devices come in; the first one's address is printed once.")  # fmt: skip
 @click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0 takes a free one.")
@@ -18,20 +18,24 @@ import click
 @click.option("--folder", type=click.Path(path_type=Path, file_okay=False), help="Where everything is kept [default: a "
               "folder of the user's]")  # fmt: skip
 @click.option("--device", metavar="NAME", help="Let in another device, print its address, and end.")
+@click.option("--user", default="", metavar="USER", help="With --device: whose printers it sees; all without one.")
 @click.option("--revoke", metavar="NAME", help="Let a device in no longer, and end.")
 @click.option("--devices", is_flag=True, help="List the devices that are let in, and end.")
 @click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Jobs at a time.")
 @click.option("--most-gb", type=click.FloatRange(0.1), default=20.0, show_default=True, help="Most in its folder.")
 @click.option("--cluster", help="Run jobs on Dask workers instead, which see the folder, too: tcp://HOST:PORT of a "
               "scheduler, or local:N.")  # fmt: skip
+@click.pass_context
 def command(
-    host: str, port: int, names: tuple[str, ...], no_browser: bool, folder: Path | None, device: str | None,
-    revoke: str | None, devices: bool, workers: int, most_gb: float, cluster: str | None,
+    ctx: click.Context, host: str, port: int, names: tuple[str, ...], no_browser: bool, folder: Path | None,
+    device: str | None, user: str, revoke: str | None, devices: bool, workers: int, most_gb: float, cluster: str | None,
 ) -> None:  # fmt: skip
     """Open printmend in the browser: your printers, measuring, mending, and a printer to break.
 
     The server listens on this computer only. It sends nothing anywhere but the files that you send to your printer.
     """
+    if ctx.invoked_subcommand is not None:
+        return
     from printmend.extras import require
 
     require(
@@ -43,16 +47,62 @@ def command(
 
     folder = _made(folder or usual_folder())
     if device is not None:
-        click.echo(f"{device}: {let_in(folder, device, host=host, port=port)}")
+        require("printmend studio --device", "segno")
+        address = let_in(folder, device, user, host=host, port=port)
+        click.echo(f"{device}: {address}")
+        if sys.stdout.isatty():
+            _draw_code(address)
     if revoke is not None:
         Devices(folder).revoke(revoke)
         click.echo(f"{revoke} is let in no longer")
     if devices:
         for one in Devices(folder).known():
-            click.echo(f"{one.name}, since {datetime.fromtimestamp(one.created_s, UTC).date().isoformat()}")
+            of = f", sees the printers of {one.user}" if one.user else ""
+            click.echo(f"{one.name}{of}, since {datetime.fromtimestamp(one.created_s, UTC).date().isoformat()}")
     if device is None and revoke is None and not devices:
         serve(folder, host=host, port=port, names=names, browser=not no_browser, workers=workers, cluster=cluster,
               most_gb=most_gb, told=lambda words: click.echo(words))  # fmt: skip
+
+
+@command.command("install-service")
+@click.option("--print", "only", is_flag=True, help="Show the file, and write nothing.")
+@click.pass_context
+def install_service(ctx: click.Context, only: bool) -> None:
+    """Let the studio start with the computer: a service of yours for systemd, launchd or Windows.
+
+    It gets the options that stand before `install-service`. Nothing is started: the commands for that are shown.
+    """
+    from printmend.studio.service import service, write_service
+
+    assert ctx.parent is not None
+    made = service(_options(ctx.parent))
+    if only:
+        click.echo(f"# {made.path}\n{made.text}", nl=False)
+    else:
+        write_service(made)
+        click.echo(f"{made.path} is written.")
+    click.echo("# To begin:\n" + "\n".join(made.begin) + "\n# To undo:\n" + "\n".join(made.undo))
+
+
+def _options(ctx: click.Context) -> list[str]:
+    """Return the options that a command was given, as words."""
+    given = []
+    for option in ctx.command.params:
+        value = ctx.params.get(str(option.name))
+        if ctx.get_parameter_source(str(option.name)) != click.core.ParameterSource.COMMANDLINE:
+            continue
+        if option.name not in ("host", "port", "names", "folder", "workers", "most_gb", "cluster"):
+            raise click.UsageError(f"{option.opts[0]} is not for a service; leave it out")
+        for one in value if isinstance(value, tuple) else [value]:
+            given += [option.opts[0], str(one.resolve() if isinstance(one, Path) else one)]
+    return given
+
+
+def _draw_code(address: str) -> None:
+    """Draw an address as a QR code that a phone reads from the terminal."""
+    import segno
+
+    segno.make(address).terminal(compact=True)
 
 
 def usual_folder() -> Path:

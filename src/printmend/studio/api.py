@@ -8,6 +8,7 @@ import secrets
 import shutil
 import time
 from collections.abc import AsyncIterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,6 +21,7 @@ from starlette.concurrency import run_in_threadpool
 
 from printmend import __version__
 from printmend.errors import InputError
+from printmend.studio.guard import USER
 from printmend.studio.jobs import StudioState
 from printmend.studio.shapes import KEY, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
 from printmend.studio.store import DONE, HALF, NotThereError, bytes_in
@@ -37,8 +39,9 @@ router = APIRouter(prefix="/api", responses=PROBLEMS)
 
 
 def studio_of(request: Request) -> StudioState:
-    """Return the studio that a request came to."""
-    return request.app.state.studio
+    """Return the studio that a request came to, as its user sees it."""
+    studio: StudioState = request.app.state.studio
+    return replace(studio, store=studio.store.of(request.scope.get(USER) or None))
 
 
 Here = Annotated[StudioState, Depends(studio_of)]
@@ -57,7 +60,9 @@ def plain_name(name: str) -> str:
 def health(request: Request, here: Here) -> Health:
     """Say that the studio is there."""
     waiting = len(here.store.jobs(waiting=True))
-    return Health(version=__version__, waiting=waiting, most_bytes=request.app.state.most_bytes)
+    state = request.app.state
+    shared = state.devices is not None and not request.scope.get(USER)
+    return Health(version=__version__, waiting=waiting, most_bytes=state.most_bytes, shared=shared)
 
 
 @router.get("/presets", tags=["printers"])
@@ -144,6 +149,7 @@ def jobs(here: Here, printer: Annotated[str | None, Query(pattern=KEY)] = None) 
 
 def card(here: StudioState, key: str, waiting: list[str] | None = None) -> JobCard:
     """Return a job as the API shows it; ``waiting`` is the queue, where it is known already."""
+    here.store.job(key)
     job = here.jobs.look(key)
     files = job.get("files") or (job["result"] or {}).get("files", [])
     queue = [] if job["state"] != "queued" else here.jobs.waiting() if waiting is None else waiting
@@ -254,4 +260,4 @@ def play_preview(here: Here, faults: FaultsIn) -> Preview:
 @router.post("/play", name="start", status_code=202, tags=["play"])
 def play(here: Here, faults: FaultsIn) -> JobCard:
     """Print the test print on such a printer, scan it, learn, and mend a part: a job."""
-    return card(here, here.jobs.submit("play", None, {"faults": faults.model_dump()}))
+    return card(here, here.submit("play", None, {"faults": faults.model_dump()}))

@@ -275,7 +275,7 @@ def _scans(here: StudioState, scans: ScansIn) -> dict[str, Any]:
 def measure(here: Here, key: Key, scans: ScansIn) -> JobCard:
     """Find the marks of the printed test print in scans or photos: a job."""
     _need(_folder(here, key), PLAN, "write the test print first")
-    return card(here, here.jobs.submit("measure", key, {"printer": key, **_scans(here, scans)}))
+    return card(here, here.submit("measure", key, {"printer": key, **_scans(here, scans)}))
 
 
 @router.post("/{key}/learn", status_code=202, tags=["measure"])
@@ -286,7 +286,7 @@ def learn(here: Here, key: Key, given: LearnIn) -> JobCard:
         raise InputError("learn", wanted="a measurement or an upload", came="not one of them", todo="give one")
     if given.upload is not None:
         here.store.upload(given.upload)
-        return card(here, here.jobs.submit("learn", key, {"printer": key, "upload": given.upload}))
+        return card(here, here.submit("learn", key, {"printer": key, "upload": given.upload}))
     job = here.store.job(str(given.measurement))
     if job["printer"] != key or job["kind"] != "measure" or job["state"] != "done":
         raise InputError(
@@ -294,7 +294,7 @@ def learn(here: Here, key: Key, given: LearnIn) -> JobCard:
         )
     _need(folder, PLAN, "write the test print first")
     params = {"printer": key, "measurement": job["id"], "exclude": given.exclude}
-    return card(here, here.jobs.submit("learn", key, params))
+    return card(here, here.submit("learn", key, params))
 
 
 def _distances(here: StudioState, key: str) -> Any:
@@ -371,7 +371,7 @@ def mend(here: Here, key: Key, given: MendIn) -> JobCard:
     _need(_folder(here, key), MODEL, "measure its test print first")
     name = plain_name(here.store.upload(given.upload)["name"])
     params = {"printer": key, "upload": given.upload, "name": name, "scene": given.scene, "force": given.force}
-    return card(here, here.jobs.submit("mend", key, params))
+    return card(here, here.submit("mend", key, params))
 
 
 @router.post("/{key}/host", tags=["send"])
@@ -396,12 +396,12 @@ def send(here: Here, key: Key, given: SendIn) -> JobCard:
     if given.job is None:
         name = given.name if given.name == TOWER else PROBE
         _need(folder, name, "write the test print first")
-        return card(here, here.jobs.submit("send", key, {"printer": key, "name": name}))
+        return card(here, here.submit("send", key, {"printer": key, "name": name}))
     row = card(here, given.job)
     if row.printer != key or given.name not in row.files:
         raise NotThereError(given.name, wanted="a file of a job of this printer", came="none of that name",
                             todo="see the job's files")  # fmt: skip
-    return card(here, here.jobs.submit("send", key, {"printer": key, "job": given.job, "name": given.name}))
+    return card(here, here.submit("send", key, {"printer": key, "job": given.job, "name": given.name}))
 
 
 @router.post("/{key}/check", status_code=202, tags=["prove"])
@@ -410,14 +410,14 @@ def check_print(here: Here, key: Key) -> JobCard:
     folder = _folder(here, key)
     _need(folder, PROBE, "write the test print first")
     _need(folder, MODEL, "measure its test print first")
-    return card(here, here.jobs.submit("check", key, {"printer": key}))
+    return card(here, here.submit("check", key, {"printer": key}))
 
 
 @router.post("/{key}/verify", status_code=202, tags=["prove"])
 def verify(here: Here, key: Key, scans: ScansIn) -> JobCard:
     """Measure the printed check print and compare it with the promise: a job."""
     _need(_folder(here, key), MODEL, "measure its test print first")
-    return card(here, here.jobs.submit("verify", key, {"printer": key, **_scans(here, scans)}))
+    return card(here, here.submit("verify", key, {"printer": key, **_scans(here, scans)}))
 
 
 @router.post("/{key}/update/{job}", tags=["prove"])

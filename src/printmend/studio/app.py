@@ -18,7 +18,8 @@ from starlette.types import ASGIApp
 from printmend import __version__
 from printmend.errors import PrintmendError, RefusedError
 from printmend.messages import messages_of, page_messages
-from printmend.studio import api, api_printers, api_storage
+from printmend.studio import api, api_devices, api_printers, api_storage
+from printmend.studio.devices import Devices
 from printmend.studio.guard import LOOPBACK, Guard, TooLargeError
 from printmend.studio.jobs import Jobs, StudioState
 from printmend.studio.store import NotThereError, Store
@@ -37,7 +38,7 @@ def create_app(
     folder: Path,
     *,
     hosts: Iterable[str] = LOOPBACK,
-    knows: Callable[[str], bool] | None = None,
+    devices: Devices | None = None,
     workers: int = WORKERS,
     cluster: Executor | None = None,
     most_bytes: int = MOST_BYTES,
@@ -46,7 +47,7 @@ def create_app(
 ) -> ASGIApp:
     """Return the server over ``folder``, where everything is kept: printers, uploads, jobs and their files.
 
-    ``hosts`` are the names that it answers to, ``token`` what everybody must know who is not on this computer. Jobs
+    ``hosts`` are the names that it answers to, ``devices`` who may come in from elsewhere than this computer. Jobs
     run in ``workers`` processes, or on a ``cluster`` that sees the folder, too. ``stopping`` says when streams of
     events should end.
     """
@@ -67,18 +68,21 @@ def create_app(
     app.add_api_route(
         "/api/openapi.json", lambda: _description(app), include_in_schema=False, response_class=JSONResponse
     )
-    app.state.most_bytes, app.state.stopping = most_bytes, stopping
+    app.state.most_bytes, app.state.stopping, app.state.devices = most_bytes, stopping, devices
     app.add_exception_handler(PrintmendError, _refused)
     app.add_exception_handler(RequestValidationError, _misfit)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(TooLargeError, _too_large)
-    for router in (api.router, api_printers.router, api_storage.router):
+    for router in (api.router, api_printers.router, api_storage.router, api_devices.router):
         _name_operations(router)
         app.include_router(router)
     app.add_api_route("/messages.json", page_messages, include_in_schema=False, response_class=JSONResponse)
     app.mount("/", StaticFiles(directory=PAGE, html=True))
     return Guard(
-        GZipMiddleware(app, minimum_size=2000, compresslevel=5), hosts=hosts, knows=knows, most_bytes=most_bytes
+        GZipMiddleware(app, minimum_size=2000, compresslevel=5),
+        hosts=hosts,
+        user_of=None if devices is None else devices.user_of,
+        most_bytes=most_bytes,
     )
 
 
@@ -97,6 +101,7 @@ def _description(app: FastAPI) -> dict[str, Any]:
                     if content.pop("itemSchema", None) is not None:
                         content["schema"] = {"type": "string", "description": "Server-sent events, one JSON table each"}
     document["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+    document["servers"] = [{"url": "/", "description": "the studio that this came from"}]
     document["security"] = [{}, {"token": []}]  # on the studio's own computer none is needed
     return document
 

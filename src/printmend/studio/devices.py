@@ -24,6 +24,7 @@ class Device:
     name: str
     sha256: str
     created_s: float
+    user: str = ""  # whose printers it sees; all of them without one
 
 
 class Devices:
@@ -47,17 +48,18 @@ class Devices:
                 self._known, self._seen = _read(self._path), (at.st_mtime_ns, at.st_size)
             return self._known
 
-    def add(self, name: str) -> str:
+    def add(self, name: str, user: str = "") -> str:
         """Let a device in; return its token, which is not kept. Raises `InputError` for a name that is taken."""
         name = name.strip()
-        if not name or len(name) > LONGEST_NAME or not name.isprintable():
+        user = user.strip()
+        if not name or max(len(name), len(user)) > LONGEST_NAME or not (name + user).isprintable():
             raise InputError("the device", wanted=f"a name of 1 to {LONGEST_NAME} characters", came=repr(name),
                              todo="name it after what it is: phone, laptop")  # fmt: skip
         if any(one.name.casefold() == name.casefold() for one in self.known()):
             raise InputError(name, wanted="a device that is not known yet", came="one of that name",
                              todo="take another name, or --revoke it first")  # fmt: skip
         token = secrets.token_urlsafe(24)
-        self._write((*self.known(), Device(name, _hash(token), time.time())))
+        self._write((*self.known(), Device(name, _hash(token), time.time(), user)))
         return token
 
     def revoke(self, name: str) -> None:
@@ -70,8 +72,15 @@ class Devices:
 
     def knows(self, token: str) -> bool:
         """Say whether a token is that of a device."""
-        given = _hash(token)
-        return any([hmac.compare_digest(one.sha256, given) for one in self.known()])  # noqa: C419 — each time all of them
+        return self.user_of(token) is not None
+
+    def user_of(self, token: str) -> str | None:
+        """Return whose device has this token, an empty name where it is everybody's; None where no device has it."""
+        given, found = _hash(token), None
+        for one in self.known():  # each time all of them
+            if hmac.compare_digest(one.sha256, given):
+                found = one.user
+        return found
 
     def _write(self, devices: tuple[Device, ...]) -> None:
         self._path.touch(mode=0o600)  # its owner's alone, and stays so when it is replaced
@@ -82,7 +91,10 @@ class Devices:
 def _read(path: Path) -> tuple[Device, ...]:
     try:
         rows = json.loads(path.read_text(encoding="utf-8") or "[]")
-        return tuple(Device(str(row["name"]), str(row["sha256"]), float(row["created_s"])) for row in rows)
+        return tuple(
+            Device(str(row["name"]), str(row["sha256"]), float(row["created_s"]), str(row.get("user", "")))
+            for row in rows
+        )
     except (OSError, ValueError, TypeError, KeyError):
         raise InputError(path, wanted="the devices of a studio", came="another file",
                          todo="remove it, and let the devices in again with --device") from None  # fmt: skip

@@ -9,6 +9,7 @@ import contextlib
 import json
 from collections.abc import Callable, Iterable
 from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -17,6 +18,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "printmend_token"
+USER = "printmend.user"  # in the scope of a request: whose device asks, empty where it sees everything
+SIGN_IN = Path(__file__).parent / "sign_in.html"
+_OPEN = ("/style.css", "/icon.svg")  # what the sign-in page is made of
 _VERSION = "/api/v1/"
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
@@ -34,12 +38,13 @@ _SMALL_BYTES = 1_000_000  # bytes of a request that is no upload
 
 
 class Guard:
-    """The ASGI application ``app`` behind the door: it answers to the names ``hosts``; ``knows`` tells good tokens."""
+    """The ASGI application ``app`` behind the door: it answers to the names ``hosts``; ``user_of`` says whose a token
+    is, None of one that nobody has."""
 
     def __init__(
-        self, app: ASGIApp, *, hosts: Iterable[str], knows: Callable[[str], bool] | None, most_bytes: int
+        self, app: ASGIApp, *, hosts: Iterable[str], user_of: Callable[[str], str | None] | None, most_bytes: int
     ) -> None:
-        self._app, self._hosts, self._knows, self._most_bytes = app, frozenset(hosts), knows, most_bytes
+        self._app, self._hosts, self._user_of, self._most_bytes = app, frozenset(hosts), user_of, most_bytes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request through, or answer it with the reason why not."""
@@ -57,6 +62,12 @@ class Guard:
         if refusal is not None:
             await _answer(send, *refusal)
             return
+        if self._user_of is not None:
+            users = [user for token in _given(scope, headers) if (user := self._user_of(token)) is not None]
+            if not users and scope["path"] not in _OPEN:
+                await _ask(send, scope, headers)
+                return
+            scope = {**scope, USER: users[0] if users else ""}
         cookie = self._fresh_cookie(scope)
         await self._app(scope, _bounded(receive, limit), _with_headers(send, cookie))
 
@@ -77,16 +88,15 @@ class Guard:
             return 400, "the length of the request is no number"
         if int(length) > limit:
             return 413, f"wanted at most {limit / 1e6:g} MB, got {int(length) / 1e6:.0f} MB; give a smaller file"
-        if self._knows is not None and not any(map(self._knows, _given(scope, headers))):
-            return 401, "this studio needs its token: open the address that it printed when it started"
         return None
 
     def _fresh_cookie(self, scope: Scope) -> str | None:
         """Return the cookie for a browser that came with a token in its address."""
         token = _query_token(scope)
-        if self._knows is None or not token or not self._knows(token):
+        if self._user_of is None or not token or self._user_of(token) is None:
             return None
-        return f"{COOKIE}={token}; Path=/; Max-Age={_KEPT_S}; HttpOnly; SameSite=Strict"
+        secure = "; Secure" if scope["scheme"] == "https" else ""  # behind a proxy that speaks TLS
+        return f"{COOKIE}={token}; Path=/; Max-Age={_KEPT_S}; HttpOnly; SameSite=Strict{secure}"
 
 
 def _given(scope: Scope, headers: Headers) -> list[str]:
@@ -142,6 +152,20 @@ def _with_headers(send: Send, cookie: str | None) -> Send:
         await send(message)
 
     return sending
+
+
+async def _ask(send: Send, scope: Scope, headers: Headers) -> None:
+    """Answer whoever has no token: a browser that wants to see a page with a page that asks for one."""
+    if scope["method"] != "GET" or "text/html" not in headers.get("accept", ""):
+        await _answer(send, 401, "this studio needs its token: open the address that it printed when it started")
+        return
+    again = b"hidden" if not _query_token(scope) else b""
+    body = SIGN_IN.read_bytes().replace(b"data-wrong", again)
+    given = {**_HEADERS, "Content-Security-Policy": POLICY.replace("form-action 'none'", "form-action 'self'")}
+    given |= {"Content-Type": "text/html; charset=utf-8", "Cache-Control": "no-store"}
+    raw = [(name.lower().encode(), value.encode()) for name, value in given.items()]
+    await send({"type": "http.response.start", "status": 401, "headers": raw})
+    await send({"type": "http.response.body", "body": body})
 
 
 async def _answer(send: Send, status: int, words: str) -> None:

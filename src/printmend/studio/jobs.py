@@ -55,14 +55,14 @@ class Jobs:
         for key in uploads:
             self._store.remove_upload(key)
 
-    def submit(self, kind: str, printer: str | None, params: Row) -> str:
+    def submit(self, kind: str, printer: str | None, params: Row, owner: str | None = None) -> str:
         """Queue a job; return its key. Raises `RefusedError` where too many wait."""
         if len(self._running) >= MOST_WAITING:
             raise RefusedError(
                 "the queue", wanted=f"fewer than {MOST_WAITING} jobs", came=f"{len(self._running)}",
                 todo="wait until some are done",
             )  # fmt: skip
-        key = self._store.add_job(kind, printer, params)
+        key = self._store.add_job(kind, printer, params, owner)
         self._schedule(key, kind, params)
         return key
 
@@ -205,3 +205,7 @@ class StudioState:
     store: Store
     jobs: Jobs
     most_bytes: int
+
+    def submit(self, kind: str, printer: str | None, params: Row) -> str:
+        """Queue a job of whoever asks; return its key. Raises `RefusedError` where too many wait."""
+        return self.jobs.submit(kind, printer, params, self.store.owner)

@@ -54,7 +54,7 @@ def serve(
         stack.callback(alone.close)
         pool = None if remote is None else stack.enter_context(remote.client()).get_executor(pure=False)
         config = uvicorn.Config(
-            create_app(folder.resolve(), hosts=hosts, knows=None if devices is None else devices.knows, workers=workers,
+            create_app(folder.resolve(), hosts=hosts, devices=devices, workers=workers,
                        cluster=pool, most_held_bytes=int(most_gb * 1e9), stopping=lambda: server.should_exit),
             log_level="warning",
             server_header=False, timeout_keep_alive=30, timeout_graceful_shutdown=2, limit_concurrency=400, ws="none",
@@ -66,9 +66,9 @@ def serve(
         server.run(sockets=[listener])
 
 
-def let_in(folder: Path, name: str, *, host: str, port: int) -> str:
+def let_in(folder: Path, name: str, user: str = "", *, host: str, port: int) -> str:
     """Let a device in; return the address that it opens. Raises `InputError` for a name that is taken."""
-    token = Devices(folder).add(name)
+    token = Devices(folder).add(name, user)
     return _address(_everywhere()[0] if host in (*_EVERYWHERE, *LOOPBACK) else host, port, token)
 
 

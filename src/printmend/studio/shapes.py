@@ -28,6 +28,30 @@ class Health(BaseModel):
     version: str
     waiting: int = Field(description="jobs that have not ended")
     most_bytes: int = Field(description="of an upload")
+    shared: bool = Field(default=False, description="devices may be let in here")
+
+
+class DeviceCard(BaseModel):
+    """A device that may enter."""
+
+    name: str
+    user: str = Field(description="whose printers it sees; all of them where this is empty")
+    created_s: float
+
+
+class NewDevice(Strict):
+    """A device to be let in."""
+
+    name: str = Field(min_length=1, max_length=60)
+    user: str = Field(default="", max_length=60, description="whose printers it sees; all of them where this is empty")
+
+
+class Welcome(BaseModel):
+    """A new device's way in, which is shown once."""
+
+    name: str
+    address: str
+    qr: str = Field(description="the address as a QR code, a picture as data URI")
 
 
 class StoragePart(BaseModel):

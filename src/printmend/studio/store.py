@@ -1,6 +1,7 @@
 """What the studio remembers: printers, uploads and jobs, in one SQLite file; large things lie in folders beside it."""
 
 import contextlib
+import copy
 import itertools
 import json
 import os
@@ -21,17 +22,17 @@ HALF = ".tmp"  # what the name of an upload ends with, and a dot what it begins 
 
 _META = sql.MetaData()
 PRINTERS = sql.Table(
-    "printers", _META,
+    "printers", _META, sql.Column("owner", sql.String),
     sql.Column("id", sql.String, primary_key=True), sql.Column("name", sql.String, nullable=False),
     sql.Column("created_s", sql.Float, nullable=False),
 )  # fmt: skip
 UPLOADS = sql.Table(
-    "uploads", _META,
+    "uploads", _META, sql.Column("owner", sql.String),
     sql.Column("id", sql.String, primary_key=True), sql.Column("name", sql.String, nullable=False),
     sql.Column("bytes", sql.Integer, nullable=False), sql.Column("created_s", sql.Float, nullable=False),
 )  # fmt: skip
 JOBS = sql.Table(
-    "jobs", _META,
+    "jobs", _META, sql.Column("owner", sql.String),
     sql.Column("id", sql.String, primary_key=True), sql.Column("kind", sql.String, nullable=False),
     sql.Column("printer", sql.String, index=True), sql.Column("params", sql.Text, nullable=False),
     sql.Column("state", sql.String, nullable=False, index=True), sql.Column("error", sql.Text),
@@ -57,6 +58,24 @@ class Store:
         self._engine = sql.create_engine(f"sqlite:///{folder / 'studio.sqlite'}")
         sql.event.listen(self._engine, "connect", _settle)
         _META.create_all(self._engine)
+        self._add_owners()
+        self.owner: str | None = None
+
+    def _add_owners(self) -> None:
+        """Add the owners' column to the tables of a studio that knew no users."""
+        for table in (PRINTERS, UPLOADS, JOBS):
+            if all(column["name"] != "owner" for column in sql.inspect(self._engine).get_columns(table.name)):
+                with self._engine.begin() as link:
+                    link.execute(sql.text(f"ALTER TABLE {table.name} ADD COLUMN owner VARCHAR"))
+
+    def of(self, owner: str | None) -> "Store":
+        """Return the same store as a user sees it: what is their own, and what is everybody's."""
+        view = copy.copy(self)
+        view.owner = owner
+        return view
+
+    def _mine(self, table: sql.Table) -> Any:
+        return sql.true() if self.owner is None else table.c.owner.is_(None) | (table.c.owner == self.owner)
 
     def close(self) -> None:
         """Close the database's connections."""
@@ -83,9 +102,9 @@ class Store:
         """Note an upload whose file is in its place."""
         self._insert(UPLOADS, id=key, name=name, bytes=size)
 
-    def add_job(self, kind: str, printer: str | None, params: Row) -> str:
+    def add_job(self, kind: str, printer: str | None, params: Row, owner: str | None = None) -> str:
         """Note a job that waits; return its key."""
-        return self._insert(JOBS, kind=kind, printer=printer, params=json.dumps(params), state="queued")
+        return self._insert(JOBS, owner=owner, kind=kind, printer=printer, params=json.dumps(params), state="queued")
 
     def end_job(self, key: str, state: str, *, error: str | None = None, result: Row | None = None) -> bool:
         """Note how a job ended; return False where it had ended before. Its messages come into the ``result``."""
@@ -132,7 +151,7 @@ class Store:
 
     def printers(self) -> list[Row]:
         """Return all printers, the oldest first."""
-        return self._rows(sql.select(PRINTERS).order_by(PRINTERS.c.created_s))
+        return self._rows(sql.select(PRINTERS).where(self._mine(PRINTERS)).order_by(PRINTERS.c.created_s))
 
     def printer(self, key: str) -> Row:
         """Return one printer. Raises `InputError` for one that is not there."""
@@ -148,7 +167,9 @@ class Store:
 
     def jobs(self, *, printer: str | None = None, waiting: bool = False, most: int = 200) -> list[Row]:
         """Return jobs, the newest first; of one printer, or only those that have not ended (the oldest first)."""
-        query = sql.select(JOBS).order_by(JOBS.c.created_s if waiting else JOBS.c.created_s.desc())
+        query = (
+            sql.select(JOBS).where(self._mine(JOBS)).order_by(JOBS.c.created_s if waiting else JOBS.c.created_s.desc())
+        )
         if printer is not None:
             query = query.where(JOBS.c.printer == printer)
         query = query.where(JOBS.c.state.not_in(DONE)) if waiting else query.limit(most)
@@ -156,7 +177,7 @@ class Store:
 
     def uploads(self) -> list[Row]:
         """Return all uploads, the oldest first."""
-        return self._rows(sql.select(UPLOADS).order_by(UPLOADS.c.created_s))
+        return self._rows(sql.select(UPLOADS).where(self._mine(UPLOADS)).order_by(UPLOADS.c.created_s))
 
     def jobs_of(self, upload: str) -> list[str]:
         """Return the jobs that an upload was given to."""
@@ -170,6 +191,7 @@ class Store:
 
     def _insert(self, table: sql.Table, **values: Any) -> str:
         key = values.setdefault("id", secrets.token_hex(8))
+        values.setdefault("owner", self.owner)
         with self._engine.begin() as link:
             link.execute(sql.insert(table).values(created_s=time.time(), **values))
         return str(key)
@@ -179,7 +201,7 @@ class Store:
             return [dict(row) for row in link.execute(query).mappings()]
 
     def _one(self, table: sql.Table, key: str, kind: str) -> Row:
-        rows = self._rows(sql.select(table).where(table.c.id == key))
+        rows = self._rows(sql.select(table).where((table.c.id == key) & self._mine(table)))
         if not rows:
             raise NotThereError(
                 f"{kind} {key}", wanted=f"a {kind} of this studio", came="none", todo="look at the list"

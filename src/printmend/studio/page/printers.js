@@ -22,8 +22,10 @@ export function Printers({ at }) {
 function List() {
   const [printers, setPrinters] = useState(null), [error, setError] = useState(null);
   useTitle(t("printers"));
+  const [shared, setShared] = useState(false);
+  useEffect(() => { get("/health").then((health) => setShared(health.shared), () => {}); }, []);
   useEffect(() => { get("/printers").then(setPrinters, (problem) => setError(problem.message)); }, []);
-  return html`<div class="head"><div><h1>${t("printers")}</h1><p class="now">${t("printers_now")}</p></div><div class="row"><a class="button quiet" href="#/storage">${t("storage")}</a><a class="button primary big" href="#/printers/new">${t("new_printer")}</a></div></div>
+  return html`<div class="head"><div><h1>${t("printers")}</h1><p class="now">${t("printers_now")}</p></div><div class="row">${shared && html`<a class="button quiet" href="#/devices">${t("devices")}</a>`}<a class="button quiet" href="#/storage">${t("storage")}</a><a class="button primary big" href="#/printers/new">${t("new_printer")}</a></div></div>
     <${Problem} error=${error} />
     <div class="grid">${printers?.map((one) => html`<a class="card pcard" href="#/printers/${one.id}/${one.digest ? "mend" : "measure"}">
       <div class="row between"><h2>${one.name}</h2><span class="dot ${one.healthy === null ? "" : one.healthy ? "good" : "bad"}"></span></div>

@@ -1,0 +1,81 @@
+"""A studio that starts with the computer: what systemd, launchd and the task scheduler of Windows are told.
+
+Each is the user's own: nothing needs an administrator.
+"""
+
+import plistlib
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from printmend.errors import InputError
+from printmend.files import replacing
+
+NAME = "printmend-studio"
+_LABEL = "org.printmend.studio"
+_UNIT = """\
+[Unit]
+Description=printmend studio
+After=network-online.target
+Wants=network-online.target
+
+[Service]
+ExecStart={command}
+Restart=on-failure
+RestartSec=5
+Nice=5
+KillSignal=SIGINT
+NoNewPrivileges=yes
+
+[Install]
+WantedBy=default.target
+"""
+_TASK = """\
+@echo off
+rem Starts the studio when you log in. Keep this file, and run it once to make the task.
+schtasks /Create /F /SC ONLOGON /TN {name} /TR "{command}"
+schtasks /Run /TN {name}
+"""
+
+
+@dataclass(frozen=True)
+class Service:
+    """A file that describes the service, where it belongs, and the commands that begin and undo it."""
+
+    path: Path
+    text: str
+    begin: tuple[str, ...]
+    undo: tuple[str, ...]
+
+
+def service(options: Sequence[str], *, platform: str = sys.platform, home: Path | None = None) -> Service:
+    """Return what starts ``printmend studio`` with these options. Raises `InputError` for what a file cannot hold."""
+    home = home or Path.home()
+    command = [sys.executable, "-m", "printmend", "studio", "--no-browser", *options]
+    if any(character in word for word in command for character in '\n\r"'):
+        raise InputError("the service", wanted="options without quotes and line ends", came="one with them",
+                         todo="choose other names")  # fmt: skip
+    if platform == "darwin":
+        path = home / "Library/LaunchAgents" / f"{_LABEL}.plist"
+        text = plistlib.dumps({"Label": _LABEL, "ProgramArguments": command, "RunAtLoad": True, "Nice": 5,
+                               "KeepAlive": {"SuccessfulExit": False}}).decode()  # fmt: skip
+        return Service(path, text, (f"launchctl load -w '{path}'",), (f"launchctl unload -w '{path}'", f"rm '{path}'"))
+    if platform == "win32":
+        path = home / f"{NAME}.cmd"
+        shown = subprocess.list2cmdline(command).replace('"', '\\"').replace("%", "%%")
+        text = _TASK.format(name=NAME, command=shown)
+        return Service(path, text, (f'"{path}"',), (f"schtasks /Delete /F /TN {NAME}", f'del "{path}"'))
+    path = home / ".config/systemd/user" / f"{NAME}.service"
+    quoted = " ".join(f'"{word}"'.replace("%", "%%").replace("$", "$$").replace("\\", "\\\\") for word in command)
+    begin = ("systemctl --user daemon-reload", f"systemctl --user enable --now {NAME}", "loginctl enable-linger")
+    undo = (f"systemctl --user disable --now {NAME}", f"rm '{path}'")
+    return Service(path, _UNIT.format(command=quoted), begin, undo)
+
+
+def write_service(made: Service) -> None:
+    """Write the file that describes a service; nothing is started."""
+    made.path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(made.path) as file:
+        file.write(made.text)
