@@ -14,7 +14,7 @@ HOSTS := .venv-hosts
 # Bytecode is kept, in folders that git ignores: else each worker of the tests would compile all sources anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo begun paper test setup kernels lint types layers docs wheel dist notebook check hosts integrations studio-vendor lock clean
+.PHONY: demo begun paper test setup kernels lint types layers docs site wheel dist notebook check hosts integrations studio-vendor lock clean
 
 # While the rest is being installed, both cores compile what both demonstrations would.
 demo:
@@ -101,6 +101,10 @@ dist: kernels
 	$(BIN)/python -m hatchling build -d dist
 	PRINTMEND_PURE=1 $(BIN)/python -m hatchling build -t wheel -d dist
 	cd lab && ../$(BIN)/python -m hatchling build -d ../dist
+
+# Documentation and the play screen without a server, in one folder that any static host serves.
+site: docs
+	$(BIN)/python tools/site/make_site.py build/site/demo
 
 # Runs examples/story.ipynb; what it claims, it asserts.
 notebook: $(STAMP)

@@ -119,7 +119,25 @@ def preview(faults: Faults) -> dict[str, Any]:
     """
     with _FIRST:
         printer, plan = play_printer()
-        places, joined = play_layer()
+        _, joined = play_layer()
+    drawn = shown(faults)
+    return {
+        "outlines_mm": [outline.round(3).tolist() for outline in drawn["outlines_mm"]],
+        "radii_mm": [axis.radius_mm for axis in printer.axes[:2]],
+        "bed_mm": [printer.x.min_mm, printer.y.min_mm, printer.x.max_mm, printer.y.max_mm],
+        "marks_mm": plan.marks_mm.round(2).tolist(), "errors_mm": drawn["errors_mm"].round(4).tolist(),
+        "rms_mm": round(drawn["rms_mm"], 4),
+        "big": plan.big.tolist(), "part_mm": drawn["part_mm"].round(3).tolist(),
+        "printed_mm": drawn["printed_mm"].round(3).tolist(), "joined": joined.tolist(),
+        "part_rms_mm": round(drawn["part_rms_mm"], 4),
+        "wall_mm": drawn["wall_mm"].round(3).tolist(),
+    }  # fmt: skip
+
+
+def shown(faults: Faults) -> dict[str, Any]:
+    """Return the numbers of `preview` before they are rounded."""
+    printer, plan = play_printer()
+    places, joined = play_layer()
     corruption = faults.corruption(printer)
     twin = Twin.of(replace(corruption, screw=None), printer)  # one layer: all of it is pushed alike
     off = twin.follow(plan.waypoints_mm)[plan.rows] - plan.marks_mm
@@ -127,15 +145,10 @@ def preview(faults: Faults) -> dict[str, Any]:
     printed -= (printed - places).mean(axis=0)
     shape = off - off.mean(axis=0)
     return {
-        "outlines_mm": [outline_mm(drive.pulley, axis.radius_mm).round(3).tolist()
+        "outlines_mm": [outline_mm(drive.pulley, axis.radius_mm)
                         for drive, axis in zip(corruption.drives, printer.axes, strict=False)],
-        "radii_mm": [axis.radius_mm for axis in printer.axes[:2]],
-        "bed_mm": [printer.x.min_mm, printer.y.min_mm, printer.x.max_mm, printer.y.max_mm],
-        "marks_mm": plan.marks_mm.round(2).tolist(), "errors_mm": off.round(4).tolist(),
-        "rms_mm": round(float(np.sqrt(np.mean(np.sum(shape**2, axis=1)))), 4),
-        "big": plan.big.tolist(), "part_mm": places.round(3).tolist(),
-        "printed_mm": printed.round(3).tolist(), "joined": joined.tolist(),
-        "part_rms_mm": round(_rms_mm(places, printed, joined), 4),
+        "errors_mm": off, "rms_mm": float(np.sqrt(np.mean(np.sum(shape**2, axis=1)))),
+        "part_mm": places, "printed_mm": printed, "part_rms_mm": _rms_mm(places, printed, joined),
         "wall_mm": _wall(corruption, printer),
     }  # fmt: skip
 
@@ -147,11 +160,11 @@ def _rms_mm(wanted_mm: np.ndarray, printed_mm: np.ndarray, joined: np.ndarray) -
     return float(np.sqrt(np.average((error[:-1] ** 2 + error[1:] ** 2) / 2, weights=length)))
 
 
-def _wall(corruption: Corruption, printer: Printer) -> list[list[float]]:
-    """Return where a bent screw leaves the layers of the part's wall: rows of height and push [mm]."""
+def _wall(corruption: Corruption, printer: Printer) -> np.ndarray:
+    """Return where a bent screw leaves the layers of the part's wall: rows [L, 2] of height and push [mm]."""
     z = np.arange(1, len(plate.layers()) + 1) * plate.LAYER_MM
     push = np.zeros(len(z)) if corruption.screw is None else corruption.screw.lower(printer).wobble_at_mm(z)[:, 0]
-    return np.column_stack([z, push - push.mean()]).round(3).tolist()
+    return np.column_stack([z, push - push.mean()])
 
 
 def tower_trace(corruption: Corruption, printer: Printer, rng: np.random.Generator) -> Trace:

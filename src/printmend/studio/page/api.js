@@ -1,7 +1,12 @@
 // Talking to the studio's server: everything goes to where this page came from.
+import { unpacked } from "./packed.js";
 import { heed } from "./words.js";
 
 export class Problem extends Error {}
+
+// A page without a server has another file of this name: it shows only what was made beforehand.
+export const STATIC = false;
+export const mendable = () => true;
 
 async function answer(response) {
   const body = response.status === 204 ? null : heed(await response.json().catch(() => null));
@@ -118,11 +123,9 @@ function alone(key, told) {
 
 export const fileOf = (job, name) => `/api/jobs/${job.id}/files/${encodeURIComponent(name)}`;
 
-// A picture as scene.py packs it: its head, and tables of four 16-bit numbers a point, of the kinds that are asked for.
+// A picture of a job's part.
 export async function tables(url, kinds) {
   const response = await read(url);
   if (!response.ok) await answer(response);
-  const buffer = await response.arrayBuffer(), size = new DataView(buffer).getUint32(0, true);
-  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size))), each = Math.ceil(head.points / head.row) * head.row * 4;
-  return [head, ...kinds.map((Kind, i) => new Kind(buffer, 4 + size + i * each * Kind.BYTES_PER_ELEMENT, each))];
+  return unpacked(await response.arrayBuffer(), kinds);
 }

@@ -1,6 +1,6 @@
 // The studio's page: where one is stands in the address after #, so that back and reload work.
 import { html, render, useEffect, useState } from "./vendor.js";
-import { onAway } from "./api.js";
+import { onAway, STATIC } from "./api.js";
 import { Devices } from "./devices.js";
 import { Problem } from "./job.js";
 import { Play } from "./play.js";
@@ -34,11 +34,12 @@ function App() {
   }, []);
   const here = at[0] ?? "play";
   return html`<header class="top"><a class="brand" href="#/play" aria-label="printmend"><img src="icon.svg" alt="" /><span>printmend</span></a>
-      <nav class="nav" aria-label="printmend">${["play", "printers"].map((name) => html`<a href="#/${name}" aria-current=${here === name ? "page" : undefined}>${t(name)}</a>`)}</nav>
+      <nav class="nav" aria-label="printmend">${(STATIC ? ["play"] : ["play", "printers"]).map((name) => html`<a href="#/${name}" aria-current=${here === name ? "page" : undefined}>${t(name)}</a>`)}</nav>
       <div class="tools"><button class="quiet" title=${t("language")} aria-label=${t("language")} onClick=${() => speak(languages[(languages.indexOf(language) + 1) % languages.length])}>${language.toUpperCase()}</button>
         <button class="quiet icon" title=${t("theme")} aria-label=${t("theme")} onClick=${() => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark")}>
           <svg viewBox="0 0 24 24" aria-hidden="true"><circle cx="12" cy="12" r="8" fill="none" stroke="currentColor" stroke-width="2" /><path d="M12 4a8 8 0 0 1 0 16z" fill="currentColor" /></svg></button></div></header>
     <main class="main"><${Problem} error=${away && "gone"} />${here === "printers" ? html`<${Printers} at=${at.slice(1)} />` : here === "storage" ? html`<${Storage} />` : here === "devices" ? html`<${Devices} />` : html`<${Play} />`}</main>`;
 }
 
+if (STATIC) navigator.serviceWorker?.register("./sw.js"); // offline after the first visit
 render(html`<${App} />`, document.getElementById("app"));

@@ -1,6 +1,6 @@
 // Try it: a printer that exists only here, broken with sliders, mended in front of one's eyes.
 import { html, useEffect, useRef, useState } from "./vendor.js";
-import { ended, fileOf, post } from "./api.js";
+import { ended, fileOf, mendable, post, STATIC } from "./api.js";
 import { Number_, Plate, Pulley, Save, Slice, Wall } from "./drawings.js";
 import { inside, Machine } from "./machine.js";
 import { Counting, times } from "./moment.js";
@@ -8,20 +8,11 @@ import { useTitle } from "./title.js";
 import { lights } from "./wrong.js";
 import { Problem, Progress, useJob } from "./job.js";
 import { Part } from "./part.js";
+import PRESETS from "./presets.js";
 import { useScene } from "./scene.js";
 import { mm, number, said as say, t } from "./words.js";
 
 const STEPS = ["print", "scan", "measure", "learn", "mend"], TOWER = [...STEPS.slice(0, 4), "tower", "mend"];
-const side = (shape, dent_mm, angle_deg, play_mm) => ({ shape, dent_mm, angle_deg, play_mm });
-const PRESETS = {
-  day: { x: side("eccentric", 0.9, 40, 0.2), y: side("oval", 0.55, 75, 0.3), skew_deg: 0.4, screw_mm: 0 },
-  wobble: { x: side("eccentric", 1.0, 120, 0), y: side("eccentric", 0.7, 10, 0), skew_deg: 0, screw_mm: 0 },
-  oval: { x: side("oval", 0.7, 30, 0.1), y: side("round", 0, 0, 0.1), skew_deg: 0, screw_mm: 0 },
-  loose: { x: side("round", 0, 0, 0.6), y: side("round", 0, 0, 0.5), skew_deg: 0, screw_mm: 0 },
-  screw: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 0, screw_mm: 0.35 },
-  crooked: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 1.6, screw_mm: 0 },
-  healthy: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 0, screw_mm: 0 },
-};
 const FROM = [-0.22, -0.85, 0.9]; // the plate's holes are seen round, or not
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
@@ -76,8 +67,8 @@ export function Play() {
   const result = done ? job.result : null;
   return html`<div class="head"><div><h1>${t("play_title")}</h1><p class="now">${t(done && scene ? "now_mended" : "play_now")}</p></div>
       ${done ? html`<button class="big" onClick=${() => setKey(null)}>${t("change")}</button>`
-        : html`<button class="primary big" disabled=${running} onClick=${start}>${running ? t("mending") : t("mend_it")}</button>`}</div>
-    <${Problem} error=${error ?? lost} />
+        : html`<button class="primary big" disabled=${running || !mendable(faults)} onClick=${start}>${running ? t("mending") : t("mend_it")}</button>`}</div>
+    <${Problem} error=${error ?? lost} />${STATIC && html`<p class="note">${t(mendable(faults) ? "static_now" : "static_presets")}</p>`}
     <div class="split first">
       <div class="stack">
         ${result ? html`<${Result} result=${result} played=${key} />` : running ? html`<section class="card"><${Progress} job=${job ?? { state: "queued", share: 0, id: key }} steps=${faults.screw_mm ? TOWER : STEPS} /></section>` : html`

@@ -96,6 +96,9 @@ export default {
   devices: "Geräte", devices_now: "Diese Geräte dürfen von anderen Rechnern herein. Jedes hat ein eigenes Token.", device_new: "Ein Gerät einlassen", device_name: "Sein Name: Handy, Laptop", device_user: "Wessen Drucker es sieht (leer: alle)",
   device_add: "Einlassen", device_scan: "Scannen Sie das mit dem Gerät, oder öffnen Sie dort die Adresse. Sie wird nur dieses eine Mal gezeigt.", device_qr: "Die Adresse als QR-Code", device_of: "sieht die Drucker von {user}", device_all: "sieht alle Drucker", revoke: "Aussperren", revoke_sure: "{name} aussperren? Sein Token ist dann nichts mehr wert.",
 
+  static_now: "Diese Seite läuft ohne Server. Die Regler folgen dem Gesetz des Programms; was Heilen zeigt, hat das Programm vorher gemessen, gelernt und geheilt. Installieren Sie printmend, um eigene Fehler zu heilen.",
+  static_presets: "Ohne das Programm lassen sich hier nur die Fehler der Knöpfe oben heilen. Wählen Sie einen davon, oder installieren Sie printmend.",
+
   send_to: "An {host} senden", send_setup: "An den Drucker senden …", send_change: "Adresse ändern", sent: "{name} liegt bei den Dateien von {host}. Dort starten:",
   send_now: "Wo laufen die Drucke? Die Adresse von OctoPrint, Mainsail oder Fluidd angeben, wie der Browser sie zeigt. Dateien gehen nur auf Wunsch dorthin, und nichts startet von selbst.",
   address: "Adresse", api_key: "API-Schlüssel (OctoPrint: Einstellungen, Anwendungsschlüssel; Moonraker braucht oft keinen)", connect: "Verbinden", connecting: "Fragt …", disconnect: "Vergessen",

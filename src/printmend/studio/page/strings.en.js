@@ -96,6 +96,9 @@ export default {
   devices: "Devices", devices_now: "These devices may enter from other computers. Each has a token of its own.", device_new: "Let in a device", device_name: "Its name: phone, laptop", device_user: "Whose printers it sees (empty: all of them)",
   device_add: "Let it in", device_scan: "Scan this with the device, or open the address there. It is shown this once.", device_qr: "The address as a QR code", device_of: "sees {user}'s printers", device_all: "sees all printers", revoke: "Shut it out", revoke_sure: "Shut out {name}? Its token is then worth nothing.",
 
+  static_now: "This page runs without a server. The sliders follow the program's own law; what Mend it shows was measured, learned and mended by the program beforehand. Install printmend to mend faults of your own.",
+  static_presets: "Without the program only the faults of the buttons above can be mended here. Choose one of them, or install printmend.",
+
   send_to: "Send to {host}", send_setup: "Send it to the printer…", send_change: "Change the address", sent: "{name} is among the files of {host}. Start it there:",
   send_now: "Where do you watch your prints? Give the address of OctoPrint, Mainsail or Fluidd as your browser shows it. Files go there only when you say so, and nothing starts by itself.",
   address: "Address", api_key: "API key (OctoPrint: Settings, Application Keys; Moonraker often needs none)", connect: "Connect", connecting: "Asking…", disconnect: "Forget it",
