@@ -32,6 +32,7 @@ GCODE = (".gcode", ".g", ".gco", ".nc", ".ufp")
 KEPT_DAYS = 30  # the original of a file that was deleted since
 MARGIN_S = 5.0  # Moonraker's own limit must not strike first: it would retry
 PRINTING = ("printing", "paused")
+FOLLOW_S, PATIENCE_S = 600.0, 120.0  # between two looks for a newer model in the studio, and for one look
 NICENESS = 10  # of mending: the printer's own work comes first
 
 
@@ -121,6 +122,23 @@ def run(settings, source, target, report):
     except OSError as error:
         return f"{settings['command']}: {error.strerror or error}"
     return "" if done.returncode == 0 else last_line(done.stderr) or f"printmend ended with {done.returncode}"
+
+
+def follow(settings):
+    """Fetch a newer model where this one is paired with a studio (`printmend pair`)."""
+    if not os.path.isfile(settings["model"] + ".studio"):
+        return
+    command = [settings["command"], "pair", "--update", "-m", settings["model"]]
+    try:
+        done = subprocess.run(  # noqa: S603 — the owner's own program, from moonraker.conf
+            command, capture_output=True, text=True, errors="replace", check=False, timeout=PATIENCE_S,
+            stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+    except (subprocess.TimeoutExpired, OSError) as error:
+        logging.warning("printmend: no newer model: %s", error)
+        return
+    if done.returncode:
+        logging.warning("printmend: no newer model: %s", last_line(done.stderr))
 
 
 def model_at(path):
@@ -223,6 +241,8 @@ class Printmend:
         self.server.register_endpoint("/server/printmend/status", RequestType.GET, self._status)
         self.server.register_endpoint("/server/printmend/mend", RequestType.POST, self._mend_all)
         self.server.register_remote_method("printmend_mend", self._mend_all)
+        self.follower = self.server.get_event_loop().register_timer(self._follow)
+        self.follower.start(delay=1.0)
         self.processor = {
             "name": "printmend", "version": "1", "timeout": timeout_s, "enabled": True,
             "command": [sys.executable, os.path.abspath(__file__), json.dumps(self.settings), "{gcode_file_path}"],
@@ -230,6 +250,13 @@ class Printmend:
         self.storage.register_gcode_processor("printmend", self.processor)
         prints = self.server.lookup_component("klippy_apis")
         self.start_print, prints.start_print = prints.start_print, self._start_print
+
+    async def _follow(self, now):
+        await self._in_thread(follow, self.settings)
+        return now + FOLLOW_S
+
+    def close(self):
+        self.follower.stop()
 
     # Files.
 

@@ -12,6 +12,10 @@ from pathlib import Path
 from hosts import PRINTMEND
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from printmend.client import Studio
+from printmend.provenance import read_model
+from printmend.saved import SavedModel, write_model
+
 CHROMIUM = Path("/usr/bin/chromium")
 PICTURES = Path(__file__).resolve().parents[2] / "build" / "studio"
 # WebGL in software; no sandbox, for the tests run as root
@@ -69,6 +73,19 @@ class Server:
             except (OSError, IndexError):
                 continue
         return total
+
+
+def paired(server: Server, model: Path, older: SavedModel, newer: SavedModel) -> None:
+    """Pair a host's model with a printer of a studio, by the code that the page would show; then learn a newer one."""
+    studio = Studio(server.address)
+    key = str(studio.post("/printers", {"preset": "ender3"})["id"])
+    there = server.folder / "printers" / key / "printer.mend.json"
+    write_model(there, older)
+    code = studio.post(f"/printers/{key}/pair")["code"]
+    command = [PRINTMEND, "pair", server.address, code, "-m", model]
+    subprocess.run(list(map(str, command)), check=True, capture_output=True)  # noqa: S603 - our own program
+    assert read_model(str(model)).digest == older.digest
+    write_model(there, newer)
 
 
 @contextmanager

@@ -18,13 +18,14 @@ import pytest
 from hosts import INTEGRATIONS, PRINTMEND, call, environment, form, free_port, running, wait_for
 from parts import part
 from playwright.sync_api import expect
-from studio_server import CHROMIUM, Server, Watched, chromium
+from studio_server import CHROMIUM, Server, Watched, chromium, paired
 
 from klippy_run import HOSTS, board, config
-from printmend.client import Studio
+from printmend.client import Studio, pair_file
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.printer import read_printer
+from printmend.provenance import read_model
 from printmend.repair import mend_gcode
 from printmend.saved.model import exact_model, write_model
 
@@ -296,6 +297,22 @@ def test_what_the_printer_was_before_is_mended_anew(moonraker: Moonraker) -> Non
     wait_for(lambda: moonraker.status("w.gcode")["state"] == "current", "all mended anew")
     wait_for(lambda: not moonraker.get("/server/printmend/status")["queued"], "the rest")
     moonraker.learn(0.4)
+
+
+def test_a_paired_printer_gets_the_studios_newer_model_by_itself(moonraker: Moonraker, tmp_path: Path) -> None:
+    model = moonraker.data / "config/printer.mend.json"
+    before = model.read_bytes()
+    older, newer = (exact_model(Corruption((Drive(belt=Play(slack)), Drive())).lower(read_printer("ender3")))
+                    for slack in (0.35, 0.45))  # fmt: skip
+    server = Server(tmp_path / "studio")
+    try:
+        paired(server, model, older, newer)
+        moonraker.restart()
+        wait_for(lambda: read_model(str(model)).digest == newer.digest, "the newer model")
+    finally:
+        server.stop()
+        model.write_bytes(before)
+        pair_file(model).unlink(missing_ok=True)
 
 
 def test_mending_waits_for_a_print_and_an_ending_may_be_in_capitals(moonraker: Moonraker) -> None:

@@ -13,13 +13,14 @@ import pytest
 from hosts import INTEGRATIONS, PRINTMEND, call, environment, form, free_port, running, wait_for
 from parts import part
 from playwright.sync_api import expect
-from studio_server import CHROMIUM, PICTURES, Server, Watched, chromium
+from studio_server import CHROMIUM, PICTURES, Server, Watched, chromium, paired
 
 from klippy_run import HOSTS
-from printmend.client import Studio, StudioError
+from printmend.client import Studio, StudioError, pair_file
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.printer import read_printer
+from printmend.provenance import read_model
 from printmend.repair import mend_gcode
 from printmend.saved.model import exact_model, write_model
 
@@ -300,6 +301,22 @@ def test_a_restart_forgets_nothing(tmp_path: Path) -> None:
         octoprint.prints("healthy.gcode", "healthy.mended.gcode")
         assert octoprint.disk("healthy.gcode").read_bytes() == healthy
         assert octoprint.disk("healthy.mended.gcode").read_bytes() != healthy
+
+
+def test_a_paired_printer_gets_the_studios_newer_model_by_itself(octoprint: OctoPrint, tmp_path: Path) -> None:
+    model = octoprint.base / "printer.mend.json"
+    before = model.read_bytes()
+    older, newer = (exact_model(Corruption((Drive(belt=Play(slack)), Drive())).lower(read_printer("ender3")))
+                    for slack in (0.35, 0.45))  # fmt: skip
+    server = Server(tmp_path / "studio")
+    try:
+        paired(server, model, older, newer)
+        octoprint.get("/api/plugin/printmend", {"command": "update"})
+        wait_for(lambda: read_model(str(model)).digest == newer.digest, "the newer model")
+    finally:
+        server.stop()
+        model.write_bytes(before)
+        pair_file(model).unlink(missing_ok=True)
 
 
 def test_a_model_is_uploaded_and_tried(octoprint: OctoPrint) -> None:

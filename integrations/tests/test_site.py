@@ -42,8 +42,13 @@ def _cases(rng: np.random.Generator) -> list[dict]:
         return {"shape": shape, "dent_mm": float(rng.uniform(0, 1.5)), "angle_deg": float(rng.uniform(0, 360)),
                 "play_mm": float(rng.choice([0.0, rng.uniform(0, 0.8)]))}  # fmt: skip
 
-    return [{"x": side(shape), "y": side(str(rng.choice(SHAPES))),
-             "skew_deg": float(rng.choice([0, rng.uniform(-2, 2)])), "screw_mm": float(rng.choice([0, rng.uniform(0, 0.5)]))} for shape in SHAPES * 3]  # fmt: skip
+    def some(low: float, high: float) -> float:
+        return float(rng.choice([0.0, rng.uniform(low, high)]))
+
+    return [
+        {"x": side(shape), "y": side(str(rng.choice(SHAPES))), "skew_deg": some(-2, 2), "screw_mm": some(0, 0.5)}
+        for shape in SHAPES * 3
+    ]
 
 
 @pytest.mark.skipif(NODE is None, reason="needs node")

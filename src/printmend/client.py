@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
+from printmend import provenance
 from printmend.errors import InputError, PrintmendError, RefusedError, reason
 from printmend.files import replacing
 
@@ -103,6 +104,24 @@ class Studio:
         self.fetch(job, result["output"], output)
         return result
 
+    def fetch_model(self, output: str | Path, have: str = "") -> bool:
+        """Write the model of a paired printer to ``output`` unless its digest is ``have``; return whether it was.
+
+        Nothing is replaced by what is no whole model. Raises `StudioError`.
+        """
+        with self._open("GET", f"/pair/model?have={have}") as answer:
+            if answer.status == 204:
+                return False
+            with replacing(Path(output), "wb") as file:
+                while chunk := answer.read(1 << 20):
+                    file.write(chunk)
+                file.flush()
+                try:
+                    provenance.read_model(file.name)
+                except provenance.NoModelError as error:
+                    raise StudioError(f"the studio sent no whole model ({error}); try again") from None
+        return True
+
     def _ask(self, method: str, path: str, body: bytes | IO[bytes] | None = None, kind: str = "", *,
              size: int | None = None) -> Any:  # fmt: skip
         with self._open(method, path, body, kind, size=size) as answer:
@@ -128,3 +147,40 @@ class Studio:
             raise StudioError(words) from None
         except urllib.error.URLError as error:
             raise StudioError(f"{self._address}: wanted a studio, got {error.reason}; is it running?") from None
+
+
+def pair_file(model: Path) -> Path:
+    """Return where it is kept with which studio a model is paired."""
+    return model.with_name(f"{model.name}.studio")
+
+
+def pair(model: Path, address: str, code: str, name: str) -> str:
+    """Pair a model's file with a studio by a code, and fetch the model; return the printer's name there.
+
+    Raises `StudioError` where the code is no good, or the printer has no model yet.
+    """
+    done = Studio(address).post("/pair", {"code": code, "name": name})
+    kept = pair_file(model)
+    kept.touch(mode=0o600)
+    with replacing(kept) as file:
+        json.dump({"address": address, "token": done["token"]}, file)
+    update(model)
+    return str(done["printer"])
+
+
+def update(model: Path) -> bool:
+    """Fetch a newer model from the studio that it is paired with; return whether there was one.
+
+    Raises `InputError` where it is not paired, `StudioError` where the studio does not give it.
+    """
+    try:
+        kept = json.loads(pair_file(model).read_text(encoding="utf-8"))
+        address, token = str(kept["address"]), str(kept["token"])
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError(pair_file(model), wanted="a model that is paired with a studio", came="none",
+                         todo="pair it first: printmend pair ADDRESS CODE -m MODEL") from None  # fmt: skip
+    try:
+        have = provenance.read_model(str(model)).digest
+    except provenance.NoModelError:
+        have = ""
+    return Studio(address, token=token).fetch_model(model, have)

@@ -26,7 +26,7 @@ from octoprint.filemanager.destinations import FileDestinations
 from octoprint.filemanager.util import DiskFileWrapper
 
 from octoprint_printmend import provenance
-from octoprint_printmend.program import Program
+from octoprint_printmend.program import FOLLOW_S, Program
 
 ENDING = ".mended.gcode"
 LOCAL = FileDestinations.LOCAL
@@ -59,6 +59,7 @@ class PrintmendPlugin(
         self._program = Program()
         self._model_read = (None, None)
         self._ended = False
+        self._stopped, self._pause_s = threading.Event(), 1.0
 
     def initialize(self):
         self._ledger = provenance.Ledger(self.get_plugin_data_folder())
@@ -86,7 +87,7 @@ class PrintmendPlugin(
         return {"js": ["js/printmend.js"]}
 
     def get_api_commands(self):
-        return {"cancel": [], "mend_all": [], "test": []}
+        return {"cancel": [], "mend_all": [], "test": [], "update": []}
 
     def is_api_protected(self):
         return True
@@ -105,6 +106,9 @@ class PrintmendPlugin(
             flask.abort(403)
         if command == "test":
             self._queue.put((self._test,))
+            return flask.jsonify(queued=True)
+        if command == "update":
+            self._queue.put((self._update,))
             return flask.jsonify(queued=True)
         if command == "mend_all":
             return flask.jsonify(queued=self._mend_all())
@@ -237,9 +241,22 @@ class PrintmendPlugin(
 
     def on_after_startup(self):
         threading.Thread(target=self._work, name="printmend", daemon=True).start()
+        threading.Thread(target=self._follow, name="printmend-model", daemon=True).start()
+
+    def _follow(self):
+        """Look for a newer model in the studio, again and again, where the model is paired with one."""
+        while not self._stopped.wait(self._pause_s):
+            self._pause_s = FOLLOW_S
+            self._queue.put((self._update,))
+
+    def _update(self):
+        command, model = (os.path.expanduser(self._settings.get([key])) for key in ("command", "model"))
+        if reason := self._program.update(command, model):
+            self._logger.warning("no newer model: %s", reason)
 
     def on_shutdown(self):
         self._ended = True
+        self._stopped.set()
         self._queue.put(None)
         self._program.stop()
 

@@ -9,6 +9,7 @@ import subprocess
 import threading
 
 LIMIT_S = 3600
+FOLLOW_S, PATIENCE_S = 600.0, 120.0  # between two looks for a newer model in the studio, and for one look
 NICENESS = 10  # the printer's own work comes first
 PERCENT = re.compile(r"(\d+) %")  # how far printmend is, on its standard error
 
@@ -23,6 +24,20 @@ class Program:
     def mend(self, command, model, source, fresh, report, told):
         """Mend a file into ``fresh``; return the reason where there is none. ``told`` hears the percentage."""
         return self._run([command, "mend", source, "-m", model, "-o", fresh, "--report", report], fresh, told)
+
+    @staticmethod
+    def update(command, model):
+        """Fetch a newer model where this one is paired with a studio; return why that was not possible."""
+        if not os.path.isfile(model + ".studio"):
+            return ""
+        try:
+            done = subprocess.run(  # noqa: S603 — the owner's own program, from the settings
+                [command, "pair", "--update", "-m", model], stdin=subprocess.DEVNULL, capture_output=True, text=True,
+                errors="replace", check=False, timeout=PATIENCE_S,
+            )  # fmt: skip
+        except (subprocess.TimeoutExpired, OSError) as error:
+            return str(error)
+        return done.stderr.strip() if done.returncode else ""
 
     def stop(self):
         """End printmend, and whatever it started: a script of the owner's may not be the program itself."""

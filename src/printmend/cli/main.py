@@ -31,6 +31,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "verify": "Measure a mended check print: was the promise kept?",
         "history": "Show what every measurement said, and where wear leads.",
         "export": "Write the part of a fault that a firmware can hold.",
+        "pair": "Get a printer's model, and each newer one, from a studio.",
         "donate": "Pack what you measured into one file to give away; nothing is sent.",
     },
     "For farms": {

@@ -21,12 +21,11 @@ from starlette.concurrency import run_in_threadpool
 
 from printmend import __version__
 from printmend.errors import InputError
-from printmend.studio.guard import USER
+from printmend.studio.guard import LONGEST_UPLOAD_S, USER
 from printmend.studio.jobs import StudioState
 from printmend.studio.shapes import KEY, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
 from printmend.studio.store import DONE, HALF, NotThereError, bytes_in
 
-LONGEST_UPLOAD_S = 900.0  # for one file
 LEAST_FREE_BYTES = 500_000_000  # on the disk, below which nothing more is taken
 _LOOK_S, _ASK_S = 0.05, 1.0  # how often a job's folder is looked at, and at the latest the job itself
 _MOST_FOLLOWED = 64  # jobs in one stream

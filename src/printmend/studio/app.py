@@ -18,10 +18,11 @@ from starlette.types import ASGIApp
 from printmend import __version__
 from printmend.errors import PrintmendError, RefusedError
 from printmend.messages import messages_of, page_messages
-from printmend.studio import api, api_devices, api_printers, api_storage
+from printmend.studio import api, api_devices, api_pair, api_printers, api_storage
 from printmend.studio.devices import Devices
 from printmend.studio.guard import LOOPBACK, Guard, TooLargeError
 from printmend.studio.jobs import Jobs, StudioState
+from printmend.studio.pairing import Codes
 from printmend.studio.store import NotThereError, Store
 
 PAGE = Path(__file__).parent / "page"
@@ -69,11 +70,12 @@ def create_app(
         "/api/openapi.json", lambda: _description(app), include_in_schema=False, response_class=JSONResponse
     )
     app.state.most_bytes, app.state.stopping, app.state.devices = most_bytes, stopping, devices
+    app.state.codes = Codes()
     app.add_exception_handler(PrintmendError, _refused)
     app.add_exception_handler(RequestValidationError, _misfit)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(TooLargeError, _too_large)
-    for router in (api.router, api_printers.router, api_storage.router, api_devices.router):
+    for router in (api.router, api_printers.router, api_storage.router, api_devices.router, api_pair.router):
         _name_operations(router)
         app.include_router(router)
     app.add_api_route("/messages.json", page_messages, include_in_schema=False, response_class=JSONResponse)

@@ -5,8 +5,10 @@ another site that is open in the same browser could still send requests here: su
 or reaches us by a name that is not ours (DNS rebinding), and both are refused.
 """
 
+import asyncio
 import contextlib
 import json
+import time
 from collections.abc import Callable, Iterable
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
@@ -20,7 +22,9 @@ LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "printmend_token"
 USER = "printmend.user"  # in the scope of a request: whose device asks, empty where it sees everything
 SIGN_IN = Path(__file__).parent / "sign_in.html"
-_OPEN = ("/style.css", "/icon.svg")  # what the sign-in page is made of
+_OPEN = (  # what the sign-in page is made of, and where hosts come with a code or a token of their own
+    "/style.css", "/icon.svg", "/api/pair", "/api/pair/model",
+)  # fmt: skip
 _VERSION = "/api/v1/"
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
@@ -33,7 +37,9 @@ _HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
+LONGEST_UPLOAD_S = 900.0  # for one file
 _KEPT_S = 400 * 86_400  # a browser keeps its token; a device that should not is revoked
+_BODY_S = 20.0  # for the body of a request that is no upload
 _SMALL_BYTES = 1_000_000  # bytes of a request that is no upload
 
 
@@ -69,7 +75,11 @@ class Guard:
                 return
             scope = {**scope, USER: users[0] if users else ""}
         cookie = self._fresh_cookie(scope)
-        await self._app(scope, _bounded(receive, limit), _with_headers(send, cookie))
+        await self._app(
+            scope,
+            _bounded(receive, limit, LONGEST_UPLOAD_S + _BODY_S if limit != _SMALL_BYTES else _BODY_S),
+            _with_headers(send, cookie),
+        )
 
     def _refusal(self, scope: Scope, headers: Headers, limit: int) -> tuple[int, str] | None:
         host = headers.get("host", "")
@@ -120,14 +130,22 @@ def _name_of(host: str) -> str:
         return ""
 
 
-def _bounded(receive: Receive, limit: int) -> Receive:
-    """Return ``receive`` that ends a body of unknown length at the limit."""
-    seen = 0
+def _bounded(receive: Receive, limit: int, longest_s: float) -> Receive:
+    """Return ``receive`` that ends a body of unknown length at the limit, and one that drips in after so long."""
+    seen, end_s, whole = 0, 0.0, False
 
     async def bounded() -> Message:
-        nonlocal seen
-        message = await receive()
+        nonlocal seen, end_s, whole
+        if whole:  # what is waited for now is that the asker goes away
+            return await receive()
+        end_s = end_s or time.monotonic() + longest_s
+        try:
+            async with asyncio.timeout(max(0.0, end_s - time.monotonic())):
+                message = await receive()
+        except TimeoutError:
+            return {"type": "http.disconnect"}
         seen += len(message.get("body", b""))
+        whole = not message.get("more_body", False)
         if seen > limit:
             raise TooLargeError(limit)
         return message

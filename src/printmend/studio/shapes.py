@@ -31,6 +31,34 @@ class Health(BaseModel):
     shared: bool = Field(default=False, description="devices may be let in here")
 
 
+class PairCode(BaseModel):
+    """A code for a host, good once and for some minutes."""
+
+    code: str
+    minutes: int
+
+
+class PairIn(Strict):
+    """A code that a host was given, and the host's name."""
+
+    code: str = Field(pattern=r"^[0-9]{6}$")
+    name: str = Field(min_length=1, max_length=60, pattern=r"^[^/\x00-\x1f]+$")
+
+
+class Paired(BaseModel):
+    """What a host keeps: the token for its printer's model."""
+
+    token: str
+    printer: str
+
+
+class PairedHost(BaseModel):
+    """A host that gets a printer's model."""
+
+    name: str
+    created_s: float
+
+
 class DeviceCard(BaseModel):
     """A device that may enter."""
 

@@ -1,12 +1,27 @@
 // Send a file to the program that the printer prints with: OctoPrint, or Moonraker behind Mainsail and Fluidd.
 import { html, useEffect, useState } from "./vendor.js";
-import { ended, post, remove } from "./api.js";
+import { ended, get, post, remove } from "./api.js";
+import { ask, Dialog } from "./ask.js";
 import { Problem, Progress, useJob } from "./job.js";
 import { t } from "./words.js";
 
 const NAMES = { octoprint: "OctoPrint", moonraker: "Moonraker" };
 
 // `file` says what: {} is the test print, {job, name} a file that a job made.
+// A code by which Moonraker or OctoPrint gets this printer's model, and each newer one.
+export function Pair({ printer }) {
+  const [made, setMade] = useState(null), [hosts, setHosts] = useState([]), [error, setError] = useState(null);
+  const load = () => get(`/printers/${printer.id}/pairs`).then(setHosts, () => {});
+  useEffect(() => { load(); }, [printer.id]);
+  const make = async () => { try { setMade(await post(`/printers/${printer.id}/pair`)); setError(null); } catch (problem) { setError(problem.message); } };
+  const part = async ({ name }) => { if (!(await ask(t("part_sure", { name }), t("part")))) return; try { await remove(`/printers/${printer.id}/pairs/${encodeURIComponent(name)}`); load(); } catch (problem) { setError(problem.message); } };
+  const line = made && `printmend pair ${location.origin} ${made.code} -m printer.mend.json`;
+  return html`<section class="card stack"><h2>${t("pair")}</h2><p class="soft">${t("pair_now")}</p><${Problem} error=${error} />
+    ${hosts.map((one) => html`<div class="row between"><b>${one.name}</b><button class="quiet" onClick=${() => part(one)}>${t("part")}</button></div>`)}
+    <div><button onClick=${make}>${t("pair_make")}</button></div>
+    ${made && html`<${Dialog} label=${t("pair")} closed=${() => { setMade(null); load(); }}><div class="stack"><p>${t("pair_how", { n: made.minutes })}</p><p class="code">${made.code.slice(0, 3)} ${made.code.slice(3)}</p><code class="address">${line}</code><div class="row end"><button onClick=${(event) => event.currentTarget.closest("dialog").close()}>${t("close")}</button></div></div></${Dialog}>`}</section>`;
+}
+
 export function Send({ printer, changed, file = {} }) {
   const [key, setKey] = useState(null), [error, setError] = useState(null), [open, setOpen] = useState(false), job = useJob(key), { host } = printer;
   useEffect(() => { setKey(null); setError(null); }, [file.job, file.name]);

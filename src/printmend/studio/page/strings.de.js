@@ -99,6 +99,9 @@ export default {
   static_now: "Diese Seite läuft ohne Server. Die Regler folgen dem Gesetz des Programms; was Heilen zeigt, hat das Programm vorher gemessen, gelernt und geheilt. Installieren Sie printmend, um eigene Fehler zu heilen.",
   static_presets: "Ohne das Programm lassen sich hier nur die Fehler der Knöpfe oben heilen. Wählen Sie einen davon, oder installieren Sie printmend.",
 
+  pair: "Mit Moonraker oder OctoPrint koppeln", pair_now: "Ein gekoppelter Rechner bekommt dieses Modell und jedes neuere von selbst.", pair_make: "Code zeigen", pair_how: "Führen Sie das innerhalb von {n} Minuten auf dem Rechner des Druckers aus, mit dem Ort des Modells aus seinen Einstellungen. Der Code gilt einmal.",
+  part: "Trennen", part_sure: "{name} trennen? Er behält sein Modell und bekommt kein neueres.",
+
   send_to: "An {host} senden", send_setup: "An den Drucker senden …", send_change: "Adresse ändern", sent: "{name} liegt bei den Dateien von {host}. Dort starten:",
   send_now: "Wo laufen die Drucke? Die Adresse von OctoPrint, Mainsail oder Fluidd angeben, wie der Browser sie zeigt. Dateien gehen nur auf Wunsch dorthin, und nichts startet von selbst.",
   address: "Adresse", api_key: "API-Schlüssel (OctoPrint: Einstellungen, Anwendungsschlüssel; Moonraker braucht oft keinen)", connect: "Verbinden", connecting: "Fragt …", disconnect: "Vergessen",

@@ -99,6 +99,9 @@ export default {
   static_now: "This page runs without a server. The sliders follow the program's own law; what Mend it shows was measured, learned and mended by the program beforehand. Install printmend to mend faults of your own.",
   static_presets: "Without the program only the faults of the buttons above can be mended here. Choose one of them, or install printmend.",
 
+  pair: "Pair with Moonraker or OctoPrint", pair_now: "A host that is paired gets this model, and each newer one, by itself.", pair_make: "Show a code", pair_how: "Run this on the host within {n} minutes, with the model's place from its settings. The code is good once.",
+  part: "Part", part_sure: "Part {name}? It keeps the model that it has, and gets no newer one.",
+
   send_to: "Send to {host}", send_setup: "Send it to the printer…", send_change: "Change the address", sent: "{name} is among the files of {host}. Start it there:",
   send_now: "Where do you watch your prints? Give the address of OctoPrint, Mainsail or Fluidd as your browser shows it. Files go there only when you say so, and nothing starts by itself.",
   address: "Address", api_key: "API key (OctoPrint: Settings, Application Keys; Moonraker often needs none)", connect: "Connect", connecting: "Asking…", disconnect: "Forget it",

@@ -3,6 +3,7 @@ import { html, useEffect, useState } from "./vendor.js";
 import { get } from "./api.js";
 import { Number_, Save, wide } from "./drawings.js";
 import { Problem } from "./job.js";
+import { Pair } from "./send.js";
 import { inside, Machine } from "./machine.js";
 import { mm, number, said as say, sentence, t } from "./words.js";
 
@@ -20,6 +21,7 @@ export function Wrong({ printer }) {
         ${said.faults.length ? said.faults.map((fault) => html`<${Fault} fault=${fault} lit=${lit} light=${light} />`) : html`<p>${said.learner === "callipers" ? say(said.headline) : t(doubted ? "nothing_known" : "nothing_wrong")}</p>`}
         ${graded.map(([, grade, words]) => html`<p class=${{ refusal: "problem", warning: "note" }[grade] ?? "faint"}>${sentence(words)}</p>`)}</section>
       ${said.gaps.length > 0 && html`<section class="card stack"><h2>${t("gaps")}</h2>${said.gaps.map((gap) => html`<p class="soft">${sentence(gap)}</p>`)}<${Next} printer=${printer} /></section>`}
+      ${!refused && html`<${Pair} printer=${printer} />`}
       <a class="button primary" href=${`#/printers/${printer.id}/${refused ? "measure" : "mend"}`}>${t(refused ? "next_measure" : sound && !doubted ? "next_look" : "next_mend")}</a></div>
     <div class="stack"><div class=${refused ? "stage refused" : "stage"}><${Machine} machine=${said.machine} larger=${larger} label=${words(refused, sound, larger)} faults=${said.faults.map((fault) => fault.part)} lit=${lit} light=${light} />
         <div class="over"><div class="glass"><b>${words(refused, sound, larger)}</b></div><${Save} id="machine" name="machine" /></div></div>

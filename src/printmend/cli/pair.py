@@ -1,0 +1,35 @@
+"""`printmend pair`: a model and its updates come from a studio by themselves."""
+
+import socket
+from pathlib import Path
+
+import click
+
+from printmend.errors import InputError
+
+
+@click.command(epilog="Example: printmend pair http://workshop:8765 123456 -m printer.mend.json")
+@click.argument("address", required=False)
+@click.argument("code", required=False)
+@click.option("-m", "--model", "model", required=True, metavar="printer.mend.json", help="Where the model goes.",
+              type=click.Path(path_type=Path, dir_okay=False))  # fmt: skip
+@click.option("--name", default=socket.gethostname, show_default="this computer's", help="Its name in the studio.")
+@click.option("--update", "newer", is_flag=True, help="Fetch a newer model, where there is one, and end.")
+def command(address: str | None, code: str | None, model: Path, name: str, newer: bool) -> None:
+    """Pair this computer with a printer of a studio: its model is fetched, and later each newer one.
+
+    The studio shows ADDRESS and CODE (six digits) under the printer. The plug-ins of Moonraker and OctoPrint look for
+    a newer model every ten minutes; --update does it by hand.
+    """
+    from printmend.client import pair, update
+
+    if newer:
+        if address is not None:
+            raise click.UsageError("--update needs no ADDRESS and no CODE: they are known")
+        click.echo(f"{model} is {'now the newest' if update(model) else 'the newest already'}")
+        return
+    if address is None or code is None:
+        raise click.UsageError("wanted ADDRESS and CODE as the studio shows them; or --update")
+    if len(code) != 6 or not code.isascii() or not code.isdigit():
+        raise InputError(code, wanted="six digits", came="something else", todo="copy the code that the studio shows")
+    click.echo(f"{model} comes from {pair(model, address, code, name[:60])!r} at {address} from now on")
