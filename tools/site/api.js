@@ -2,6 +2,7 @@
 import { preview } from "./faults.js";
 import { unpacked } from "./packed.js";
 import PRESETS from "./presets.js";
+import { heed } from "./words.js";
 
 export class Problem extends Error {}
 
@@ -28,7 +29,7 @@ export const get = () => Promise.reject(new Problem("gone")), patch = get, remov
 
 export function follow(key, told) {
   let here = true;
-  read(`./plays/${key}/job.json`).then((response) => response.json()).then((job) => here && told(job), () => here && told({ id: key, state: "failed", error: "gone", files: [] }));
+  read(`./plays/${key}/job.json`).then((response) => response.json()).then((job) => here && told(heed(job)), () => here && told({ id: key, state: "failed", error: "gone", files: [] }));
   return () => { here = false; };
 }
 

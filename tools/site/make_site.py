@@ -14,6 +14,7 @@ from pathlib import Path
 
 import parts
 
+from printmend.messages import messages_of, page_messages
 from printmend.studio import work
 from printmend.studio.app import PAGE
 
@@ -36,6 +37,7 @@ def make(folder: Path, names: list[str]) -> int:
         shutil.copy(HERE / name, folder / name)
     (folder / "law.js").write_text(parts.law(), encoding="utf-8")
     (folder / "printer.json").write_text(json.dumps(parts.printer()), encoding="utf-8")
+    (folder / "messages.json").write_text(json.dumps(page_messages(), ensure_ascii=False), encoding="utf-8")
     for name in names:
         _play(folder / "plays" / name, name, presets()[name])
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
@@ -57,7 +59,7 @@ def _play(folder: Path, name: str, faults: dict) -> None:
         for file in made:
             (folder / f"{file}.packed").write_bytes(gzip.compress((Path(data) / "job" / file).read_bytes(), mtime=0))
     job = {"id": name, "kind": "play", "state": "done", "share": 1, "step": "", "files": made, "error": None,
-           "result": result}  # fmt: skip
+           "result": {**result, "messages": messages_of(result)}}  # fmt: skip
     (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
 
 

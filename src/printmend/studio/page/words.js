@@ -36,7 +36,7 @@ function ours(text, all) {
 }
 
 // Every message that has an id: what the page says in each language. What is said comes in English, with ids beside it.
-const catalogue = await fetch("/messages.json").then((answer) => answer.json()).catch(() => ({}));
+const catalogue = await fetch("messages.json").then((answer) => answer.json()).catch(() => ({}));
 const known = new Map();
 
 // Take note of the messages in an answer of the studio; returns the answer.
