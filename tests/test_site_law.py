@@ -39,8 +39,8 @@ def test_what_has_no_javascript_stops_the_build(tmp_path: Path, line: str) -> No
 
 
 def test_the_law_of_the_page_is_whole() -> None:
-    import parts
+    import page_parts
 
-    text = parts.law()
+    text = page_parts.law()
     for name in ("clip", "branch_at", "push_at", "onto_bed", "off_bed", "distances"):
         assert f"export function {name}(" in text

@@ -12,7 +12,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-import parts
+import page_parts
 
 from printmend.messages import messages_of, page_messages
 from printmend.studio import work
@@ -35,8 +35,8 @@ def make(folder: Path, names: list[str]) -> int:
     shutil.copytree(PAGE, folder, ignore=shutil.ignore_patterns("stream.js", "*.sha256"))
     for name in ("api.js", "faults.js"):
         shutil.copy(HERE / name, folder / name)
-    (folder / "law.js").write_text(parts.law(), encoding="utf-8")
-    (folder / "printer.json").write_text(json.dumps(parts.printer()), encoding="utf-8")
+    (folder / "law.js").write_text(page_parts.law(), encoding="utf-8")
+    (folder / "printer.json").write_text(json.dumps(page_parts.printer()), encoding="utf-8")
     (folder / "messages.json").write_text(json.dumps(page_messages(), ensure_ascii=False), encoding="utf-8")
     for name in names:
         _play(folder / "plays" / name, name, presets()[name])
