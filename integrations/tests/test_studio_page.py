@@ -218,7 +218,7 @@ def test_broken_to_mended_on_the_play_screen(browser: Browser, server: Server) -
     expect(machine.locator("[data-part=x]")).to_have_class(re.compile("lit"))
     machine.locator("[data-part=y]").focus()
     expect(page.locator("[data-fault=y]").first).to_have_class(re.compile("lit"))
-    watched.picture("play-moment")
+    watched.picture("play-mended")
     page.get_by_role("button", name="Share").click()
     with page.expect_download() as load:
         page.get_by_role("dialog").get_by_role("button", name="Save as PNG").click()
@@ -229,7 +229,6 @@ def test_broken_to_mended_on_the_play_screen(browser: Browser, server: Server) -
     assert red[0] > 0.02 > 10 * red[1]  # what is far off is red, and is not in the mended half
     page.get_by_role("button", name="Close").click()
     drawn_finely(page, page.get_by_role("button", name="as it prints").click)
-    watched.picture("play-mended")
     with page.expect_download() as load:
         page.get_by_role("button", name="Save as PNG").click()
     assert Path(load.value.path()).read_bytes()[:4] == b"\x89PNG"
