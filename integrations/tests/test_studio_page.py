@@ -306,6 +306,22 @@ def test_a_printer_with_nothing_to_mend_is_shown_so(browser: Browser, server: Se
     _ok(watched)
 
 
+def test_a_message_is_german_by_its_id_however_its_english_is_worded(browser: Browser, server: Server) -> None:
+    watched = _page(browser, server, locale="de-DE")
+    watched.page.goto(server.address)
+    said, why = watched.page.evaluate("""async () => {
+        const { heed, said, why } = await import("/words.js");
+        const todo = { id: "scan-whole-print-free-margin", values: {} };
+        const least = { id: "least-marks", values: { a: "50%", b: "12" } };
+        const whole = { id: "why", values: { a: "scan.png", b: "half of them", c: "3.5", d: "scan it all" } };
+        heed({ jobs: [{ result: { messages: { "scan it all": todo, "half of them": least, "all of it": whole } } }] });
+        return [said("scan it all"), why("all of it")];
+    }""")
+    assert said == "Den ganzen Druck scannen, mit freiem Rand"
+    assert why == f"scan.png: gebraucht: mindestens 50% der 12 Punkte; bekommen: 3,5. {said}."
+    _ok(watched)
+
+
 @pytest.mark.parametrize(
     ("width", "height", "dark", "language"),
     [(390, 844, True, "en-GB"), (1280, 800, False, "de-DE"), (2560, 1440, True, "en-GB")],
