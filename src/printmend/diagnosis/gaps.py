@@ -19,7 +19,7 @@ def drive_gaps(drive: LearnedDrive) -> list[str]:
     """Say what the trace could not tell of one motor, and what print would."""
     seen, name = drive.sight, drive.name.upper()
     turn = drive.branches.period_mm
-    gaps = []
+    gaps: list[str] = []
     if seen.angles < ALL_SEEN:
         longer = say("print-least-mm-along-better-two", f"{turn:.0f}", name, f"{2 * turn:.0f}")
         spread = say("points-lie-same-few-angles-each", f"{turn:.0f}")

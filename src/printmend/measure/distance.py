@@ -23,6 +23,8 @@ READING_MM = 0.06  # standard deviation of a reading: the callipers, the hand, t
 MOST_SCALE_SHARE = 0.02  # no instrument is off by a larger share: such a distance is another one than was asked for
 UNIT_SHARE = 0.05  # a length that is right to this share in another unit is taken to be in that unit
 
+_OPEN = {"sheet": "scale-of-sheet", "paper": "scale-of-paper", "scanner": "scale-of-scanner"}  # messages
+
 
 def choose_span(plan: ProbePlan, measured_mm: np.ndarray) -> tuple[int, int] | None:
     """Return the numbers of the two large dots that lie farthest apart within reach of callipers, None without any."""
@@ -43,11 +45,15 @@ def choose_span(plan: ProbePlan, measured_mm: np.ndarray) -> tuple[int, int] | N
 def open_scale(scale: str, *, ruled: bool = False) -> str:
     """Say whose scale a picture has, in a sentence that goes on with what would settle it; ``scale`` is where it came
     from, in words. With a ruler in the picture (``ruled``) it is open across that."""
-    whose = "the printed sheet's" if "tags" in scale else "the paper's" if "paper" in scale else "the scanner's"
+    whose = {"sheet": "the printed sheet's", "paper": "the paper's", "scanner": "the scanner's"}[_whose(scale)]
     return (
         f"{'across the ruler ' if ruled else ''}the scale is {whose}: it may be off by 0.1 to 0.2 %, and up to 0.5 % "
         "of the printer's own cannot be told from that. To settle it, measure"
     )
+
+
+def _whose(scale: str) -> str:
+    return "sheet" if "tags" in scale else "paper" if "paper" in scale else "scanner"
 
 
 def is_asking(note: str) -> bool:
@@ -62,11 +68,8 @@ def asked(plan: ProbePlan, span: tuple[int, int], across_mm: float, scale: str) 
         for at in span
     )
     if len(plan.sheets) > 1:
-        other += f" of sheet {plan.sheet_of[span[0]] + 1}"
-    return (
-        f"{open_scale(scale)} from {one} to {other}, outer edges, and give what the callipers show as --distance "
-        f"(about {across_mm:.0f} mm)"
-    )
+        other = say("dot-of-sheet", other, plan.sheet_of[span[0]] + 1)
+    return say(_OPEN[_whose(scale)], one, other, f"{across_mm:.0f}")
 
 
 def side_of(plan: ProbePlan, mark: int) -> str:

@@ -268,11 +268,14 @@ def _merged(on_bed: list[np.ndarray], sigmas: list[np.ndarray]) -> tuple[np.ndar
 def _described(reading: Reading, *, several: bool) -> str:
     found, total = int(reading.marks.found.sum()), len(reading.marks.found)
     match, matrix = reading.marks.match, reading.marks.pose.matrix
-    side = "seen from below, " if match.mirrored else ""
     upright = np.diag([-1.0 if match.mirrored else 1.0, -1.0]) @ matrix
     turned = np.degrees(np.arctan2(upright[0, 1], upright[0, 0]))
-    sheet = f" of sheet {reading.sheet + 1}" if several else ""
-    return f"{reading.path}: {found} of {total} marks{sheet}, {side}turned by {-turned:.1f}°, {reading.scale}"
+    turn = f"{-turned:.1f}"
+    if several:
+        name = "marks-read-below-of-sheet" if match.mirrored else "marks-read-of-sheet"
+        return say(name, reading.path, found, total, reading.sheet + 1, turn, reading.scale)
+    name = "marks-read-below" if match.mirrored else "marks-read"
+    return say(name, reading.path, found, total, turn, reading.scale)
 
 
 def _without_image(reading: Reading) -> Reading:

@@ -21,6 +21,7 @@ from printmend.measure.measurement import instrument_on_bed
 from printmend.measure.register import Pose
 from printmend.measure.walls import Walls, read_walls
 from printmend.measure.width import choose_widths, scaled_by_widths, widths_asked
+from printmend.messages import say
 from printmend.path import Origin, Trace
 from printmend.picture.image import with_legend, write_image
 from printmend.picture.page import Page, check_sheet, photo_todo, read_page
@@ -125,7 +126,7 @@ def _located(path: str | Path, page: Page, walls: Walls, rulers: Sequence[Ruler]
     except ScanError as error:
         if not page.unsure:
             raise
-        todo = f"{error.todo}; if it is a photo: {photo_todo()}"
+        todo = say("if-it-is-a-photo", error.todo, photo_todo())
         raise ScanError(path, wanted=error.wanted, came=error.came, todo=todo) from None
 
 
