@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import special
 
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, scene_of
 from printmend.effects.prior import share_of
@@ -12,6 +13,7 @@ from printmend.effects.sample import drawn_places
 from printmend.effects.sized import Sized
 from printmend.infer.fit import HOME_SD_MM, fitted
 from printmend.infer.machine import machine_of
+from printmend.infer.normal import log_below
 from printmend.infer.posterior import DRAWS, posterior_of
 from printmend.infer.simulate import drawn_parts, measured
 from printmend.machine import healthy_mechanism, print_from_home
@@ -128,3 +130,9 @@ def _moved(part: object, sizes: np.ndarray, places: object, scene: Scene) -> np.
         return np.zeros((len(places), 2, sizes.shape[1]))  # type: ignore[arg-type]
     columns = columns_of(part.effect, places, part.where, part.shape, scene)  # type: ignore[attr-defined,arg-type]
     return np.asarray(np.einsum("ncp,pd->ncd", columns, sizes))
+
+
+def test_the_normal_tail_is_that_of_scipy() -> None:
+    z = np.linspace(-60.0, 12.0, 800)
+    assert log_below(z) == pytest.approx(special.log_ndtr(z), rel=1e-6, abs=1e-12)
+    assert log_below(np.zeros((0, 3))).shape == (0, 3)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from printmend.effects import EFFECTS
 from printmend.infer.gram import Dictionary, Gram
+from printmend.infer.normal import log_below
 
 LEAST_SIGMA_MM = 2e-4  # tables and G-code are written no finer
 LEAST_BETTER = 1e-6  # of the score: what rounding leaves
@@ -82,7 +82,7 @@ class Search:
         evidence = -0.5 * (self.gram.count * np.log(variance) + log_det + quadratic)
         positive = self._positive[columns]
         spread = np.sqrt(np.diag(covariance)[positive])
-        evidence += float(np.sum(log_ndtr(mean[positive] / spread) + np.log(2)))
+        evidence += float(np.sum(log_below(mean[positive] / spread) + np.log(2)))
         return State(
             members, columns, mean * sd, covariance * np.outer(sd, sd), float(np.sqrt(variance)), float(evidence + odds)
         )
@@ -162,7 +162,7 @@ def _halved(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.nd
     """Return what blocks of one column gain beside that [B, V] because their size must be positive."""
     shrunk = sds[:, :, 0] ** 2
     spread = 1 + shrunk * np.maximum(information[:, :, 0], 0.0)
-    return np.asarray(log_ndtr(pull * np.sqrt(shrunk / spread)) + np.log(2))
+    return np.asarray(log_below(pull * np.sqrt(shrunk / spread)) + np.log(2))
 
 
 def _gains(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.ndarray:
