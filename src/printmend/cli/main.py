@@ -159,23 +159,23 @@ def main() -> None:
             f"{' '.join(in_plain_words(error.format_message()).split())}; see {_command(error)} --help", error.exit_code
         )
     except click.Abort:
-        _end("stopped; what was written is whole, and what keeps its results goes on where it was", 130)
+        _end("stopped. Every file written is complete; a command that keeps results goes on where it was", 130)
     except BrokenPipeError:
         _silence()
         sys.exit(PIPE_CLOSED)
     except OSError as error:
         _silence()
-        place = f"{error.filename}: " if error.filename else ""
-        _end(f"{place}wanted to read or write, got {reason(error)}; check the place and its free space", 2)
+        what = error.filename or "a file"
+        _end(f"{what} cannot be read or written ({reason(error)}); check the path and the free space", 2)
     except MemoryError:
-        _end("wanted more memory than there is; give a smaller file, or close other programs", 2)
+        _end("not enough memory; give a smaller file, or close other programs", 2)
     except Exception as error:
         if isinstance(error, ImportError) and (missing := missing_extra(error)) is not None:
             _end(str(missing), missing.exit_code)
         if os.environ.get("PRINTMEND_TRACEBACK"):
             raise
         said = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-        _end(f"a fault of printmend itself ({said}); report it with the command and PRINTMEND_TRACEBACK=1", 1)
+        _end(f"printmend itself failed ({said}); report it, with the command and what PRINTMEND_TRACEBACK=1 shows", 1)
 
 
 def in_plain_words(said: str) -> str:

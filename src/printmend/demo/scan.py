@@ -166,25 +166,25 @@ def figures(done: ScanDemo) -> dict[str, Any]:
 
 def lines(done: ScanDemo, written: list[Path]) -> list[str]:
     """Say what came of it."""
-    measured = f"{done.marks} marks measured with {TYPED_MM} mm of noise each way"
+    measured = f"measured {done.marks} marks, with a noise of {TYPED_MM} mm in X and in Y"
     if done.scans:
         measured = (
-            f"{done.marks - done.missing} of {done.marks} marks read from two scans, {1000 * done.mark_mm:.0f} µm from "
-            f"where they are, typically, the scanner's scale ({done.scale_percent:+.2f} %) taken off"
+            f"read {done.marks - done.missing} of {done.marks} marks from two scans; RMS error of a mark "
+            f"{1000 * done.mark_mm:.0f} µm, besides the scanner's scale error of {done.scale_percent:+.2f} %"
         )
     rows = [
         measured,
         f"learned: {done.model.findings[0]}",
-        "distance from the wanted outline of another part on the same broken printer, its place on the bed taken off "
-        f"({np.hypot(*done.shift_before_mm):.2f} mm as it is, {np.hypot(*done.shift_mm):.2f} mm mended) [mm]:",
-        "         typical  95 % within  largest",
+        "error of another part on the same broken printer [mm], with each print moved to where it fits best "
+        f"(by {np.hypot(*done.shift_before_mm):.2f} mm as it is, by {np.hypot(*done.shift_mm):.2f} mm mended):",
+        "             RMS  95 % within  largest",
     ]
     rows += [
         f"  {name:8} {e.rms:5.3f}  {e.p95:11.3f}  {e.max:7.3f}"
         for name, e in (("as it is", done.before), ("mended", done.after))
     ]
     if done.refused:
-        rows.append("mending was refused: the printer is right as it is")
+        rows.append("nothing was mended: this printer needs no correction")
     return [*rows, *(f"wrote {path}" for path in written)]
 
 
@@ -214,7 +214,7 @@ def write_picture(done: ScanDemo, folder: Path) -> Path:
     worst = pictures[1].error_mm[1:][pictures[1].extruding]
     colours = Normalize(0, max(float(np.percentile(worst, 98)), 0.05))
     titles = [
-        "wanted", f"as it is: typically {done.before.rms:.2f} mm off", f"mended: typically {done.after.rms:.3f} mm off",
+        "wanted", f"as it is: {done.before.rms:.2f} mm RMS", f"mended: {done.after.rms:.3f} mm RMS",
     ]  # fmt: skip
     title = "a part that was not learned from, on the broken printer"
     figure = comparison(titles, draw_alike(pictures, colours=colours), title=title, colours=colours)

@@ -143,10 +143,10 @@ class Prediction:
         x_mm, y_mm = self.shift_mm
         if math.hypot(x_mm, y_mm) < _SHIFT_MM or self.is_untouched:
             return ""
-        figures = "these figures leave that out" if self.of_shape else "these figures contain that"
+        figures = "leave the shift out" if self.of_shape else "include the shift"
         return (
-            f"as it is, all of it also lies {math.hypot(x_mm, y_mm):.2f} mm beside its place "
-            f"(X {x_mm:+.2f}, Y {y_mm:+.2f} mm); {figures}, and mending takes it away"
+            f"as it is, the whole print is shifted by {math.hypot(x_mm, y_mm):.2f} mm "
+            f"(X {x_mm:+.2f}, Y {y_mm:+.2f} mm). These figures {figures}; mending removes it"
         )
 
     def json(self) -> dict[str, Any]:
@@ -178,9 +178,8 @@ class Prediction:
             rows.append(self.shift_words)
         if self.gain_mm is not None:
             which = told[-1]
-            comma = "mended, it" if len(told) > 1 else "it"
-            line = in_a_line(which[1].made_of)
-            rows.append(f"{comma} is made of {f'[mm]: {line}' if line else 'next to nothing'}")
+            after = " after mending" if len(told) > 1 else ""
+            rows.append(f"causes of the error{after} [mm]: {in_a_line(which[1].made_of) or 'none above 0.001'}")
         rows += [f"before you print: {each}" for each in self.advice]
         rows += [f"warning: {each}" for each in self.warnings]
         if not (self.clamped_extruding or self.unknown or self.splines) and self.extruding:
@@ -199,21 +198,21 @@ class Prediction:
             rows.append(self.duration.words(mended=not self.is_untouched))
         if self.coarse:
             coarse = counted(self.coarse, "place")
-            rows.append(f"off by more than the tolerance at {coarse}: the firmware takes no shorter moves")
+            rows.append(f"the error exceeds the tolerance at {coarse}: the firmware takes no shorter moves")
         if self.unknown:
             unknown = counted(self.unknown, "printing move")
             why = "words that cannot be read, or the file does not say where the head is"
             rows.append(f"{unknown} left as written{self.where_unknown}: {why}")
         if self.splines:
             rows.append(
-                f"{counted(self.splines, 'curve')} (G5) left as written, as wrong as before: the file does not say "
-                "where they begin, or leaves out I J or P Q"
+                f"{counted(self.splines, 'curve')} (G5) not corrected: the file does not say where they begin, or "
+                "lacks I J or P Q"
             )
         if self.geometry:
             times = counted(self.geometry, "time")
             rows.append(
                 f"the file sets the firmware's own skew, scale or backlash {times} (M425, M556, M579, M852, SET_SKEW): "
-                "this holds only if the test print was printed with the same"
+                "this prediction holds only if the test print was printed with the same settings"
             )
         if self.clamped:
             rows.append(

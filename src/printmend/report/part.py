@@ -136,8 +136,8 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
         )
     if prediction.splines:
         said.append(
-            f"Left as written, as wrong as before: {counted(prediction.splines, 'curve')} (G5), because the file does "
-            "not say where such a curve begins, or leaves out I J or P Q."
+            f"Not corrected: {counted(prediction.splines, 'curve')} (G5), because the file does not say where such a "
+            "curve begins, or lacks I J or P Q."
         )
     words = (*prediction.advice, *prediction.warnings, *filter(None, [prediction.shift_words]))
     advice = (f"{each[0].upper()}{each[1:].removesuffix('.')}." for each in words)

@@ -138,11 +138,11 @@ def closing(demo: Demo, written: list[Path]) -> str:
     slack = any(drive.belt is not None for drive in demo.corruption.drives)
     return "\n".join(
         [
-            f"broken: {faults}; typically {naive.rmse_mm:.2f} mm off as it is, "
+            f"broken: {faults}. RMS error: {naive.rmse_mm:.2f} mm as it is, "
             f"{mended.rmse_mm:.2f} mm mended ({NAMES[SHOWN]})",
             *(
-                f"{name} as published has no memory: it takes slack for lost motion and drifts. Take the belts out of "
-                "corruption.toml and pass it as --corruption to see it without"
+                f"{name}, as published, has no memory: it mistakes slack for lost motion and drifts. To see it without "
+                "slack, remove the belts from corruption.toml and give that file as --corruption"
                 for name in drifting
                 if slack
             ),
