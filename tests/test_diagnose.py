@@ -28,7 +28,8 @@ from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.repair.learned import learn_model, report
 from printmend.repair.mend import check_gcode
-from printmend.report.examination import NOTHING_KNOWN, Examination, examine, standard_rows, summary, write_examination
+from printmend.report.examination import NOTHING_KNOWN, Examination, examine, standard_rows, summary
+from printmend.report.examination_file import write_examination
 from printmend.report.pictures import pictures
 from printmend.twin import Twin
 from printmend.units import TURN_RAD, radius_mm

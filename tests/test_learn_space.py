@@ -25,7 +25,8 @@ from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
 from printmend.repair.learned import Learned, learn, learn_model, report
 from printmend.repair.update import update
-from printmend.report.examination import examine, summary, write_examination
+from printmend.report.examination import examine, summary
+from printmend.report.examination_file import write_examination
 from printmend.saved import SavedModel, screw_of, write_model
 from printmend.twin import Twin
 

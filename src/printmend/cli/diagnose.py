@@ -24,10 +24,12 @@ def command(trace: Path, printer_name: str, report: Path, part: Path | None, see
     from printmend.extras import require
     from printmend.measure import read_trace
     from printmend.printer import read_printer
-    from printmend.report.examination import check_name, examine, summary, write_examination
+    from printmend.report.examination import check_name, examine, summary
 
     check_name(report)
     require("printmend diagnose", "matplotlib", *(["reportlab"] if report.suffix.lower() == ".pdf" else []))
+    from printmend.report.examination_file import write_examination
+
     spare((report,), (trace, part))
     printer = read_printer(printer_name)
     examination = examine(read_trace(trace, printer), printer, part=part, rng=np.random.default_rng(seed))

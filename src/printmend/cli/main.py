@@ -12,6 +12,7 @@ from typing import NoReturn
 import click
 
 from printmend import __version__
+from printmend.cli.plain import in_plain_words
 from printmend.errors import MissingToolError, PrintmendError, reason
 from printmend.extras import missing_extra
 
@@ -176,14 +177,6 @@ def main() -> None:
             raise
         said = " ".join(f"{type(error).__name__}: {error}".split())[:300]
         _end(f"printmend itself failed ({said}); report it, with the command and what PRINTMEND_TRACEBACK=1 shows", 1)
-
-
-def in_plain_words(said: str) -> str:
-    """Return a message of click's without its names for kinds of numbers."""
-    said = said.rstrip(".")
-    for kind, plain in (("float range", "number"), ("integer range", "whole number"), ("integer", "whole number")):
-        said = said.replace(f"is not a valid {kind}", f"is not a {plain}")
-    return said
 
 
 def _command(error: click.ClickException) -> str:

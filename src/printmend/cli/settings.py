@@ -15,8 +15,8 @@ from typing import Any
 
 import click
 
-from printmend.cli.main import in_plain_words
 from printmend.cli.model import ModelType
+from printmend.cli.plain import in_plain_words
 from printmend.errors import ConfigError
 
 PROJECT = Path("printmend.toml")

@@ -165,19 +165,6 @@ def _portrait(learned: Learned, motor: int) -> Portrait:
     return portrait(belief.parts, belief.scene, motor, contacts, learned.saved.noise_mm)
 
 
-def write_examination(path: Path, examination: Examination) -> None:
-    """Write the report as one self-contained HTML page or as a PDF, as the name of ``path`` asks."""
-    check_name(path)
-    if path.suffix.lower() == ".pdf":
-        from printmend.report.examination_pdf import write
-
-        write(path, examination)
-    else:
-        from printmend.report.examination_page import write as write_page
-
-        write_page(path, examination)
-
-
 def summary(examination: Examination) -> str:
     """Say it in a few lines for a terminal."""
     rows = [examination.headline, *examination.refused]
