@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from printmend.infer.fit import DEGREES
 from printmend.infer.gram import Block
+from printmend.infer.normal import log_below
 from printmend.infer.posterior import DRAWS
 
 OFFERED = 4  # states drawn from the prior that each place chooses among, beside its own
@@ -110,7 +110,7 @@ def _evidence(covariance: np.ndarray, error_mm: np.ndarray, positive: np.ndarray
     white = np.linalg.solve(factor, both)
     log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
     (square, pull), own = np.einsum("...k,...kj->j...", white[..., 0], white), np.square(white[..., 1]).sum(axis=-1)
-    half = np.where(own > 0, log_ndtr(pull / np.sqrt(np.maximum(1 - own, TINY_MM2))) + np.log(2), 0.0)
+    half = np.where(own > 0, log_below(pull / np.sqrt(np.maximum(1 - own, TINY_MM2))) + np.log(2), 0.0)
     return np.asarray(half - 0.5 * square - log_det)
 
 
