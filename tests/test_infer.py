@@ -136,3 +136,4 @@ def test_the_normal_tail_is_that_of_scipy() -> None:
     z = np.linspace(-60.0, 12.0, 800)
     assert log_below(z) == pytest.approx(special.log_ndtr(z), rel=1e-6, abs=1e-12)
     assert log_below(np.zeros((0, 3))).shape == (0, 3)
+    assert np.array_equal(log_below(np.array([-1e200, -np.inf, np.inf])), [-np.inf, -np.inf, 0.0])

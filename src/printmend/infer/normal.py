@@ -11,13 +11,15 @@ _FAR = (
 
 def log_below(z: np.ndarray) -> np.ndarray:
     """Return the logarithm of the probability that a standard normal value is below each of ``z``."""
-    return np.asarray(_LOG_BELOW(z), float)
+    with np.errstate(over="ignore", under="ignore"):  # as it should: the logarithm is -inf then, or 0
+        return np.asarray(_LOG_BELOW(z), float)
 
 
 def _one(z: float) -> float:
     if z > _FAR:
         return math.log(0.5 * math.erfc(-z / math.sqrt(2)))
-    return -0.5 * (z * z + math.log(2 * math.pi)) - math.log(-z) + math.log1p(-1 / z**2 + 3 / z**4)
+    small = 1 / (z * z)  # a product never overflows, a power of a float does
+    return -0.5 * (z * z + math.log(2 * math.pi)) - math.log(-z) + math.log1p(-small + 3 * small * small)
 
 
 _LOG_BELOW = np.vectorize(_one, otypes=[float])
