@@ -137,6 +137,9 @@ def _weighed_stories(
 ) -> _Pass:
     like = story.parts
     dictionary = dictionary_of(places, rows, scene)
+    dictionary = replace(  # of changes: play may become less
+        dictionary, blocks=tuple(replace(block, positive=False) for block in dictionary.blocks)
+    )
     old = _columns(like, places, rows, scene)
     always: Set = tuple((b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0)
     weight = weighed(rows, rows.error_mm - old @ wearing.known(story, like)[0])
