@@ -11,6 +11,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.effect import SCALE_MM
+from printmend.effects.homing import lasting
 from printmend.effects.pulley import shape_words
 from printmend.effects.sample import drawn_places
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Told, carrier_name
@@ -81,7 +82,7 @@ def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:
     beside = [each.found for each in groups]
     named: list[Fault] = []
     for group in groups:
-        if not group.found.acts or group.found.law.of is not Of.MACHINE:
+        if group.found.law.of is not Of.MACHINE or not (group.found.acts or _is_lost(group.found, scene)):
             continue
         faults = [fault for fault in _faults(group.found, beside, scene) if _is_named(fault)]
         other = _other_words(group, groups, scene)
@@ -127,6 +128,12 @@ def misfits_of(
     return sorted(found, key=lambda each: (-SEVERITIES.index(each.severity), -each.size_mm))
 
 
+def _is_lost(found: Found, scene: Scene) -> bool:
+    """Tell whether an effect is certain and acts no more because the next homing shifts it too far."""
+    share = lasting(found.effect, found.where, found.shape, scene)
+    return share is not None and not share.any() and found.chance >= CERTAIN
+
+
 def gathered(parts: Sequence[Part]) -> list[Found]:
     """Return the effects that any drawn machine has, near shapes of one put together; those that act come first."""
     return [group.found for group in _groups(parts)]
@@ -159,10 +166,10 @@ def _groups(parts: Sequence[Part], more: Sequence[Part] = ()) -> list[_Group]:
                 there, draws = there | has, draws + part.draws_mm
             else:
                 left.append(part)
-        acts = bool(first.acts_mm.any())
-        alone = draws is first.draws_mm  # else near shapes share what acts
-        sizes = (first.acts_mm if alone else draws.mean(axis=1)) if acts else draws[:, there].mean(axis=1)
         chance = float(there.mean())
+        acts, is_wave = bool(first.acts_mm.any()), hasattr(EFFECTS[first.effect], "waves_mm")
+        alone = draws is first.draws_mm and not is_wave  # else near shapes, or the next homings, share what acts
+        sizes = (first.acts_mm if alone else draws.mean(axis=1)) if acts else draws[:, there].mean(axis=1)
         found = Found(EFFECTS[first.effect], first.where, first.shape, sizes, draws, chance, acts)
         groups.append(_Group(found, there))
     return groups

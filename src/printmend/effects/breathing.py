@@ -34,6 +34,9 @@ class Breathing:
         turn = waves(places.motor_mm[:, where], scene.turns_mm[where], HARMONICS)
         return onto_bed(scene, where, 0.5 * places.side[:, [where]] * turn)
 
+    def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return scene.turns_mm[where] / HARMONICS
+
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
 

@@ -56,6 +56,7 @@ class Scene:
     ``turns_mm`` are the lengths of both motors' turns. ``motor_span_mm`` [2][2] and ``bed_span_mm`` [2][2] are the
     lowest and highest measured position of each motor and bed axis; ``way_mm`` is the length of the print. ``homed``:
     it began at the end stops, where the machine has no error; ``home_sd_mm`` is how far each belt may rest from there.
+    ``homed_again_mm`` are shifts that were seen between two homings, each with its standard deviation, along one axis.
     """
 
     printer: Printer
@@ -68,6 +69,7 @@ class Scene:
     home_sd_mm: tuple[float, float] = (2.0, 2.0)
     instrument: Instrument = field(default_factory=Instrument)
     walls: bool = False
+    homed_again_mm: tuple[tuple[float, float], ...] = ()
 
     @property
     def corexy(self) -> bool:

@@ -36,6 +36,9 @@ class Elastic:
         turn = waves(places.motor_mm[:, where], scene.turns_mm[where], HARMONICS)
         return onto_bed(scene, where, x[:, None] * turn)
 
+    def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return scene.turns_mm[where] / HARMONICS
+
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
 

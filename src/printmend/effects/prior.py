@@ -37,6 +37,12 @@ def wear_share(name: str) -> float:
     return float(_table()["since"]["wear"].get(name, 0.0))
 
 
+def homing_priors() -> Iterator[tuple[str, float, float, float, float]]:
+    """Yield each kind of end stop: name, share, scatter [mm], deviation of its logarithm, electrical turns."""
+    for name, row in _table()["homing"].items():
+        yield name, float(row["share"]), float(row["sd"]), float(row["log_sd"]), float(row["turn"])
+
+
 def turning_share(name: str, scene: Scene, motor: int) -> float:
     """Return how many printers have an effect of a motor's turn, where that may be of another length than it should."""
     off = abs(scene.turns_mm[motor] / scene.printer.axes[motor].mm_per_turn - 1)

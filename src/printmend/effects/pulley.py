@@ -46,6 +46,9 @@ class Pulley:
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, waves(places.motor_mm[:, where], scene.turns_mm[where], HARMONICS))
 
+    def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return scene.turns_mm[where] / HARMONICS
+
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
 

@@ -41,6 +41,9 @@ class Teeth:
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, waves(places.motor_mm[:, where], shape[0], np.ones(1)))
 
+    def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return np.array(shape)
+
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
 

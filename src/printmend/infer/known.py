@@ -9,11 +9,14 @@ import numpy as np
 from printmend.effects import EFFECTS, Acts, Places, Scene
 from printmend.effects.breathing import HARMONICS as BREATHS
 from printmend.effects.elastic import HARMONICS as STRETCHES
+from printmend.effects.homing import drawn_shifts_mm, shifted, spread_mm, waves_of
 from printmend.effects.prior import wear_share
 from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.infer.gram import Dictionary, Gram
 from printmend.infer.posterior import DRAWS, Part
 
+STEP_MM = 0.01  # shift of a motor by which the direction of shifts is taken
+FAR_RAD = 0.3  # angle of a wave up to which that direction serves
 OPEN_RAD = 0.03  # standard deviation of an angle that was found
 GRID = 201  # places along a motor at which a series is taken
 TURNING = {"pulley": ROUNDS, "breathing": BREATHS, "elastic": STRETCHES}  # effects that turn with a motor's pulley
@@ -35,10 +38,13 @@ class Story:
 @dataclass(frozen=True, eq=False)
 class Wearing:
     """How far an old machine may have worn: ``factor`` times each effect's share in a month, and by how much (mean,
-    standard deviation) the first size of an effect at a motor should have ``grown``."""
+    standard deviation) the first size of an effect at a motor should have ``grown``. ``homed_mm`` [2] is the standard
+    deviation of each motor's shift from one homing to the next, of which both directions come last."""
 
     factor: float
     grown: Mapping[tuple[str, int], tuple[float, float]]
+    scene: Scene
+    homed_mm: np.ndarray
 
     def known(self, story: Story, like: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean [P] and the directions [P, K] of unit prior of a story's parts, laid out as those ``like``
@@ -62,7 +68,33 @@ class Wearing:
                 way[first, 1] = sd_mm
                 ways.append(way[:, way.any(axis=0)])
             first += width
-        return mean, np.hstack(ways)
+        return mean, np.hstack([*ways, self._homed(story, like)])
+
+    def _homed(self, story: Story, like: Sequence[Part]) -> np.ndarray:
+        """Return the directions [P, 2] in which a homing that is off by a standard deviation moves both motors."""
+        ways = []
+        for motor, sd_mm in enumerate(self.homed_mm.tolist()):
+            moved = [moved_by(part, motor, STEP_MM, self.scene).draws_mm - part.draws_mm for part in story.parts]
+            ways.append(laid_out(moved, story.parts, like).mean(axis=1) * sd_mm / STEP_MM)
+        return np.stack(ways, axis=1)
+
+
+def moved_by(part: Part, motor: int, by_mm: float | np.ndarray, scene: Scene) -> Part:
+    """Return a part of one motor, with that motor's waves shifted ``by_mm`` [D]."""
+    waves_mm = waves_of(part.effect, part.where, part.shape, scene) if part.where == motor else None
+    return part if waves_mm is None else replace(part, draws_mm=shifted(part.draws_mm, waves_mm, by_mm))
+
+
+def homed_again(parts: Sequence[Part], scene: Scene, rng: np.random.Generator) -> tuple[Part, ...]:
+    """Return parts as another homing may have them, where that shifts their waves too far for a direction to say it."""
+    by_mm, sd_mm = drawn_shifts_mm(scene, DRAWS, rng), spread_mm(scene)
+
+    def on(part: Part) -> Part:
+        waves_mm = waves_of(part.effect, part.where, part.shape, scene)
+        is_far = waves_mm is not None and 2 * np.pi * sd_mm[part.where] > FAR_RAD * waves_mm.max()
+        return moved_by(part, part.where, by_mm[part.where], scene) if is_far else part
+
+    return tuple(map(on, parts))
 
 
 def laid_out(draws: Sequence[np.ndarray], parts: Sequence[Part], like: Sequence[Part]) -> np.ndarray:
@@ -137,6 +169,11 @@ class Left:
         """Return the old machine's mean sizes [P, D] beside changes [Q, D]."""
         z = self.covariance @ (self.pull[:, None] - self.cross @ changes)
         return np.asarray(self.mean[:, None] + self.ways @ z)
+
+    def shifts(self, changes: np.ndarray) -> np.ndarray:
+        """Return both motors' shifts since the old machine homed and their deviations [2, 2], in prior deviations."""
+        z = self.covariance @ (self.pull - self.cross @ changes[:, 0])
+        return np.stack([z[-2:], np.sqrt(np.diag(self.covariance)[-2:])], axis=1)
 
     def drawn_mm(self, changes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return sizes [P, D] of the old machine drawn beside drawn changes [Q, D]."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of
+from printmend.effects.homing import lasting
 from printmend.effects.sample import drawn_places
 from printmend.effects.sized import Sized
 from printmend.infer.fit import Fit
@@ -64,7 +65,13 @@ class Posterior:
 
 
 def posterior_of(fit: Fit, rng: np.random.Generator) -> Posterior:
-    """Draw machines from the sets about the likeliest one."""
+    """Draw machines from the sets about the likeliest one; what acts is what will still be there after a homing."""
+    found = posterior_here(fit, rng)
+    return replace(found, parts=tuple(after_homing(part, fit.scene) for part in found.parts))
+
+
+def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
+    """Draw machines as the measured print had them."""
     sets, weights, nats = _weighed_sets(fit)
     blocks = fit.dictionary.blocks
     order = list(dict.fromkeys([b for members in sets for b, _ in members]))
@@ -92,6 +99,12 @@ def posterior_of(fit: Fit, rng: np.random.Generator) -> Posterior:
     if not _gains(fit.scene, parts):
         parts = [replace(part, acts_mm=np.zeros_like(part.acts_mm)) for part in parts]
     return Posterior(fit.scene, tuple(parts), len(likely), fit.state.sigma_mm, tuple(nats))
+
+
+def after_homing(part: Part, scene: Scene) -> Part:
+    """Return a part that acts as far as it will still be where it was measured once the printer has homed again."""
+    share = lasting(part.effect, part.where, part.shape, scene)
+    return part if share is None else replace(part, acts_mm=share * part.acts_mm)
 
 
 def _gains(scene: Scene, parts: Sequence[Part]) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, places_of
 from printmend.effects.effect import SCALE_MM
+from printmend.effects.homing import spread_mm
 from printmend.effects.prior import happens_share
 from printmend.infer.fit import (
     FINER_ROUNDS,
@@ -25,9 +26,21 @@ from printmend.infer.fit import (
     with_shapes,
 )
 from printmend.infer.gram import Block, Dictionary, Rows, dictionary_of, gram_of, seen
-from printmend.infer.known import TURNING, Key, Left, Story, Sums, Wearing, key_of, laid_out, rebased, turned
+from printmend.infer.known import (
+    TURNING,
+    Key,
+    Left,
+    Story,
+    Sums,
+    Wearing,
+    homed_again,
+    key_of,
+    laid_out,
+    rebased,
+    turned,
+)
 from printmend.infer.machine import machine_of
-from printmend.infer.posterior import DRAWS, Part, Posterior, posterior_of
+from printmend.infer.posterior import DRAWS, Part, Posterior, after_homing, posterior_here
 from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
 from printmend.machine import Contacts, Mechanism, contacts_of
 from printmend.path import Trace
@@ -37,6 +50,8 @@ SURE_CHANCE = 0.5  # parts that more of them have are brought up to date; others
 PASSES = 3  # of contacts, then search, where anything changed; the last one weighs stories
 WEIGHINGS = 2  # of rows in each pass
 PHASES = 72  # angles by which a pulley may have turned that are tried, then those between the best and its neighbours
+SEEN_SHARE = 0.5  # of its prior deviation that a shift may keep and counts as seen
+SEED = 29
 ALIKE_NATS = 1.0  # of angles that fit alike to this, the smallest is told: an oval looks the same after half a turn
 _Steps = Callable[[Search, Set, float], State]
 
@@ -45,7 +60,9 @@ _Steps = Callable[[Search, Set, float], State]
 class Renewed:
     """A machine after a second measurement: what is believed ``now`` and what of it was known ``before``, as parts of
     the same shapes where both have them; ``story`` is what happened to it, ``changes`` are the effects of the machine
-    that the search found beside it, and ``fit`` is that search, on what the old machine leaves of the rows."""
+    that the search found beside it, and ``fit`` is that search, on what the old machine leaves of the rows. ``shifts``
+    [2, 2] are how far both motors are shifted since, and how exactly that is known, in standard deviations of homings;
+    ``homed_mm`` the same of X and Y in mm, where it was seen."""
 
     now: Posterior
     before: tuple[Part, ...]
@@ -53,6 +70,8 @@ class Renewed:
     changes: tuple[Key, ...]
     fit: Fit
     left_mm: np.ndarray
+    shifts: np.ndarray
+    homed_mm: tuple[tuple[float, float], ...] = ()
 
     @property
     def beside(self) -> tuple[Block, ...]:
@@ -89,8 +108,9 @@ def renewed(
         scene = replace(scene, home_sd_mm=_home_sd_mm(mechanism, scene))
     own = [each for each in parts if EFFECTS[each.effect].of is Of.MACHINE and each.chance >= LEAST_CHANCE]
     before = tuple(rebased(each, scene) for each in own)
-    story, whole, turned_rad = Story(before), trace, 0.0
-    wearing = Wearing(math.sqrt(max(months, 0.0)), grown or {})
+    # machines of a homing of their own are drawn by a generator of their own: other figures stay as they are
+    story, whole, turned_rad = Story(homed_again(before, scene, np.random.default_rng(SEED))), trace, 0.0
+    wearing = Wearing(math.sqrt(max(months, 0.0)), grown or {}, scene, spread_mm(scene))
     motor = scene.printer.to_motor(trace.commanded_mm)
     at: _Pass | None = None
     for number in range(PASSES):
@@ -107,7 +127,7 @@ def renewed(
         turned_rad += math.atan(sum(turns) / SCALE_MM)
         if not now.changes and not any(turns):
             break
-    return replace(now, before=before)
+    return replace(now, before=before, homed_mm=_homed_mm(now, scene))
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +309,7 @@ def _now(at: _Pass, contacts: Contacts, scene: Scene, rng: np.random.Generator) 
     search = _search(at.sums, at.story, at.left)
     nothing, _ = machine_of(scene, ())
     fit = Fit(scene, at.places, at.rows, contacts, search, at.state, nothing)
-    found = posterior_of(fit, rng)
+    found = posterior_here(fit, rng)
     where = {(b.effect, b.where, b.shape): b.at for b in at.sums.dictionary.blocks}
     changes = np.zeros((at.sums.own, DRAWS))
     for part in found.parts:
@@ -316,10 +336,26 @@ def _now(at: _Pass, contacts: Contacts, scene: Scene, rng: np.random.Generator) 
         parts[key_of(part)] = part if had is None else replace(
             had, acts_mm=had.acts_mm + part.acts_mm, draws_mm=had.draws_mm + part.draws_mm
         )  # fmt: skip
-    posterior = Posterior(scene, tuple(parts.values()), known, found.noise_mm, found.nats)
+    seldom = {key for key in kept if parts[key] is kept[key]}  # these act as they did
+    now = tuple(part if key in seldom else after_homing(part, scene) for key, part in parts.items())
+    posterior = Posterior(scene, now, known, found.noise_mm, found.nats)
     mechanism, _ = machine_of(scene, [part.acting() for part in posterior.parts if part.acts_mm.any()])
     told = tuple((block.effect, block.where, block.shape) for block in _changes(at))
-    return Renewed(posterior, (), at.story, told, replace(fit, mechanism=mechanism), at.left_mm())
+    return Renewed(
+        posterior, (), at.story, told, replace(fit, mechanism=mechanism), at.left_mm(), at.left.shifts(likely)
+    )  # fmt: skip
+
+
+def _homed_mm(now: Renewed, scene: Scene) -> tuple[tuple[float, float], ...]:
+    """Return by how much the end stops of X and Y switched elsewhere than in the first print, where that was seen."""
+    sd_mm = spread_mm(scene)
+    seen = now.shifts[:, 1] < SEEN_SHARE
+    if scene.corexy:
+        if not seen.all():
+            return ()
+        at, own = scene.printer.from_motor((now.shifts[:, 0] * sd_mm)[None])[0], now.shifts[:, 1] * sd_mm
+        return tuple((float(each), float(np.hypot(*own) / 2)) for each in at)
+    return tuple((float(z * sd), float(own * sd)) for (z, own), sd in zip(now.shifts[seen], sd_mm[seen], strict=True))
 
 
 def _columns(parts: Sequence[Part], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
@@ -336,4 +372,6 @@ def both_seen(old: Scene, new: Scene) -> Scene:
         first, second = ((min(a[0], b[0]), max(a[1], b[1])) for a, b in both)
         return first, second
 
-    return replace(new, motor_span_mm=spans("motor_span_mm"), bed_span_mm=spans("bed_span_mm"))
+    return replace(
+        new, motor_span_mm=spans("motor_span_mm"), bed_span_mm=spans("bed_span_mm"), homed_again_mm=old.homed_again_mm
+    )

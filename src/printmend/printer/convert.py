@@ -6,6 +6,7 @@ import tomli_w
 
 from printmend.errors import ConfigError
 from printmend.files import read_text
+from printmend.printer.homing import homing_section
 from printmend.printer.klipper import is_klipper, parse_klipper
 from printmend.printer.printer import PAUSE, Printer
 from printmend.printer.slicer import is_slicer_profile, parse_slicer, profile_of
@@ -56,4 +57,4 @@ def printer_text(printer: Printer) -> str:
         head["pause_gcode"] = printer.pause_gcode
     keys = ("min_mm", "max_mm", "steps_per_turn", "mm_per_turn", "microsteps", "home_mm", "home_side")
     axes = {axis.name: {key: getattr(axis, key) for key in keys} for axis in printer.axes}
-    return tomli_w.dumps({**head, **axes}, multiline_strings=True)
+    return tomli_w.dumps({**head, **axes, **homing_section(printer.homing)}, multiline_strings=True)

@@ -4,6 +4,7 @@ import configparser
 from configparser import SectionProxy
 
 from printmend.errors import ConfigError
+from printmend.printer.homing import Homing, Switch
 from printmend.printer.printer import KLIPPER_PAUSE, Axis, Printer
 
 # What Klipper takes where a key is absent (its Config Reference).
@@ -32,7 +33,15 @@ def parse_klipper(text: str, *, name: str, subject: str) -> Printer:
         todo = "other machines than cartesian and CoreXY ones cannot be learned yet"
         raise ConfigError(subject, wanted="kinematics: cartesian or corexy", came=kinematics, todo=todo)
     x, y, z = (_axis(config, axis, subject) for axis in "xyz")
-    return Printer(name, "corexy" if kinematics == "corexy" else "cartesian", x, y, z, pause_gcode=KLIPPER_PAUSE)
+    return Printer(
+        name,
+        "corexy" if kinematics == "corexy" else "cartesian",
+        x,
+        y,
+        z,
+        pause_gcode=KLIPPER_PAUSE,
+        homing=Homing(_switch(config)),
+    )
 
 
 def _axis(config: configparser.RawConfigParser, name: str, subject: str) -> Axis:
@@ -77,3 +86,12 @@ def _gear_ratio(stepper: SectionProxy, subject: str) -> float:
         except (ValueError, ZeroDivisionError):
             raise ConfigError(subject, wanted="gear_ratio as 80:16", came=pair, todo=_TODO) from None
     return ratio
+
+
+def _switch(config: configparser.RawConfigParser) -> Switch:
+    """Return how X and Y find home: the worse of the two where they differ."""
+    stepper = [f"stepper_{axis}" for axis in "xy"]
+    if any("virtual_endstop" in config.get(name, "endstop_pin", fallback="") for name in stepper):
+        return "sensorless"
+    has_phase = config.has_section("endstop_phase") or all(config.has_section(f"endstop_phase {n}") for n in stepper)
+    return "phase" if has_phase else "unknown"

@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from printmend.printer.homing import Homing
 from printmend.units import radius_mm
 
 Kinematics = Literal["cartesian", "corexy"]
@@ -56,7 +57,8 @@ class Printer:
 
     ``extruder`` says where the filament's motor sits: a Bowden tube needs a longer retraction. ``start_gcode`` are the
     owner's lines that heat, home and level; without any a test print uses plain ones. ``pause_gcode`` is the command
-    that waits for the owner. None of these belongs to the mechanics: machines that differ only there are equal.
+    that waits for the owner. ``homing`` says how X and Y find home. None of these belongs to the mechanics: machines
+    that differ only there are equal.
     """
 
     name: str
@@ -67,6 +69,7 @@ class Printer:
     extruder: Extruder = field(default="bowden", compare=False)
     start_gcode: str = field(default="", compare=False)
     pause_gcode: str = field(default=PAUSE, compare=False)
+    homing: Homing = field(default=Homing(), compare=False)
 
     @property
     def axes(self) -> tuple[Axis, Axis, Axis]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from printmend.errors import ConfigError, InputError
 from printmend.files import read_text
+from printmend.printer.homing import SWITCHES, Homing
 from printmend.printer.klipper import is_klipper
 from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, Axis, Printer
 from printmend.printer.slicer import is_slicer_profile
@@ -16,11 +17,12 @@ from printmend.printer.slicer import is_slicer_profile
 _NUMBERS = ("min_mm", "max_mm", "mm_per_turn", "home_mm")
 _COUNTS = ("steps_per_turn", "microsteps")
 _AXIS_KEYS = {*_NUMBERS, *_COUNTS, "home_side"}
-_KEYS = {"name", "kinematics", "x", "y", "z", "extruder", "start_gcode", "pause_gcode"}
+_KEYS = {"name", "kinematics", "x", "y", "z", "extruder", "start_gcode", "pause_gcode", "homing"}
 _EXTRUDERS = ("bowden", "direct")
 _COMMAND = re.compile(r"[A-Za-z][\x20-\x7e]{0,79}")  # one line, as a firmware reads it
 _MOST_START_GCODE = 20_000  # characters; a start code of a thousand lines is another file
 _FAR_MM, _FAREST_MM = 1000.0, 1e5
+_MOST_SCATTER_MM = 5.0  # of an end stop
 _LEAST_TURN_MM = 0.01  # of belt that a motor's turn moves
 _MOST_PLACES = 5_000_000  # a machine is tabulated at its micro-steps; 300 mm at 256 a step are 400 000
 _TODO = "compare with `printmend printer ender3`, which prints a preset"
@@ -96,7 +98,28 @@ def parse_printer(text: str, *, subject: str) -> Printer:
             came="[x] and [y] with different steps",
             todo="make them equal",
         )
-    return Printer(name, kinematics, x, y, z, extruder, start_gcode, pause_gcode)
+    homing = _homing(table.get("homing", {}), subject)
+    return Printer(name, kinematics, x, y, z, extruder, start_gcode, pause_gcode, homing)
+
+
+def _homing(table: Any, subject: str) -> Homing:
+    if not isinstance(table, dict):
+        raise ConfigError(subject, wanted="homing as a section [homing]", came=repr(table)[:40], todo=_TODO)
+    refuse_unknown(table, {"switch", "scatter_mm"}, subject, "[homing]")
+    switch, scatter = table.get("switch", "unknown"), table.get("scatter_mm")
+    if switch not in SWITCHES:
+        raise ConfigError(
+            subject,
+            wanted=f"[homing] switch as one of {', '.join(SWITCHES)}",
+            came=repr(switch)[:40],
+            todo="correct it",
+        )
+    if scatter is None:
+        return Homing(switch)
+    if isinstance(scatter, bool) or not isinstance(scatter, int | float) or not 0 <= scatter <= _MOST_SCATTER_MM:
+        wanted = f"[homing] scatter_mm from 0 to {_MOST_SCATTER_MM:g}"
+        raise ConfigError(subject, wanted=wanted, came=repr(scatter)[:40], todo="give the standard deviation in mm")
+    return Homing(switch, float(scatter))
 
 
 def _axis(table: Any, name: str, subject: str) -> Axis:

@@ -17,6 +17,7 @@ from printmend.saved.values import number, numbers, refuse, section_of
 VERSION = 2  # of the model file's section
 _SUBJECT = "the model [promise]"
 _MOST_PARTS, _MOST_SIZES = 200, 400  # that a file may have
+_MOST_SHIFTS = 100  # between homings that count
 _DIGITS = 5  # that are kept of a size
 
 
@@ -57,6 +58,7 @@ def belief_section(
         "motor_span_mm": [list(each) for each in scene.motor_span_mm],
         "bed_span_mm": [list(each) for each in scene.bed_span_mm],
         "way_mm": round(scene.way_mm, 3),
+        **({"homed_again_mm": [list(each) for each in scene.homed_again_mm]} if scene.homed_again_mm else {}),
         "parts": [_part_section(part) for part in kept],
     }
 
@@ -93,7 +95,7 @@ def parse_belief(model: SavedModel) -> Belief | None:
     placed = bool(section.get("placed"))
     scene = Scene(
         model.printer, (float(turns[0]), float(turns[1])), spans["motor_span_mm"], spans["bed_span_mm"], way_mm, placed,
-        bool(section.get("homed")),
+        bool(section.get("homed")), homed_again_mm=_shifts(section),
     )  # fmt: skip
     rows = section_of(section, "parts", list, _SUBJECT)
     if len(rows) > _MOST_PARTS:
@@ -108,6 +110,13 @@ def _spans(section: dict[str, Any], name: str) -> tuple[tuple[float, float], tup
     if len(rows) != 2 or any(len(row) != 2 or row[0] > row[1] for row in rows):
         refuse(_SUBJECT, f"{name} as two rising pairs", "something else")
     return (float(rows[0][0]), float(rows[0][1])), (float(rows[1][0]), float(rows[1][1]))
+
+
+def _shifts(section: dict[str, Any]) -> tuple[tuple[float, float], ...]:
+    rows = [numbers({"row": row}, "row", _SUBJECT, 2) for row in section.get("homed_again_mm", [])[:_MOST_SHIFTS]]
+    if any(len(row) != 2 for row in rows):
+        refuse(_SUBJECT, "homed_again_mm as pairs of a shift and its deviation", "something else")
+    return tuple((float(row[0]), abs(float(row[1]))) for row in rows)
 
 
 def _part(row: Any, scene: Scene) -> Part:

@@ -17,6 +17,7 @@ from printmend.effects.effect import LONG_MOVE_MM
 from printmend.infer.posterior import DRAWS, Part
 from printmend.machine import Mechanism, Transmission
 from printmend.promise.belief import Belief
+from printmend.promise.homing import after_homing
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
 MOST_PLACES = 512  # most places of a path that are evaluated: 2048 change no figure by more than another seed does
@@ -139,6 +140,7 @@ def promised(
     """
     if not len(path.weight) or path.weight.sum() <= 0:
         return None
+    belief = after_homing(belief)
     with threadpool_limits(1, user_api="blas"):  # the products are small: a second thread would only be waited for
         return _outlook(mechanism, belief, _thinned(path, belief.placed), (before, after), at_rest)
 

@@ -192,7 +192,14 @@ def _updated(
         ],
         "trace": _trace_section(trace, PLANE_FACTOR * noise_mm),
         "promise": belief_section(
-            replace(scene, placed=scene.placed or belief.placed), parts, scatter_mm=scatter_mm, by_hand=belief.by_hand
+            replace(
+                scene,
+                placed=scene.placed or belief.placed,
+                homed_again_mm=(*belief.scene.homed_again_mm, *found.homed_mm),
+            ),
+            parts,
+            scatter_mm=scatter_mm,
+            by_hand=belief.by_hand,
         ),
         "misfit": misfit_section((*said, *misfits_of(parts, scene))),
         DIGESTS: [*known_digests(old), digest],

@@ -21,6 +21,7 @@ from printmend.machine import Frame, Mechanism, Transmission, healthy_transmissi
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
 from printmend.messages import messages_of, restored
 from printmend.printer import Printer
+from printmend.printer.homing import homing_section
 from printmend.printer.toml import parse_printer
 from printmend.provenance import seal_key
 from printmend.saved.branches import Branches, Wave
@@ -219,7 +220,7 @@ def screw_of(model: SavedModel) -> ScrewSeries | None:
 def printer_section(printer: Printer) -> dict[str, Any]:
     """Return a printer as the plain table that `parse_printer` reads."""
     axes = {axis.name: {key: value for key, value in asdict(axis).items() if key != "name"} for axis in printer.axes}
-    return {"name": printer.name, "kinematics": printer.kinematics, **axes}
+    return {"name": printer.name, "kinematics": printer.kinematics, **axes, **homing_section(printer.homing)}
 
 
 def _text(document: Mapping[str, Any]) -> str:

@@ -1,0 +1,127 @@
+"""What a homing does to the effects of a drive: it shifts their waves along the motor.
+
+A place of the carriage belongs to one tooth of the belt, one angle of the pulley and one phase of the motor. The
+firmware counts from where the end stop switched. So all waves of a drive are shifted together, by as much as the end
+stops switched elsewhere, and now and then by an electrical turn of the motor: four full steps. A motor's ripple repeats
+in an electrical turn, so that leaves it alone.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from printmend.effects import EFFECTS, Of, Scene
+from printmend.effects.prior import homing_priors
+from printmend.printer import Homing, Printer
+
+GRID = np.linspace(-2.0, 2.0, 9)  # of the logarithm of a scatter, in its standard deviations
+HOMINGS = 4096  # that are drawn to see what may act
+MOST_WORSE_SHARE = 0.1  # of the next homings that may make a print worse with a wave that acts
+STEPS_A_TURN = 4  # full steps of an electrical turn
+SEED = 23
+
+
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """What is believed of an end stop: alternatives with their ``weight`` [G], each with the standard deviation [G] of
+    the place where it switches, and the share of homings [G] after which a motor stands an electrical turn aside."""
+
+    weight: np.ndarray
+    sd_mm: np.ndarray
+    turn: np.ndarray
+
+
+def scatter_of(homing: Homing, seen_mm: tuple[tuple[float, float], ...] = (), turn_mm: float = 0.8) -> Scatter:
+    """Return what is believed of end stops of which shifts between two homings were ``seen_mm`` (size, its standard
+    deviation); ``turn_mm`` is a motor's electrical turn."""
+    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for name, share, sd, log_sd, chance in homing_priors():
+        if homing.switch not in (name, "unknown"):
+            continue
+        known = homing.scatter_mm is not None
+        grid = np.zeros(1) if known else GRID
+        size_mm = homing.scatter_mm if homing.scatter_mm is not None else sd
+        bell = np.exp(-0.5 * grid**2)
+        weight = bell / bell.sum() * (share if homing.switch == "unknown" else 1.0)
+        found.append((weight, size_mm * np.exp(log_sd * grid), np.full(len(grid), chance)))
+    scatter = Scatter(*(np.concatenate(each) for each in zip(*found, strict=True)))
+    told = np.log(np.maximum(scatter.weight, 1e-300))
+    for shift_mm, own_mm in seen_mm:
+        likely = np.zeros_like(told)
+        variance = 2 * scatter.sd_mm**2 + own_mm**2 + 1e-12
+        for aside, chance in ((0.0, 1 - scatter.turn), (-turn_mm, scatter.turn / 2), (turn_mm, scatter.turn / 2)):
+            likely = likely + chance * np.exp(-0.5 * (shift_mm - aside) ** 2 / variance) / np.sqrt(variance)
+        told = told + np.log(np.maximum(likely, 1e-300))
+    weight = np.exp(told - told.max())
+    return Scatter(weight / weight.sum(), scatter.sd_mm, scatter.turn)
+
+
+def drawn_shifts_mm(scene: Scene, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw by how much each motor is shifted [2, D] from the homing of a measured print to that of the next one."""
+    printer = scene.printer
+    scatter = scatter_of(printer.homing, scene.homed_again_mm, _turn_mm(printer))
+    which = rng.choice(len(scatter.weight), count, p=scatter.weight)
+    axes_mm = math.sqrt(2) * scatter.sd_mm[which] * rng.standard_normal((2, count))
+    aside = rng.choice((-1.0, 1.0), (2, count)) * (rng.uniform(size=(2, count)) < scatter.turn[which])
+    return np.asarray(printer.to_motor(axes_mm.T).T + _turn_mm(printer) * aside)
+
+
+def _turn_mm(printer: Printer) -> float:
+    return STEPS_A_TURN * printer.x.mm_per_step
+
+
+def spread_mm(scene: Scene) -> np.ndarray:
+    """Return the standard deviation [2] of both motors' shifts but for electrical turns."""
+    scatter = scatter_of(scene.printer.homing, scene.homed_again_mm, _turn_mm(scene.printer))
+    sd_mm = math.sqrt(2 * float(scatter.weight @ scatter.sd_mm**2))
+    return np.asarray(sd_mm * np.linalg.norm(scene.printer.to_motor(np.eye(2)), axis=0))
+
+
+def waves_of(effect: str, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray | None:
+    """Return the lengths [K] mm of an effect's waves along its motor; None where it has none, or is no machine's."""
+    law = EFFECTS[effect]
+    if law.of is not Of.MACHINE or not hasattr(law, "waves_mm"):
+        return None
+    return np.asarray(law.waves_mm(where, shape, scene))
+
+
+def shifted(sizes_mm: np.ndarray, waves_mm: np.ndarray, by_mm: float | np.ndarray) -> np.ndarray:
+    """Return sizes [2K, D], cosines first, of waves whose motor is shifted ``by_mm`` [D]."""
+    angle = 2 * np.pi * np.divide.outer(np.broadcast_to(by_mm, sizes_mm.shape[1:]), waves_mm).T
+    cos, sin = np.split(sizes_mm, 2)
+    return np.vstack([cos * np.cos(angle) + sin * np.sin(angle), sin * np.cos(angle) - cos * np.sin(angle)])
+
+
+def lasting(effect: str, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray | None:
+    """Return which share of each size [2K] may act in the next print: its mean over the next homings, or nothing where
+    that would make the print worse after too many of them. None where a homing shifts nothing."""
+    waves_mm = waves_of(effect, where, shape, scene)
+    if waves_mm is None:
+        return None
+    homing, axes = scene.printer.homing, scene.printer.to_motor(np.eye(2))
+    share, worse = _lasting(
+        homing, scene.homed_again_mm, _turn_mm(scene.printer), float(np.abs(axes).sum(axis=0)[where]) > 1.0,
+        tuple(waves_mm.tolist()),
+    )  # fmt: skip
+    return np.tile(np.where(worse > MOST_WORSE_SHARE, 0.0, share), 2)
+
+
+@lru_cache(maxsize=256)
+def _lasting(
+    homing: Homing,
+    seen_mm: tuple[tuple[float, float], ...],
+    turn_mm: float,
+    both_axes: bool,
+    waves_mm: tuple[float, ...],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean of cos(2π shift / wave) [K] over the next homings, and the share of them [K] after which a wave
+    that acts so makes a print worse."""
+    rng, scatter = np.random.default_rng(SEED), scatter_of(homing, seen_mm, turn_mm)
+    which = rng.choice(len(scatter.weight), HOMINGS, p=scatter.weight)
+    shift_mm = math.sqrt(4 if both_axes else 2) * scatter.sd_mm[which] * rng.standard_normal(HOMINGS)
+    shift_mm += turn_mm * rng.choice((-1.0, 1.0), HOMINGS) * (rng.uniform(size=HOMINGS) < scatter.turn[which])
+    cosines = np.cos(2 * np.pi * np.divide.outer(shift_mm, np.array(waves_mm)))
+    share = np.maximum(cosines.mean(axis=0), 0.0)
+    return share, np.mean(cosines < share / 2, axis=0)
