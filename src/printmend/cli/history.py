@@ -12,8 +12,10 @@ from printmend.cli.model import ModelType
 @click.argument("model_path", metavar="NAME|printer.mend.json", type=ModelType())
 @click.option("--picture", type=click.Path(path_type=Path, dir_okay=False), metavar="WEAR.png",
               help="Draw every fault over time, with its range and its trend.")  # fmt: skip
+@click.option("--refitted", multiple=True, metavar="MOTOR", help="Note that the belt or pulley of this motor (x, y; on "
+              "a CoreXY a, b) was worked on: nothing is mended until it was measured again.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
-def command(model_path: Path, picture: Path | None, as_json: bool) -> None:
+def command(model_path: Path, picture: Path | None, refitted: tuple[str, ...], as_json: bool) -> None:
     """Show the measurements of a printer in the order of time, and when a fault will matter.
 
     The history lies beside the model, printer.mend.history.jsonl: `learn`, `learn --update` and `verify` add to it.
@@ -25,6 +27,14 @@ def command(model_path: Path, picture: Path | None, as_json: bool) -> None:
     if picture is not None:
         require("printmend history --picture", "matplotlib")
     spare((picture,), (model_path, history_of(model_path)))
+    if refitted:
+        from printmend.repair.history import remember
+        from printmend.repair.phase import refitted as worked_on
+        from printmend.saved.model import read_model, write_model
+
+        model = worked_on(read_model(model_path), refitted)
+        write_model(model_path, model)
+        remember(model_path, model, "refitted", {"motors": [name.lower() for name in refitted]})
     events = read_history(model_path)
     trends = trends_of(events)
     if picture is not None:

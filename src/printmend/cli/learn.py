@@ -25,6 +25,8 @@ from printmend.cli.model import SUFFIX, ModelType, models_folder
 @click.option("--name", help="Keep the model in the user's folder under this name, for -m NAME.")
 @click.option("--update", "old", metavar="NAME|OLD.mend.json", type=ModelType(),
               help="Bring this model up to date with a second, smaller print, and say what changed.")  # fmt: skip
+@click.option("--phase", "moved", metavar="NAME|OLD.mend.json", type=ModelType(),
+              help="Find where this model's motors stand after work on its belts, from a `probe --phase`.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
               help="Picks the rows looked at first in a long trace.")  # fmt: skip
 @click.option("--date", "when", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD",
@@ -37,6 +39,7 @@ def command(
     output: Path | None,
     name: str | None,
     old: Path | None,
+    moved: Path | None,
     seed: int,
     when: datetime | None,
     as_json: bool,
@@ -58,6 +61,9 @@ def command(
     from printmend.repair.mend import is_healthy
     from printmend.saved.model import read_model, write_model
 
+    if old is not None and moved is not None:
+        raise click.UsageError("--phase finds where the motors stand, --update what changed: leave one out")
+    old = old or moved
     if printer_name is None and old is None:
         raise click.UsageError("--printer says which machine the trace is from")
     if name is not None:
@@ -76,14 +82,18 @@ def command(
         with of_file(trace):
             model = learn_model(read_trace(trace, printer), printer, model=learner, rng=rng)
     else:
+        from printmend.repair.phase import learn_phase
         from printmend.repair.update import same_machine, update
 
         past = read_model(old)
         if printer_name is not None:
             same_machine(past, read_printer(printer_name))
-        ageing = ageing_of(old, dated)
+        ageing = None if moved is not None else ageing_of(old, dated)
         with of_file(trace):
-            updated = update(past, read_trace(trace, past.printer), rng=rng, ageing=ageing)
+            again = read_trace(trace, past.printer)
+            updated = learn_phase(past, again, rng=rng) if moved is not None else update(
+                past, again, rng=rng, ageing=ageing
+            )  # fmt: skip
         model = updated.model
         if ageing is not None and ageing.words:
             click.echo(ageing.words, err=as_json)

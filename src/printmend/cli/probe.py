@@ -45,6 +45,8 @@ class Glass(click.ParamType):
               show_default=True, help="How the marks are chosen, see above.")  # fmt: skip
 @click.option("--after", type=click.Path(path_type=Path), metavar="TRACE.csv", help="A first print's measurement, "
               "which optimal and active complete.")  # fmt: skip
+@click.option("--phase", is_flag=True, help="A print of a minute for a known printer whose belts were worked on: "
+              "for `learn --phase`.")  # fmt: skip
 @click.option("--marks", type=click.IntRange(16, 1000), default=600, show_default=True, help="At most.")
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("probe.gcode"), show_default=True
@@ -70,7 +72,7 @@ def command(
     printer_name: str | None, size_mm: float | None, part_path: Path | None, design: str, after: Path | None,
     marks: int, output: Path, extruder: "Extruder | None", start_path: Path | None,
     surface: str, pen: bool, glass: tuple[float, float] | None, sheets: int, net: bool, layer_path: Path | None,
-    overwrite: bool, sheet: Path | None,
+    phase: bool, overwrite: bool, sheet: Path | None,
 ) -> None:  # fmt: skip
     """Write a test print that shows every fault, its plan (probe.json beside it), which `measure` needs, and one page
     that says what to do with it (probe-how-to.pdf).
@@ -91,7 +93,15 @@ def command(
     from printmend.gcode.read import read_gcode
     from printmend.measure.table import read_trace
     from printmend.printer import read_printer
-    from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
+    from printmend.probe import (
+        PHASE_MARKS,
+        cost,
+        design_probe,
+        expected_error_mm,
+        phase_size_mm,
+        turns_covered,
+        write_probe,
+    )
     from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, leaflet_of, pen_and_paper, weight, write_leaflet
     from printmend.probe.net import with_net
     from printmend.probe.paper import on_paper, paper_for, papers_of
@@ -109,6 +119,10 @@ def command(
         raise click.UsageError("--sheets is for --on paper or --pen")
     if sheets > 1 and (size_mm is not None or part_path is not None or design != "fixed"):
         raise click.UsageError("--sheets shows as much of the bed as it can: leave out --size, --for and --design")
+    if phase:
+        if size_mm is not None or part_path is not None or design != "fixed" or sheets > 1:
+            raise click.UsageError("--phase chooses its marks: leave out --size, --for, --design and --sheets")
+        marks = PHASE_MARKS
     if sheet is not None:
         require("printmend probe --sheet", "cv2", "PIL", "scipy")
     made = () if printer_name is None else (output, output.with_suffix(".json"), leaflet_of(output))
@@ -122,6 +136,7 @@ def command(
     if printer_name is None:
         return
     printer = read_printer(printer_name)
+    size_mm = phase_size_mm(printer) if phase else size_mm
     part = read_gcode(part_path, printer=printer) if part_path else None
     trace = read_trace(after, printer=printer) if after else None
     if papered:
@@ -167,6 +182,9 @@ def command(
         and (unseen := _unseen(printer, plan))
     ):
         click.echo(unseen)
+    if phase:
+        click.echo(f"Scan it, run `printmend measure`, then `printmend learn trace.csv --phase MODEL`: {plan_path}")
+        return
     error_mm = expected_error_mm(printer, plan, part=part, after=trace)
     click.echo(
         f"Expected error afterwards, {'of the part' if part else 'anywhere on the bed'}: {error_mm:.3f} mm, typically"

@@ -44,15 +44,15 @@ def scatter_of(homing: Homing, seen_mm: tuple[tuple[float, float], ...] = (), tu
         grid = np.zeros(1) if known else GRID
         size_mm = homing.scatter_mm if homing.scatter_mm is not None else sd
         bell = np.exp(-0.5 * grid**2)
-        weight = bell / bell.sum() * (share if homing.switch == "unknown" else 1.0)
-        found.append((weight, size_mm * np.exp(log_sd * grid), np.full(len(grid), chance)))
+        own = bell / bell.sum() * (share if homing.switch == "unknown" else 1.0)
+        found.append((own, size_mm * np.exp(log_sd * grid), np.full(len(grid), chance)))
     scatter = Scatter(*(np.concatenate(each) for each in zip(*found, strict=True)))
     told = np.log(np.maximum(scatter.weight, 1e-300))
     for shift_mm, own_mm in seen_mm:
         likely = np.zeros_like(told)
         variance = 2 * scatter.sd_mm**2 + own_mm**2 + 1e-12
-        for aside, chance in ((0.0, 1 - scatter.turn), (-turn_mm, scatter.turn / 2), (turn_mm, scatter.turn / 2)):
-            likely = likely + chance * np.exp(-0.5 * (shift_mm - aside) ** 2 / variance) / np.sqrt(variance)
+        for aside, often in ((0.0, 1 - scatter.turn), (-turn_mm, scatter.turn / 2), (turn_mm, scatter.turn / 2)):
+            likely = likely + often * np.exp(-0.5 * (shift_mm - aside) ** 2 / variance) / np.sqrt(variance)
         told = told + np.log(np.maximum(likely, 1e-300))
     weight = np.exp(told - told.max())
     return Scatter(weight / weight.sum(), scatter.sd_mm, scatter.turn)

@@ -23,6 +23,7 @@ from printmend.probe.tiles import chosen_plans
 from printmend.probe.walk import walk
 
 DESIGNS = ("fixed", "layer", "optimal", "active")
+PHASE_MARKS, PHASE_TURNS = 60, 1.2  # of the print that finds where a known printer's motors stand
 TARGETS = 2000  # places of the bed for which a print is chosen
 
 
@@ -105,6 +106,12 @@ def _printed_mm(part: Program) -> np.ndarray:
     if not rows.any():
         raise GcodeError(part.name, wanted="a part that is printed", came="no extruding move", todo="check the file")
     return np.vstack([part.moves.start_mm[rows, :2], part.moves.end_mm[rows, :2]])
+
+
+def phase_size_mm(printer: Printer) -> float:
+    """Return the side of the square that shows a turn of both motors, as far as the bed has room for it."""
+    low, high = mark_area_mm(printer)
+    return float(min(PHASE_TURNS * max(printer.x.mm_per_turn, printer.y.mm_per_turn), (high - low).max()))
 
 
 def turns_covered(printer: Printer, plan: ProbePlan) -> tuple[float, float]:

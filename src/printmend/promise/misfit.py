@@ -9,6 +9,8 @@ from typing import Any
 
 NOTE, WARNING, REFUSAL = "note", "warning", "refusal"
 SEVERITIES = (NOTE, WARNING, REFUSAL)
+REFITTED = "refitted"  # the kind of the refusal in a model whose belts were worked on
+PHASE_TODO = "print `printmend probe --phase`, measure it, and run `printmend learn trace.csv --phase` with this model"
 
 
 @dataclass(frozen=True)

@@ -433,6 +433,8 @@ def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
                 f"{now} mm, {event['promised_low_mm']:.3f} to {event['promised_high_mm']:.3f} was "
                 f"promised: {event.get('result', 'kept' if event.get('kept') else 'broken')}"
             )
+        elif event.get("event") == "refitted":
+            said = f"{' and '.join(map(str, event.get('motors', [])))}: worked on, to be measured again"
         else:
             faults = [
                 f"{_part_of(one['part'])} {kind_words(one['kind'])} {abs(one['value']):.3f} {one['unit']}"

@@ -19,7 +19,7 @@ from printmend.gcode.mark import find_mark, find_test_print, marked
 from printmend.gcode.read import guessed_e_rule
 from printmend.gcode.write import Plan, TimePlace, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
-from printmend.promise.misfit import refusals
+from printmend.promise.misfit import PHASE_TODO, REFITTED, refusals, said_of
 from printmend.promise.words import in_words
 from printmend.provenance import seal_key, sealed
 from printmend.repair.meant import refuse_contradiction, refuse_other_printer
@@ -97,6 +97,8 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
     """Predict what mending would do, and write nothing. Raises like `mend_gcode`, except where it would not help."""
     with open_gcode(source) as file:
         refuse_mended(file)
+        if said := said_of(model.document, REFITTED):  # nobody knows where the errors are now
+            raise RefusedError(file.name, wanted="a model measured after the work", came=said[0], todo=PHASE_TODO)
         planner = start(model.mechanism)
         read = plan_file(file, planner, model, AS_USUAL, progress)
         prediction = _predicted(planner, model, read)
@@ -215,6 +217,8 @@ def _is_probe(file: GcodeFile) -> bool:
 
 
 def _refuse_misfit(file: GcodeFile, model: SavedModel) -> None:
+    if said := said_of(model.document, REFITTED):
+        raise RefusedError(file.name, wanted="a model measured after the work", came=said[0], todo=PHASE_TODO)
     if said := refusals(model.document):
         raise RefusedError(
             file.name, wanted="a model that fits its own measurement", came=said[0],

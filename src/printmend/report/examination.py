@@ -32,6 +32,12 @@ URGENCY = {
 }  # fmt: skip
 
 
+AFTER_WORK = (
+    "after work on a belt or pulley: run `printmend history MODEL --refitted MOTOR`, and measure again with "
+    "`printmend probe --phase`"
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Examination:
     """A trace's fit with all that its report shows; ``part`` and ``prediction`` where a part was given.
@@ -169,6 +175,8 @@ def summary(examination: Examination) -> str:
     """Say it in a few lines for a terminal."""
     rows = [examination.headline, *examination.refused]
     rows += [f"{URGENCY[one.urgency].lower()}: {one.title} ({one.sure})" for one in examination.advice]
+    if any(one.urgency != "software" for one in examination.advice):
+        rows.append(AFTER_WORK)
     rows += examination.doubted
     if examination.prediction is not None:
         rows.append(part_said(examination.part or "", examination.prediction))

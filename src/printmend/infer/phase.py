@@ -1,0 +1,136 @@
+"""By how much the motors of a known machine stand elsewhere: the shifts of their waves that fit a print best.
+
+The old machine's mean is kept; what of the print and of its measurement is always there, and place and play, are free.
+All pairs of shifts are weighed at once: their errors are sums of products of the two motors' columns.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from printmend.effects import Scene, places_of
+from printmend.effects.homing import shifted, waves_of
+from printmend.infer.fit import _measured_mm, rows_of
+from printmend.infer.gram import dictionary_of, seen
+from printmend.infer.known import rebased
+from printmend.infer.machine import machine_of
+from printmend.infer.posterior import Part
+from printmend.machine import Mechanism
+from printmend.machine.contacts import contacts_of
+from printmend.path import Trace
+
+COARSE_MM, FINE_MM, ROUND_MM = 0.1, 0.01, 0.3  # of the shifts that are tried: over a turn, then about the best of them
+PASSES = 2  # of contacts, then shifts
+ALIKE_NATS = 2.0  # of shifts that fit alike to this the smallest is taken: an oval looks the same after half a turn
+FREE = ("place", "play")
+
+
+@dataclass(frozen=True, eq=False)
+class Phase:
+    """The shifts of both motors [2] and their standard deviations [2], in mm of belt; NaN where a motor has no waves.
+
+    ``parts`` are the old machine's there, and ``mechanism`` is what they make."""
+
+    by_mm: np.ndarray
+    sd_mm: np.ndarray
+    parts: tuple[Part, ...]
+    mechanism: Mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """What the rows of a print see, in standard deviations of their noise: the ``error`` [M] that the parts without
+    waves leave, the waves of each motor as (part, columns [M, P]), and what is ``free`` as columns [M, K] of unit
+    prior."""
+
+    error: np.ndarray
+    waves: tuple[list[tuple[Part, np.ndarray]], list[tuple[Part, np.ndarray]]]
+    free: np.ndarray
+    scene: Scene
+
+    def scores(self, grids: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the log likelihood of all pairs of shifts [G, H]."""
+        made = [self._made(motor, grid) for motor, grid in enumerate(grids)]
+        one, other = self.error[:, None] - made[0], made[1]
+        root = np.linalg.cholesky(np.eye(self.free.shape[1]) + self.free.T @ self.free)
+        free_one, free_other = (np.linalg.solve(root, self.free.T @ each) for each in (one, other))
+        square = np.sum(one**2, axis=0) - np.sum(free_one**2, axis=0)
+        beside = np.sum(other**2, axis=0) - np.sum(free_other**2, axis=0)
+        return -0.5 * (square[:, None] + beside - 2 * (one.T @ other - free_one.T @ free_other))
+
+    def _made(self, motor: int, grid: np.ndarray) -> np.ndarray:
+        """Return what the waves of a motor do to the rows at each of its shifts [M, G]."""
+        made = np.zeros((len(self.error), len(grid)))
+        for part, columns in self.waves[motor]:
+            waves_mm = waves_of(part.effect, motor, part.shape, self.scene)
+            assert waves_mm is not None
+            made += columns @ shifted(np.repeat(part.mean_mm[:, None], len(grid), axis=1), waves_mm, grid)
+        return made
+
+
+def found_phase(parts: Sequence[Part], mechanism: Mechanism, trace: Trace, scene: Scene, sigma_mm: float) -> Phase:
+    """Return where the motors of a machine stand in a print, measured with a noise of ``sigma_mm``."""
+    old = tuple(rebased(part, scene) for part in parts)
+    by_mm, sd_mm, now = np.zeros(2), np.full(2, np.nan), old
+    around = np.arange(-ROUND_MM, ROUND_MM + FINE_MM / 2, FINE_MM)
+    for number in range(PASSES):
+        rows = _rows(old, mechanism, trace, scene, sigma_mm, is_first=number == 0)
+        turning = [bool(each) for each in rows.waves]
+        turns = [_turn(scene.turns_mm[motor]) if turning[motor] else np.zeros(1) for motor in range(2)]
+        found = _smallest(rows.scores(turns), turns)
+        grids = [at + around if is_there else np.zeros(1) for at, is_there in zip(found, turning, strict=True)]
+        scores = rows.scores(grids)
+        likely = np.exp(scores - scores.max())
+        for motor in range(2):
+            share = likely.sum(axis=1 - motor) / likely.sum()
+            by_mm[motor] = share @ grids[motor]
+            sd_mm[motor] = np.sqrt(share @ (grids[motor] - by_mm[motor]) ** 2) if turning[motor] else np.nan
+        now = tuple(_moved(part, float(by_mm[part.where]), scene) if part.where < 2 else part for part in old)
+        mechanism, _ = machine_of(scene, [part.acting() for part in now if part.acts_mm.any()])
+    return Phase(by_mm, sd_mm, now, mechanism)
+
+
+def _rows(
+    parts: Sequence[Part], mechanism: Mechanism, trace: Trace, scene: Scene, sigma_mm: float, *, is_first: bool
+) -> _Rows:
+    contacts = contacts_of(mechanism, scene.printer.to_motor(trace.commanded_mm))
+    bed_mm = _measured_mm(trace) if is_first else scene.printer.from_motor(contacts.belt_mm)
+    places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
+    rows = rows_of(trace, contacts, places, scene)
+    scale = np.sqrt(rows.weight) / sigma_mm
+    dictionary = dictionary_of(places, rows, scene)
+    free = [
+        dictionary.columns[:, block.at] * block.sds_mm[:, :1].max() * scale[:, None]
+        for block in dictionary.blocks
+        if block.log_odds[0] > 0 or block.effect in FREE
+    ]
+    error = rows.error_mm * scale
+    waves: tuple[list[tuple[Part, np.ndarray]], list[tuple[Part, np.ndarray]]] = ([], [])
+    for part in parts:
+        told = seen(part.effect, part.where, part.shape, places, rows, scene) * scale[:, None]
+        if waves_of(part.effect, part.where, part.shape, scene) is None:
+            error = error - told @ part.mean_mm
+        elif part.mean_mm.any():
+            waves[part.where].append((part, told))
+    return _Rows(error, waves, np.hstack([np.zeros((len(error), 0)), *free]), scene)
+
+
+def _turn(turn_mm: float) -> np.ndarray:
+    return np.arange(0.0, turn_mm, COARSE_MM) - COARSE_MM * (round(turn_mm / COARSE_MM) // 2)
+
+
+def _smallest(scores: np.ndarray, grids: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the smallest pair of shifts [2] of those that fit as well as the best."""
+    size = np.hypot(grids[0][:, None], grids[1][None])
+    best = np.argmin(np.where(scores >= scores.max() - ALIKE_NATS, size, np.inf))
+    i, j = np.unravel_index(best, scores.shape)
+    return np.array([grids[0][i], grids[1][j]])
+
+
+def _moved(part: Part, by_mm: float, scene: Scene) -> Part:
+    waves_mm = waves_of(part.effect, part.where, part.shape, scene)
+    if waves_mm is None:
+        return part
+    acts = shifted(part.acts_mm[:, None], waves_mm, by_mm)[:, 0]
+    return replace(part, acts_mm=acts, draws_mm=shifted(part.draws_mm, waves_mm, by_mm))

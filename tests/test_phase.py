@@ -1,0 +1,111 @@
+"""After the belts were worked on: nothing is mended until a print shows where the motors stand."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from printmend.cli.main import group
+from printmend.corruption import Corruption, Drive, EccentricBore, Play
+from printmend.errors import InputError, RefusedError, TraceError
+from printmend.machine import Mechanism
+from printmend.measure import write_trace
+from printmend.measure.plan import ProbePlan
+from printmend.path import Trace
+from printmend.printer import Printer, read_printer
+from printmend.probe import PHASE_MARKS, cost, design_probe, phase_size_mm
+from printmend.repair import check_gcode, mend_gcode
+from printmend.repair.learned import learn_model
+from printmend.repair.phase import learn_phase, refitted
+from printmend.saved import SavedModel, read_model, write_model
+from printmend.twin import Twin
+from printmend.twin.homing import homed_again
+from tests.mending import SQUARE
+from tests.test_greybox_learning import stairs
+
+PRESETS = ("ender3", "corexy")
+MINUTES = 2.0
+
+
+def machine(printer: Printer, eccentricity_mm: float = 0.3) -> Mechanism:
+    drives = (Drive(pulley=EccentricBore(eccentricity_mm, 1.0), belt=Play(0.15)), Drive(pulley=EccentricBore(0.2)))
+    made = Corruption(drives).lower(printer)
+    assert isinstance(made, Mechanism)
+    return made
+
+
+def phase_plan(printer: Printer) -> ProbePlan:
+    return design_probe(printer, size_mm=phase_size_mm(printer), marks=PHASE_MARKS)
+
+
+def measured(true: Mechanism, seed: int) -> Trace:
+    plan = phase_plan(true.printer)
+    marks = Twin(true).follow(plan.waypoints_mm)[plan.rows]
+    return plan.trace(marks + np.random.default_rng(seed).normal(0, 0.02, marks.shape))
+
+
+@pytest.fixture(scope="module")
+def models() -> dict[str, SavedModel]:
+    found = {}
+    for preset in PRESETS:
+        printer = read_printer(preset)
+        way = stairs(500)
+        printed = Twin(machine(printer)).follow(way) + np.random.default_rng(0).normal(0, 0.02, way.shape)
+        found[preset] = learn_model(Trace(way, printed, homed=True), printer)
+    return found
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_print_of_two_minutes_shows_where_the_motors_stand(models: dict[str, SavedModel], preset: str) -> None:
+    old = models[preset]
+    assert cost(phase_plan(old.printer))[0] < MINUTES
+    true = homed_again(machine(old.printer), np.array([14.0, 26.0]))
+    found = learn_phase(old, measured(true, 3), rng=np.random.default_rng(0))
+    shifts = {change.part: change.now for change in found.changes if change.kind == "phase"}
+    first, second = (name.upper() for name in old.printer.motors)
+    assert shifts == {first: pytest.approx(14.0, abs=0.4), second: pytest.approx(-14.0, abs=0.4)}
+    way = stairs(200, 70.0, 150.0)
+    left = [Twin(true).follow(way) - Twin(model.mechanism).follow(way) for model in (old, found.model)]
+    before, after = (np.sqrt(np.mean(np.square(each - each.mean(axis=0)).sum(axis=1))) for each in left)
+    assert after < 0.01 < 0.2 < before
+
+
+def test_the_print_of_another_machine_is_refused(models: dict[str, SavedModel]) -> None:
+    other = machine(read_printer("ender3"), 0.1)
+    with pytest.raises(TraceError, match="the machine of the model, with its motors elsewhere"):
+        learn_phase(models["ender3"], measured(other, 3), rng=np.random.default_rng(0))
+
+
+def test_nothing_is_mended_between_the_work_and_the_print(models: dict[str, SavedModel], tmp_path: Path) -> None:
+    model, part = refitted(models["ender3"], ["X"]), tmp_path / "part.gcode"
+    part.write_bytes(SQUARE)
+    with pytest.raises(RefusedError, match="belt or pulley of X was worked on"):
+        check_gcode(part, model)
+    with pytest.raises(RefusedError, match="probe --phase"):
+        mend_gcode(part, model, tmp_path / "out.gcode")
+    assert not (tmp_path / "out.gcode").exists()
+    again = learn_phase(refitted(model, ["y"]), measured(machine(model.printer), 3), rng=np.random.default_rng(0)).model
+    assert check_gcode(part, again).after.rms_mm < check_gcode(part, again).before.rms_mm
+    with pytest.raises(InputError, match="a motor of this printer: x or y"):
+        refitted(model, ["z"])
+
+
+def test_the_commands_of_an_owner_after_the_work(models: dict[str, SavedModel], tmp_path: Path) -> None:
+    def run(*args: object, code: int = 0) -> str:
+        done = CliRunner().invoke(group, [str(arg) for arg in args])
+        assert done.exit_code == code, (done.output, done.exception)
+        return done.output
+
+    model, printer = tmp_path / "printer.mend.json", models["ender3"].printer
+    write_model(model, models["ender3"])
+    assert "x: worked on, to be measured again" in run("history", model, "--refitted", "x")
+    assert "61 dots" in run("probe", "--printer", "ender3", "--phase", "-o", tmp_path / "phase.gcode")
+    run("probe", "--printer", "ender3", "--phase", "--size", "60", "-o", tmp_path / "other.gcode", code=2)
+    write_trace(tmp_path / "trace.csv", measured(homed_again(machine(printer), np.array([8.0, 0.0])), 5))
+    assert "X stands +" in run("learn", tmp_path / "trace.csv", "--phase", model)
+    assert "misfit" not in read_model(model).document or "worked on" not in str(read_model(model).document["misfit"])
+    run("learn", tmp_path / "trace.csv", "--phase", model, "--update", model, code=2)
+    with pytest.raises(TraceError, match="the one that the model was learned from"):
+        learn_phase(read_model(model), measured(homed_again(machine(printer), np.array([8.0, 0.0])), 5),
+                    rng=np.random.default_rng(0))  # fmt: skip
