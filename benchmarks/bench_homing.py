@@ -4,8 +4,8 @@
 
 Of each printer of printmend's twin a model is learned from the dots of `printmend probe`, with noise of 0.02 mm, after
 a homing of its own. A part is mended and printed after each of some further homings: the end stops scatter by
-``--scatter`` mm, and in a share ``--wake-ups`` of homings a motor stands four full steps aside. ``--refit`` puts the
-belts back on any tooth instead. Errors are RMS distances from the wanted path [mm] in coordinates that count from home.
+``--scatter`` mm, and in a share ``--wake-ups`` of homings a motor stands four full steps aside. With ``--refit`` the
+belts are put back on any tooth before, and the model learns that from a scan of `printmend probe --phase`. Errors are RMS distances from the wanted path [mm] in coordinates that count from home.
 """
 
 import argparse
@@ -24,9 +24,10 @@ from printmend.errors import RefusedError
 from printmend.gcode.read import read_gcode
 from printmend.machine import Mechanism
 from printmend.printer import Homing, Printer, read_printer
-from printmend.probe import design_probe
+from printmend.probe import PHASE_MARKS, design_probe, phase_size_mm
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model
+from printmend.repair.phase import learn_phase
 from printmend.saved import SavedModel
 from printmend.twin import Twin
 from printmend.twin.gcode import follow_finely
@@ -78,6 +79,13 @@ def learned(true: Mechanism, rng: np.random.Generator) -> SavedModel:
     return learn_model(replace(trace, placed=True, instrument=None), true.printer)  # measured from home, as a table
 
 
+def phased(model: SavedModel, true: Mechanism, rng: np.random.Generator) -> SavedModel:
+    """Find where the motors of a printer stand now, by its phase print."""
+    plan = design_probe(true.printer, size_mm=phase_size_mm(true.printer), marks=PHASE_MARKS)
+    marks = Twin(true).follow(plan.waypoints_mm)[plan.rows]
+    return learn_phase(model, plan.trace(marks + rng.normal(0, NOISE_MM, marks.shape)), rng=rng).model
+
+
 def error_mm(wanted: Path, made: Path, true: Mechanism) -> float:
     """Return the RMS distance of a file's print from the lines that another one wants."""
     twin = Twin(true)
@@ -113,6 +121,10 @@ def main() -> None:
             rng = np.random.default_rng([given.seed, number])
             true = machine(rng, printer, given.family)
             model = learned(homed_again(true, drawn_shift_mm(printer, rng, scatter_mm=given.scatter)), rng)
+            refit_mm = refitted_mm(printer, rng) if given.refit else np.zeros(2)
+            true = homed_again(true, refit_mm)
+            if given.refit:
+                model = phased(model, homed_again(true, drawn_shift_mm(printer, rng, scatter_mm=given.scatter)), rng)
             source.write_text(part_gcode(rng))
             output.unlink(missing_ok=True)
             try:
@@ -124,7 +136,7 @@ def main() -> None:
             own = []
             for _ in range(given.homings):
                 by = drawn_shift_mm(printer, rng, scatter_mm=given.scatter, wake_ups=given.wake_ups)
-                now = homed_again(true, by + refitted_mm(printer, rng) if given.refit else by)
+                now = homed_again(true, by)
                 after = error_mm(source, output if output.exists() else source, now)
                 own.append((error_mm(source, source, now), after, promise.rms_low_mm, promise.rms_high_mm))
             rows += own

@@ -121,7 +121,7 @@ def test_a_promise_holds_the_next_homing() -> None:
     spreads = []
     for switch in ("phase", "sensorless"):
         scene = replace(found.scene, printer=of_switch(switch))
-        belief = after_homing(Belief(scene, found.parts, placed=True))
+        belief, _ = after_homing(Belief(scene, found.parts, placed=True))
         (pulley,) = (part for part in belief.parts if (part.effect, part.where) == ("pulley", 0))
         spreads.append(float(pulley.sd_mm[0] ** 2 + pulley.sd_mm[32] ** 2))
         (play,) = (part for part in belief.parts if (part.effect, part.where) == ("play", 1))

@@ -31,7 +31,10 @@ ACTING = [
     ("breathing", 0, wave(16, 2, 0.1), (), "play-by-angle", None),
     ("idler", 1, [0.0, 0.06], (31.4,), "period-31.4", 0.06),
     ("teeth", 1, [0.03, 0.0], (2.0,), "teeth", 0.03),
-    ("teeth", 0, [0.03, 0.0], (0.2,), "ripple", 0.03),
+    ("teeth", 0, [0.03, 0.0], (0.2,), "ripple-1", 0.03),
+    ("teeth", 0, [0.03, 0.0], (0.8,), "ripple-4", 0.03),
+    ("teeth", 0, [0.03, 0.0], (0.1,), "ripple-0.5", 0.03),
+    ("idler", 0, [0.05, 0.0], (32.0,), "period-32.0", 0.05),
     ("splice", 0, [0.5], (120.0, 4.0), "splice", 0.5),
     ("place", 1, [0.3], (), "offset", 0.3),
     ("rail", 0, [0.0, 0.08], (90.0,), "wavy", 0.08),
@@ -166,3 +169,20 @@ def test_a_message_fills_its_places_in_both_languages_alike() -> None:
                 assert not re.search(r"[{}]", value(*"1234567"))
                 assert not value.german or set(re.findall(r"{\w}", value.german)) == places
     assert seen > 20
+
+
+def test_a_fine_pattern_is_named_by_what_makes_it() -> None:
+    said = {}
+    for period_mm in (2.0, 0.8, 0.4, 0.2, 0.1):
+        (fault,) = faults_of([part("teeth", 0, [0.03, 0.0], (period_mm,))], SCENES["ender3"])
+        said[period_mm] = (fault.words.partition(" 0.0")[0], advise(fault))
+    names = {period_mm: words for period_mm, (words, _) in said.items()}
+    assert names == {
+        2.0: "ripple of belt teeth", 0.8: "ripple of motor poles", 0.4: "ripple of pairs of full steps",
+        0.2: "ripple of full steps", 0.1: "ripple of half steps",
+    }  # fmt: skip
+    assert "belt's tension" in said[2.0][1].repair
+    assert all("current" in said[period_mm][1].repair for period_mm in (0.8, 0.4, 0.2, 0.1))
+    assert all("another speed" in one.repair for _, one in said.values())
+    (idler,) = faults_of([part("idler", 0, [0.05, 0.0], (32.0,))], SCENES["ender3"])
+    assert "an idler of 16 teeth?" in idler.words

@@ -642,12 +642,13 @@ def test_why_something_did_not_work_is_said_in_the_pages_own_words() -> None:
     assert seen > 300
 
 
-_KINDS = """scale harmonic-1 harmonic-2 harmonic-5 play loose-belt play-by-angle friction elastic ripple drift warp
+_KINDS = """scale harmonic-1 harmonic-2 harmonic-5 play loose-belt play-by-angle friction elastic ripple-4
+ripple-2 ripple-1 drift warp
 offset period-34.6 splice teeth
 skew axes bow wavy jump lead periodic-1 backlash wobble-1"""
 _OF_FRAME = ("skew", "axes", "bow", "wavy")
 # of Z, of one print, of older models
-_OTHERS = ("ripple", "offset", "jump", "lead", "periodic-1", "backlash", "wobble-1")
+_OTHERS = ("offset", "jump", "lead", "periodic-1", "backlash", "wobble-1")
 
 
 def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:

@@ -158,14 +158,6 @@ def _elastic(where: str, fault: NamedFault, size: float) -> Said:
     )  # fmt: skip
 
 
-def _ripple(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        say("motor-steps-unevenly", where),
-        say("micro-steps-uneven-mm", f"{size:.3f}"),
-        size, say("nothing-repair-another-motor-driver-may"), _carries(),
-    )  # fmt: skip
-
-
 def _drift(where: str, fault: NamedFault, size: float) -> Said:
     return (
         say("stretches-unevenly-along-bed", where),
@@ -285,7 +277,7 @@ def _other(where: str, fault: NamedFault, size: float) -> Said:
 
 _SAY = {
     "scale": _scale, "harmonic": _harmonic, "play": _play, "loose-belt": _loose, "play-by-angle": _by_angle,
-    "friction": _friction, "elastic": _elastic, "ripple": _ripple, "drift": _drift, "warp": _warp, "offset": _offset,
+    "friction": _friction, "elastic": _elastic, "drift": _drift, "warp": _warp, "offset": _offset,
     "period": _period, "skew": _skew, "axes": _axes, "bow": _bow, "wavy": _wavy, "jump": _jump, "jumps": _jump,
     "lead": _lead, "periodic": _uneven, "backlash": _backlash, "wobble": _wobble,
 }  # fmt: skip

@@ -18,7 +18,7 @@ from printmend.printer import Homing, Printer
 
 GRID = np.linspace(-2.0, 2.0, 9)  # of the logarithm of a scatter, in its standard deviations
 HOMINGS = 4096  # that are drawn to see what may act
-MOST_WORSE_SHARE = 0.1  # of the next homings that may make a print worse with a wave that acts
+MOST_WORSE_SHARE = 0.05  # of the next homings that may make a print worse with a wave that acts
 STEPS_A_TURN = 4  # full steps of an electrical turn
 SEED = 23
 
@@ -58,14 +58,15 @@ def scatter_of(homing: Homing, seen_mm: tuple[tuple[float, float], ...] = (), tu
     return Scatter(weight / weight.sum(), scatter.sd_mm, scatter.turn)
 
 
-def drawn_shifts_mm(scene: Scene, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw by how much each motor is shifted [2, D] from the homing of a measured print to that of the next one."""
+def drawn_shifts_mm(scene: Scene, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Draw by how much each motor is shifted [2, D] from the homing of a measured print to that of the next one, and
+    whether it stands an electrical turn aside [2, D]."""
     printer = scene.printer
     scatter = scatter_of(printer.homing, scene.homed_again_mm, _turn_mm(printer))
     which = rng.choice(len(scatter.weight), count, p=scatter.weight)
     axes_mm = math.sqrt(2) * scatter.sd_mm[which] * rng.standard_normal((2, count))
     aside = rng.choice((-1.0, 1.0), (2, count)) * (rng.uniform(size=(2, count)) < scatter.turn[which])
-    return np.asarray(printer.to_motor(axes_mm.T).T + _turn_mm(printer) * aside)
+    return np.asarray(printer.to_motor(axes_mm.T).T + _turn_mm(printer) * aside), aside != 0
 
 
 def _turn_mm(printer: Printer) -> float:
@@ -96,7 +97,8 @@ def shifted(sizes_mm: np.ndarray, waves_mm: np.ndarray, by_mm: float | np.ndarra
 
 def lasting(effect: str, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray | None:
     """Return which share of each size [2K] may act in the next print: its mean over the next homings, or nothing where
-    that would make the print worse after too many of them. None where a homing shifts nothing."""
+    that would make the print worse after too many of them. None where a homing shifts nothing. Electrical turns do not
+    count here: they are accidents."""
     waves_mm = waves_of(effect, where, shape, scene)
     if waves_mm is None:
         return None
@@ -121,7 +123,6 @@ def _lasting(
     rng, scatter = np.random.default_rng(SEED), scatter_of(homing, seen_mm, turn_mm)
     which = rng.choice(len(scatter.weight), HOMINGS, p=scatter.weight)
     shift_mm = math.sqrt(4 if both_axes else 2) * scatter.sd_mm[which] * rng.standard_normal(HOMINGS)
-    shift_mm += turn_mm * rng.choice((-1.0, 1.0), HOMINGS) * (rng.uniform(size=HOMINGS) < scatter.turn[which])
     cosines = np.cos(2 * np.pi * np.divide.outer(shift_mm, np.array(waves_mm)))
     share = np.maximum(cosines.mean(axis=0), 0.0)
     return share, np.mean(cosines < share / 2, axis=0)

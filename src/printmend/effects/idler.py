@@ -8,9 +8,11 @@ from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, finer
 from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
 from printmend.effects.pulley import LEAST_EFFECT_MM
+from printmend.effects.teeth import TOOTH_MM
 from printmend.effects.words import Fault, Found, amount, motor_name
 
 SHORTEST_MM, LONGEST_MM = 12.0, 150.0  # of a period: no idler is smaller, no bed shows larger ones
+IDLERS, NEAR_TEETH = (16, 18, 20), 0.1  # teeth of the idlers that are sold; a turn is so near to their number
 OWN_SHARE = 0.02  # a period nearer to a part of the turn is the pulley's own
 
 
@@ -48,5 +50,8 @@ class Idler:
         size, sd = found.size(lambda sizes: float(np.hypot(*sizes)))
         if size < LEAST_EFFECT_MM:
             return
-        words = f"idler or belt uneven, every {period_mm:.1f} mm, by {amount(size, sd)}"
+        teeth = round(period_mm / TOOTH_MM)
+        toothed = abs(period_mm / TOOTH_MM - teeth) < NEAR_TEETH and teeth in IDLERS
+        what = f" (an idler of {teeth} teeth?)" if toothed else ""
+        words = f"idler or belt uneven, every {period_mm:.1f} mm{what}, by {amount(size, sd)}"
         yield Fault(motor_name(scene, found.where), f"period-{period_mm:.1f}", size, sd, "mm", words)

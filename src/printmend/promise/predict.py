@@ -140,14 +140,15 @@ def promised(
     """
     if not len(path.weight) or path.weight.sum() <= 0:
         return None
-    belief = after_homing(belief)
+    belief, usual = after_homing(belief)
     with threadpool_limits(1, user_api="blas"):  # the products are small: a second thread would only be waited for
-        return _outlook(mechanism, belief, _thinned(path, belief.placed), (before, after), at_rest)
+        return _outlook(mechanism, belief, _thinned(path, belief.placed), (before, after), usual, at_rest)
 
 
 def _outlook(
-    mechanism: Mechanism, belief: Belief, path: PathPlaces, errors: tuple[Errors, Errors], at_rest: bool
-) -> Outlook:
+    mechanism: Mechanism, belief: Belief, path: PathPlaces, errors: tuple[Errors, Errors], usual: np.ndarray,
+    at_rest: bool,
+) -> Outlook:  # fmt: skip
     rng = np.random.default_rng(SEED)
     aims = _aims(mechanism, path, at_rest)
     local = _local(mechanism, belief, path, rng)
@@ -165,7 +166,8 @@ def _outlook(
     # a shift of all that is printed does the same to both files
     strange = {"scatter", *(name for name in results[1][0].made_of if name in EFFECTS)}
     strange2 = OTHERWISE_SHARE**2 * sum(results[1][0].made_of[name] ** 2 for name in strange)
-    return Outlook(results[0][0], results[1][0], results[0][1] - np.sqrt(results[1][1] ** 2 + strange2))
+    gain_mm = results[0][1] - np.sqrt(results[1][1] ** 2 + strange2)
+    return Outlook(results[0][0], results[1][0], np.resize(gain_mm[usual], DRAWS) if len(usual) else gain_mm)
 
 
 @dataclass(frozen=True, eq=False)
