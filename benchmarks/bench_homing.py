@@ -5,7 +5,8 @@
 Of each printer of printmend's twin a model is learned from the dots of `printmend probe`, with noise of 0.02 mm, after
 a homing of its own. A part is mended and printed after each of some further homings: the end stops scatter by
 ``--scatter`` mm, and in a share ``--wake-ups`` of homings a motor stands four full steps aside. With ``--refit`` the
-belts are put back on any tooth before, and the model learns that from a scan of `printmend probe --phase`. Errors are RMS distances from the wanted path [mm] in coordinates that count from home.
+belts are put back on any tooth before, and the model learns that from a scan of `printmend probe --phase`. Errors are
+RMS distances from the wanted path [mm] in coordinates that count from home.
 """
 
 import argparse

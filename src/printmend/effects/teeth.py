@@ -31,8 +31,8 @@ BELT_TODO = Message(
     "Nothing to repair if walls look good. Else set the belt's tension, and look at the pulley's teeth. The belt's "
     "back belongs on smooth idlers, its teeth on toothed ones. Print outer walls at another speed.",
     "Nichts zu reparieren, wenn Wände gut aussehen. Sonst den Riemen richtig spannen und die Zähne der Scheibe "
-    "ansehen. Der Rücken des Riemens gehört auf glatte Umlenkrollen, seine Zähne auf gezahnte. Außenwände mit anderem Tempo "
-    "drucken.",
+    "ansehen. Der Rücken des Riemens gehört auf glatte Umlenkrollen, seine Zähne auf gezahnte. Außenwände mit "
+    "anderem Tempo drucken.",
 )
 POLES_TODO = Message(
     "Nothing to repair if walls look good. Else change the motor's current, or try another driver: one coil's current "

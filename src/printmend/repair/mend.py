@@ -25,7 +25,7 @@ from printmend.provenance import seal_key, sealed
 from printmend.repair.meant import refuse_contradiction, refuse_other_printer
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt
 from printmend.repair.program import Progress, Read, begun, counted, plan_file
-from printmend.repair.slower import eased
+from printmend.repair.slower import eased, with_few_moves
 from printmend.saved.model import SavedModel
 
 _MOST_HELD_SHARE = 0.005  # share of the path that may be held back at the edge of the bed: that is still a print
@@ -75,6 +75,8 @@ def mend_gcode(
         slower = None
         if fineness.slower is not None:
             fineness, slower = eased(file, model, fineness, force=force)
+        elif fineness.tolerance_mm == AS_USUAL.tolerance_mm:
+            fineness, slower = with_few_moves(file, model, fineness)
         with _destination(output) as handle:
             read = []
             folder = None if output is None else output.parent
@@ -99,9 +101,12 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
         refuse_mended(file)
         if said := said_of(model.document, REFITTED):  # nobody knows where the errors are now
             raise RefusedError(file.name, wanted="a model measured after the work", came=said[0], todo=PHASE_TODO)
+        fineness, fewer = with_few_moves(file, model, AS_USUAL)
         planner = start(model.mechanism)
-        read = plan_file(file, planner, model, AS_USUAL, progress)
+        read = plan_file(file, planner, model, fineness, progress)
         prediction = _predicted(planner, model, read)
+        if fewer is not None:
+            prediction = replace(prediction, warnings=(*prediction.warnings, fewer))
         _refuse_motionless(file, prediction)
         refuse_other_printer(file.name, model.printer, prediction)
         return prediction

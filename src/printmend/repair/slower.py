@@ -1,4 +1,4 @@
-"""A limit on the time that mending adds: what matters least is drawn more coarsely until the print is fast enough."""
+"""Limits on the time and the moves that mending adds: what matters least is drawn more coarsely until it keeps them."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,10 +10,14 @@ from printmend.gcode import kernels as k
 from printmend.gcode.container import GcodeFile
 from printmend.gcode.write import Planned, follow
 from printmend.invert import Fineness, start
+from printmend.promise.belief import parse_belief
 from printmend.repair.program import begun
 from printmend.saved.model import SavedModel
 
 _TRIALS = 6  # of an ease between one that is too slow and one that is not
+MOST_MOVES = 2.0  # that a line may become, on average, for a ripple
+_MOST_EASE = 1.0  # for that: lines without a type may be off by twice as much, outer walls by a quarter more
+_FEW_TRIALS = 2
 _NEAR_SHARE = 0.1  # of the limit: nearer to it no further one is tried
 _NAMES = {
     k.ROLE_ASIDE: "skirt and support", k.ROLE_INFILL: "infill", k.ROLE_SOLID: "closed surfaces",
@@ -29,11 +33,11 @@ def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool
     """
     assert fineness.slower is not None
     limit, roles = fineness.slower, set[int]()
-    if _share(file, model, fineness, roles) <= limit:
+    if _planned(file, model, fineness, roles)[0] <= limit:
         return fineness, None
     low, high = 0.0, fineness.most_ease
     coarsest = replace(fineness, ease=high)
-    least = _share(file, model, coarsest, roles)
+    least, _ = _planned(file, model, coarsest, roles)
     if least > limit:
         if not force:
             raise RefusedError(
@@ -43,7 +47,7 @@ def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool
         return coarsest, f"it takes {100 * least:.1f} % longer, though {_words(coarsest, roles)}"
     for _ in range(_TRIALS):
         ease = float(np.sqrt((1.0 + low) * (1.0 + high))) - 1.0
-        share = _share(file, model, replace(fineness, ease=ease), roles)
+        share, _ = _planned(file, model, replace(fineness, ease=ease), roles)
         if share > limit:
             low = ease
             continue
@@ -54,8 +58,34 @@ def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool
     return found, f"to take no longer than it may, {_words(found, roles)}"
 
 
-def _share(file: GcodeFile, model: SavedModel, fineness: Fineness, roles: set[int]) -> float:
-    """Return by which share a file takes longer when it is drawn in a way, and add the roles of its lines."""
+def with_few_moves(file: GcodeFile, model: SavedModel, fineness: Fineness) -> tuple[Fineness, str | None]:
+    """Return how to draw a file for a machine that ripples, so that its moves become twice as many at the most, where
+    that costs no outer wall more than a quarter of the tolerance; and what is to be said of that.
+
+    A ripple of hundredths of a millimetre bends every line several times a millimetre. Walls show it, infill does not.
+    """
+    roles = set[int]()
+    if not _ripples(model) or _planned(file, model, fineness, roles)[1] <= MOST_MOVES:
+        return fineness, None
+    low, high = 0.0, _MOST_EASE
+    if _planned(file, model, replace(fineness, ease=high), roles)[1] <= MOST_MOVES:
+        for _ in range(_FEW_TRIALS):
+            ease = (low + high) / 2
+            many = _planned(file, model, replace(fineness, ease=ease), roles)[1] > MOST_MOVES
+            low, high = (ease, high) if many else (low, ease)
+    found = replace(fineness, ease=high)
+    return found, f"to have few moves, {_words(found, roles)}"
+
+
+def _ripples(model: SavedModel) -> bool:
+    """Tell whether a model has a ripple that acts."""
+    belief = parse_belief(model)
+    return belief is not None and any(part.acts_mm.any() for part in belief.of("teeth"))
+
+
+def _planned(file: GcodeFile, model: SavedModel, fineness: Fineness, roles: set[int]) -> tuple[float, float]:
+    """Return by which share a file takes longer when it is drawn in a way, and how many moves a move becomes; add the
+    roles of its lines."""
     planner = start(model.mechanism, tolerance_mm=fineness.tolerance_mm)
     before_s = after_s = 0.0
     for part in file.parts:
@@ -70,7 +100,9 @@ def _share(file: GcodeFile, model: SavedModel, fineness: Fineness, roles: set[in
         follow(part.chunks(), state, planner.plan, look=look)
         one.watch.finish()
         before_s, after_s = before_s + one.watch.before.seconds, after_s + one.watch.after.seconds
-    return after_s / before_s - 1.0 if before_s > 0.0 else 0.0
+    counts = planner.counts
+    moves = float(counts.pieces + counts.copied) / max(float(counts.moves), 1.0)
+    return after_s / before_s - 1.0 if before_s > 0.0 else 0.0, moves
 
 
 def _words(fineness: Fineness, roles: set[int]) -> str:
