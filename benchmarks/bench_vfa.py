@@ -43,7 +43,9 @@ def machine(rng: np.random.Generator, printer: Printer, kind: str | None, motor:
     ]
     if kind is not None:
         step = printer.axes[motor].mm_per_step
-        ripple = Ripple((rng.uniform(0.016, 0.04) / step,), (PERIODS_MM[kind] / step,), (rng.uniform(0, 6),))
+        most_mm = 0.95 * PERIODS_MM[kind] / (2 * np.pi)  # a larger one would turn the motor back
+        size_mm = min(rng.uniform(0.016, 0.04), most_mm)
+        ripple = Ripple((size_mm / step,), (PERIODS_MM[kind] / step,), (rng.uniform(0, 6),))
         drives[motor] = replace(drives[motor], ripple=ripple)
     made = Corruption((drives[0], drives[1])).lower(printer)
     assert isinstance(made, Mechanism)
