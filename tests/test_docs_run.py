@@ -27,7 +27,7 @@ from printmend.measure.measurement import measure_scans
 from printmend.measure.table import write_trace
 from printmend.picture.image import write_image
 from printmend.printer import read_printer
-from printmend.probe import design_probe, write_probe
+from printmend.probe import PHASE_MARKS, design_probe, phase_size_mm, write_probe
 from printmend.twin import Twin
 from printmend.twin.scanner import CLEAN, render_scan
 from tests.test_docs import PAGES, ROOT
@@ -108,6 +108,11 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
             printed, plan, dpi=200, degradations=CLEAN, rng=np.random.default_rng(turns), quarter_turns=turns
         )
         write_image(here / f"{name}.png", drawn.image, dpi=200)
+    phase = design_probe(printer, size_mm=phase_size_mm(printer), marks=PHASE_MARKS)
+    write_probe(here / "phase.gcode", phase)
+    moved = Twin.of(fault, printer).follow(phase.waypoints_mm)[phase.rows]
+    seen = render_scan(moved, phase, dpi=200, degradations=CLEAN, rng=np.random.default_rng(3))
+    write_image(here / "phase.png", seen.image, dpi=200)
     write_trace(here / "trace2.csv", measure_scans([here / "scan-turned.png"], plan).trace)
     write_trace(here / "tower.csv", measured(SCREW, tower(), frame=fault.frame))
     (here / "broken.toml").write_text(corruption_toml(fault))
