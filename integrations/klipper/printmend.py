@@ -6,6 +6,8 @@ model: ~/printer_data/config/printer.mend.json
 #segment: 1.0         longest piece of a corrected move [mm]
 #if_foreign: hold     (or print) a file that was mended with another model
 #if_forged: hold      (or print) a file that was changed after it was mended
+#phase_x: 17          the motor's phase at zero when the test print was made: PRINTMEND_PHASE SAVE=1 notes it
+#phase_y: 3
 
 What is wanted goes through the inverse of the frame and of each motor's drive: u ← min(max(u, lower(m)), upper(m)) is
 the belt under a motor at m, so m = lower⁻¹(u) going forwards and upper⁻¹(u) going back. Where a motor turns, a move
@@ -24,6 +26,8 @@ PITCH_MM = 0.05  # of the tables, and at least 24 places a wave
 EXPONENTS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 STILL_MM = 1e-7
 LEFT_MM = 0.02  # what corrected pieces may leave
+DRIVERS = ("tmc2130", "tmc2208", "tmc2209", "tmc2240", "tmc2660", "tmc5160")  # those that tell their phase
+STEPS_A_TURN = 4  # full steps of an electrical turn
 
 
 def load_provenance():
@@ -286,12 +290,19 @@ class Printmend:
             )
         self.name = "{}, model {}".format(document["printer"].get("name"), os.path.basename(path))
         self.active, self.known, self.next = True, False, None
+        self.phases = [config.getint("phase_" + name, None, minval=0) for name in "xy"]
+        self.microsteps = [config.getsection("stepper_" + name).getint("microsteps", note_valid=False) for name in "xy"]
+        self.shift = [0.0, 0.0]
         events = {"klippy:connect": self._connect, "homing:home_rails_end": self._homed,
                   "virtual_sdcard:load_file": self._loaded, "virtual_sdcard:reset_file": self._unloaded}  # fmt: skip
         for event, handler in events.items():
             self.printer.register_event_handler(event, handler)
-        self.printer.lookup_object("gcode").register_command(
+        gcode = self.printer.lookup_object("gcode")
+        gcode.register_command(
             "PRINTMEND", self.cmd_PRINTMEND, desc="Say whether moves are corrected; ENABLE=0|1 switches"
+        )
+        gcode.register_command(
+            "PRINTMEND_PHASE", self.cmd_PRINTMEND_PHASE, desc="Say the motors' phases at zero; SAVE=1 notes them"
         )
 
     def _compare(self, config, printer):
@@ -318,10 +329,47 @@ class Printmend:
     def _homed(self, state, rails):
         self.known = False
 
+    def _zero_phase(self, k):
+        """Return the micro-step of its electrical turn at which motor k is where Klipper counts zero, the micro-steps
+        of that turn and their length; None for the first where no driver tells it."""
+        name = "stepper_" + "xy"[k]
+        steppers = self.printer.lookup_object("toolhead").get_kinematics().get_steppers()
+        stepper = next(each for each in steppers if each.get_name() == name)
+        turn, offset = STEPS_A_TURN * self.microsteps[k], None
+        for kind in DRIVERS:
+            driver = self.printer.lookup_object(f"{kind} {name}", None)
+            if driver is not None:
+                offset, turn = driver.get_phase_offset()
+        step = stepper.get_step_dist()
+        if offset is None:
+            if self.printer.get_start_args().get("debugoutput") is None:
+                return None, turn, step
+            offset = 0  # nothing is driven: the count of steps is the phase
+        zero = stepper.get_mcu_position() - round(stepper.get_commanded_position() / step)
+        return (zero + offset) % turn, turn, step
+
+    def _shifts(self):
+        """Return by how much each motor is further on than where the test print had it at this count.
+
+        It is less than half an electrical turn. The end stops switch elsewhere each time; a place of the rail always
+        has the same phase.
+        """
+        shifts = []
+        for k, kept in enumerate(self.phases):
+            zero, turn, step = (None, 0, 0.0) if kept is None else self._zero_phase(k)
+            off = 0 if zero is None else (zero - kept + turn // 2) % turn - turn // 2
+            shifts.append(off * step)
+        return shifts
+
+    def _commanded(self, motors):
+        """Return the chain's place for motors as the model counts them."""
+        return list(self.machine.places([m - by for m, by in zip(motors, self.shift)]))
+
     def _sync(self):
         """Return the chain's position; where somebody else moved the motors, find the belts again."""
         position = self.next.get_position()
-        motors = self.machine.motors(position)
+        self.shift = self._shifts()
+        motors = [m + by for m, by in zip(self.machine.motors(position), self.shift)]
         for drive, m in zip(self.machine.drives, motors):
             if not self.known:
                 drive.home(m)
@@ -342,8 +390,7 @@ class Printmend:
         start = self.get_position()
         way = math.hypot(to[0] - start[0], to[1] - start[1])
         if way < STILL_MM:
-            place = self.machine.places([drive.m for drive in self.machine.drives])
-            self.next.move(list(place) + to[2:], speed)
+            self.next.move(self._commanded([drive.m for drive in self.machine.drives]) + to[2:], speed)
             return
         count = math.ceil(way / self.segment_mm - 1e-9) if self.machine.curved else 1
         for i in range(1, count + 1):
@@ -358,14 +405,14 @@ class Printmend:
         before = [drive.m for drive in machine.drives]
         if any(abs(a - b) > 1e-4 for a, b in zip(engaged, before)):
             here = self.next.get_position()
-            self.next.move(list(machine.places(engaged)) + here[2:], max(speed, 50.0))
+            self.next.move(self._commanded(engaged) + here[2:], max(speed, 50.0))
             before = engaged
         motors = [drive.aim(u) for drive, u in zip(machine.drives, goals)]
         for drive, m, u in zip(machine.drives, motors, goals):
             drive.m, drive.u = m, u
-        place, last = machine.places(motors), machine.places(before)
+        place, last = self._commanded(motors), self._commanded(before)
         length = math.hypot(place[0] - last[0], place[1] - last[1])
-        self.next.move(list(place) + to[2:], speed * (length / way_mm) if length > STILL_MM else speed)
+        self.next.move(place + to[2:], speed * (length / way_mm) if length > STILL_MM else speed)
 
     def _switch(self, active):
         if active != self.active:
@@ -410,6 +457,19 @@ class Printmend:
         gcmd.respond_info(
             "printmend: moves are {} ({})".format("corrected" if self.active else "left alone", self.name)
         )
+
+    def cmd_PRINTMEND_PHASE(self, gcmd):
+        said = []
+        for k, name in enumerate("xy"):
+            zero, turn, _ = self._zero_phase(k)
+            if zero is None:
+                raise gcmd.error(f"printmend: no driver tells the phase of stepper_{name}: it takes a Trinamic one")
+            said.append(f"{name} {zero}/{turn}")
+            if gcmd.get_int("SAVE", 0):
+                self.phases[k] = zero
+                self.printer.lookup_object("configfile").set("printmend", "phase_" + name, zero)
+        kept = "; kept, SAVE_CONFIG writes them" if gcmd.get_int("SAVE", 0) else ""
+        gcmd.respond_info("printmend: phases at zero are {}{}".format(", ".join(said), kept))
 
     def get_status(self, eventtime=None):
         return {"active": self.active, "model": self.name}

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ from parts import part
 
 from klippy_judge import judge_both
 from klippy_run import RefusedByPlanner, plan
-from printmend.corruption import corruption_toml, sample
+from printmend.corruption import Corruption, Drive, corruption_toml, sample
+from printmend.corruption.shaft import Ripple
 from printmend.printer import read_printer
 from printmend.repair import mend_gcode
 from printmend.saved.model import exact_model, read_model, write_model
@@ -48,6 +50,46 @@ def test_the_plastic_lands_where_it_should(family: str, printer, segment_mm: flo
     assert after.max_mm < 0.05
     assert before.rms_mm > 4 * after.rms_mm
     assert after.samples == pytest.approx(before.samples, rel=1e-3)
+
+
+RIPPLES = [(0.0, 0.0), (0.1, 0.2), (0.3, 0.05)]
+
+
+@pytest.mark.parametrize("shift_mm", RIPPLES)
+def test_a_ripple_stays_locked_where_the_end_stops_scatter(shift_mm: tuple[float, float], tmp_path: Path) -> None:
+    """Homing takes the place of the end stop for another one: the motors' phase tells by how much."""
+    ripple = Ripple((0.15,), (10.0,), (1.0,))  # 0.03 mm a belt tooth
+    corruption = Corruption((Drive(ripple), Drive(replace(ripple, phase_rad=(2.5,)))))
+    model = tmp_path / "printer.mend.json"
+    write_model(model, exact_model(corruption.lower(ENDER3)))
+    x, y = (replace(axis, home_mm=by) for axis, by in zip((ENDER3.x, ENDER3.y), shift_mm, strict=True))
+    missed = replace(ENDER3, x=x, y=y)  # where the firmware thinks that the carriage is at home
+    text, true = part(1), TruePrinter.of(corruption_toml(corruption), ENDER3)
+    original = plan(text, ENDER3, tmp_path / "a")
+    left = {}
+    for name, phases in (("locked", "phase_x: 0\nphase_y: 0\n"), ("plain", "")):
+        extras = f"[printmend]\nmodel: {model}\nsegment: 0.25\n{phases}"
+        live = plan(text, missed, tmp_path / name, around=original, extras=extras)
+        steps = dict(live.steps)
+        moves = live.moves.copy()
+        for column, (motor, by) in enumerate(zip("xy", shift_mm, strict=True)):
+            steps[motor] = (steps[motor][0], steps[motor][1] - by)
+            moves[:, [7 + column, 11 + column]] -= by
+        _, after, complaints = judge_both(original, replace(live, steps=steps, moves=moves), ENDER3, true, text, text)
+        assert not complaints
+        left[name] = after.rms_mm
+    assert left["locked"] < 0.01
+    assert any(shift_mm) == (left["plain"] > 1.5 * left["locked"])
+
+
+def test_the_phases_are_said_and_kept(tmp_path: Path) -> None:
+    model = tmp_path / "printer.mend.json"
+    write_model(model, exact_model(sample("play", np.random.default_rng(1), "realistic").lower(ENDER3)))
+    extras = f"[printmend]\nmodel: {model}\n"
+    x = replace(ENDER3.x, home_mm=0.1)
+    plan(b"PRINTMEND_PHASE SAVE=1\nG1 X10 F600\n", replace(ENDER3, x=x), tmp_path, extras=extras)
+    log = (tmp_path / "log").read_text(errors="replace")
+    assert "phases at zero are x 56/64, y 0/64; kept" in log
 
 
 def test_what_it_cannot_hold_is_refused_in_words(tmp_path: Path) -> None:
