@@ -4,7 +4,7 @@ The old machine's mean is kept; what of the print and of its measurement is alwa
 All pairs of shifts are weighed at once: their errors are sums of products of the two motors' columns.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from printmend.effects import Scene, places_of
 from printmend.effects.homing import shifted, waves_of
 from printmend.infer.fit import _measured_mm, rows_of
 from printmend.infer.gram import dictionary_of, seen
-from printmend.infer.known import rebased
+from printmend.infer.known import Key, key_of, rebased
 from printmend.infer.machine import machine_of
 from printmend.infer.posterior import Part
 from printmend.machine import Mechanism
@@ -24,6 +24,8 @@ COARSE_MM, FINE_MM, ROUND_MM = 0.1, 0.01, 0.3  # of the shifts that are tried: o
 PASSES = 2  # of contacts, then shifts
 ALIKE_NATS = 2.0  # of shifts that fit alike to this the smallest is taken: an oval looks the same after half a turn
 FREE = ("place", "play")
+LIKELY = 0.5  # chance of an idler that is looked for
+LOOSE = ("idler",)  # effects whose waves no motor turns: after work on the belt they stand anywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,33 +42,56 @@ class Phase:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """What the rows of a print see, in standard deviations of their noise: the ``error`` [M] that the parts without
-    waves leave, the waves of each motor as (part, columns [M, P]), and what is ``free`` as columns [M, K] of unit
-    prior."""
+    """What the rows of a print see, in standard deviations of their noise.
+
+    ``error`` [M] is what the parts without waves leave. ``waves`` are the parts that turn with a motor, ``idlers``
+    those that do not, each with its columns [M, P]. ``free`` [M, K] are columns of unit prior.
+    """
 
     error: np.ndarray
-    waves: tuple[list[tuple[Part, np.ndarray]], list[tuple[Part, np.ndarray]]]
+    waves: list[tuple[Part, np.ndarray]]
+    idlers: list[tuple[Part, np.ndarray]]
     free: np.ndarray
     scene: Scene
 
     def scores(self, grids: Sequence[np.ndarray]) -> np.ndarray:
-        """Return the log likelihood of all pairs of shifts [G, H]."""
-        made = [self._made(motor, grid) for motor, grid in enumerate(grids)]
-        one, other = self.error[:, None] - made[0], made[1]
-        root = np.linalg.cholesky(np.eye(self.free.shape[1]) + self.free.T @ self.free)
-        free_one, free_other = (np.linalg.solve(root, self.free.T @ each) for each in (one, other))
+        """Return the log likelihood of all pairs of shifts [G, H] of the motors, whatever the idlers do."""
+        one, other = (self._made(motor, grid) for motor, grid in enumerate(grids))
+        return self._likely(self.error[:, None] - one, other, self.idlers)
+
+    def _likely(self, one: np.ndarray, other: np.ndarray, idlers: Sequence[tuple[Part, np.ndarray]]) -> np.ndarray:
+        """Return the log likelihood [G, H] of what remains of errors [M, G] less [M, H]."""
+        sizes = [np.sqrt(np.mean(part.draws_mm**2)) for part, _ in idlers]
+        free = np.hstack([self.free, *(columns * size for (_, columns), size in zip(idlers, sizes, strict=True))])
+        root = np.linalg.cholesky(np.eye(free.shape[1]) + free.T @ free)
+        free_one, free_other = (np.linalg.solve(root, free.T @ each) for each in (one, other))
         square = np.sum(one**2, axis=0) - np.sum(free_one**2, axis=0)
         beside = np.sum(other**2, axis=0) - np.sum(free_other**2, axis=0)
-        return -0.5 * (square[:, None] + beside - 2 * (one.T @ other - free_one.T @ free_other))
+        return np.asarray(-0.5 * (square[:, None] + beside - 2 * (one.T @ other - free_one.T @ free_other)))
 
     def _made(self, motor: int, grid: np.ndarray) -> np.ndarray:
         """Return what the waves of a motor do to the rows at each of its shifts [M, G]."""
-        made = np.zeros((len(self.error), len(grid)))
-        for part, columns in self.waves[motor]:
-            waves_mm = waves_of(part.effect, motor, part.shape, self.scene)
-            assert waves_mm is not None
-            made += columns @ shifted(np.repeat(part.mean_mm[:, None], len(grid), axis=1), waves_mm, grid)
-        return made
+        own = [_seen_at(part, columns, grid, self.scene) for part, columns in self.waves if part.where == motor]
+        return np.sum(own, axis=0) if own else np.zeros((len(self.error), len(grid)))
+
+    def idler_shifts_mm(self, by_mm: np.ndarray) -> dict[Key, float]:
+        """Return the shift of each idler, one after the other, beside those of the motors [2]."""
+        left = self.error - sum(self._made(motor, by_mm[[motor]])[:, 0] for motor in range(2))
+        found: dict[Key, float] = {}
+        for at, (part, columns) in enumerate(self.idlers):
+            grid = _turn(part.shape[0])
+            made = _seen_at(part, columns, grid, self.scene)
+            scores = self._likely(left[:, None], made, self.idlers[at + 1 :])[0]
+            best = int(np.argmax(scores))
+            found[key_of(part)], left = float(grid[best]), left - made[:, best]
+        return found
+
+
+def _seen_at(part: Part, columns: np.ndarray, grid: np.ndarray, scene: Scene) -> np.ndarray:
+    """Return what a part does to rows [M, G] whose columns [M, P] are given, at each of its shifts [G]."""
+    waves_mm = waves_of(part.effect, part.where, part.shape, scene)
+    assert waves_mm is not None
+    return np.asarray(columns @ shifted(np.repeat(part.mean_mm[:, None], len(grid), axis=1), waves_mm, grid))
 
 
 def found_phase(parts: Sequence[Part], mechanism: Mechanism, trace: Trace, scene: Scene, sigma_mm: float) -> Phase:
@@ -76,7 +101,7 @@ def found_phase(parts: Sequence[Part], mechanism: Mechanism, trace: Trace, scene
     around = np.arange(-ROUND_MM, ROUND_MM + FINE_MM / 2, FINE_MM)
     for number in range(PASSES):
         rows = _rows(old, mechanism, trace, scene, sigma_mm, is_first=number == 0)
-        turning = [bool(each) for each in rows.waves]
+        turning = [any(part.where == motor for part, _ in rows.waves) for motor in range(2)]
         turns = [_turn(scene.turns_mm[motor]) if turning[motor] else np.zeros(1) for motor in range(2)]
         found = _smallest(rows.scores(turns), turns)
         grids = [at + around if is_there else np.zeros(1) for at, is_there in zip(found, turning, strict=True)]
@@ -86,7 +111,8 @@ def found_phase(parts: Sequence[Part], mechanism: Mechanism, trace: Trace, scene
             share = likely.sum(axis=1 - motor) / likely.sum()
             by_mm[motor] = share @ grids[motor]
             sd_mm[motor] = np.sqrt(share @ (grids[motor] - by_mm[motor]) ** 2) if turning[motor] else np.nan
-        now = tuple(_moved(part, float(by_mm[part.where]), scene) if part.where < 2 else part for part in old)
+        own = rows.idler_shifts_mm(by_mm)
+        now = tuple(_moved(part, _shift_of(part, own, by_mm), scene) if part.where < 2 else part for part in old)
         mechanism, _ = machine_of(scene, [part.acting() for part in now if part.acts_mm.any()])
     return Phase(by_mm, sd_mm, now, mechanism)
 
@@ -106,14 +132,30 @@ def _rows(
         if block.log_odds[0] > 0 or block.effect in FREE
     ]
     error = rows.error_mm * scale
-    waves: tuple[list[tuple[Part, np.ndarray]], list[tuple[Part, np.ndarray]]] = ([], [])
+    waves: list[tuple[Part, np.ndarray]] = []
     for part in parts:
         told = seen(part.effect, part.where, part.shape, places, rows, scene) * scale[:, None]
         if waves_of(part.effect, part.where, part.shape, scene) is None:
             error = error - told @ part.mean_mm
         elif part.mean_mm.any():
-            waves[part.where].append((part, told))
-    return _Rows(error, waves, np.hstack([np.zeros((len(error), 0)), *free]), scene)
+            waves.append((part, told))
+    # machines that have another period near a likely one go with that one
+    idlers = [(_surely(part), told) for part, told in waves if part.effect in LOOSE and part.chance >= LIKELY]
+    turning = [one for one in waves if one[0].effect not in LOOSE]
+    return _Rows(error, turning, idlers, np.hstack([np.zeros((len(error), 0)), *free]), scene)
+
+
+def _surely(part: Part) -> Part:
+    """Return a part as the drawn machines have it that have it."""
+    return replace(part, draws_mm=part.draws_mm[:, part.draws_mm.any(axis=0)])
+
+
+def _shift_of(part: Part, idlers: Mapping[Key, float], by_mm: np.ndarray) -> float:
+    """Return the shift of a part: that of its motor, or of the idler that is most like it."""
+    like = [key for key in idlers if (part.effect, part.where) == key[:2]]
+    if not like:
+        return float(by_mm[part.where])
+    return idlers[min(like, key=lambda key: abs(key[2][0] - part.shape[0]))]
 
 
 def _turn(turn_mm: float) -> np.ndarray:

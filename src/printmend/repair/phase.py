@@ -88,7 +88,8 @@ def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> U
         updated = _updated(
             old, moved, replace(found, homed_mm=()), ordered.trace, (*passed_over(once, copies), *ordered.found), digest
         )
-    changes = (*_shifts(old, phase), *updated.changes)
+    # so small a print tells where an idler stands, and hardly how large its wave is
+    changes = (*_shifts(old, phase), *(one for one in updated.changes if not one.kind.startswith("period")))
     screw = screw_of(old)
     model = updated.model
     if screw is not None:
