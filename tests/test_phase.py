@@ -100,7 +100,7 @@ def test_the_commands_of_an_owner_after_the_work(models: dict[str, SavedModel], 
     model, printer = tmp_path / "printer.mend.json", models["ender3"].printer
     write_model(model, models["ender3"])
     assert "x: worked on, to be measured again" in run("history", model, "--refitted", "x")
-    assert "61 dots" in run("probe", "--printer", "ender3", "--phase", "-o", tmp_path / "phase.gcode")
+    assert "81 dots" in run("probe", "--printer", "ender3", "--phase", "-o", tmp_path / "phase.gcode")
     run("probe", "--printer", "ender3", "--phase", "--size", "60", "-o", tmp_path / "other.gcode", code=2)
     write_trace(tmp_path / "trace.csv", measured(homed_again(machine(printer), np.array([8.0, 0.0])), 5))
     assert "X stands +" in run("learn", tmp_path / "trace.csv", "--phase", model)

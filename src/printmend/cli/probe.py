@@ -45,7 +45,7 @@ class Glass(click.ParamType):
               show_default=True, help="How the marks are chosen, see above.")  # fmt: skip
 @click.option("--after", type=click.Path(path_type=Path), metavar="TRACE.csv", help="A first print's measurement, "
               "which optimal and active complete.")  # fmt: skip
-@click.option("--phase", is_flag=True, help="A print of a minute for a known printer whose belts were worked on: "
+@click.option("--phase", is_flag=True, help="A print of two minutes for a known printer whose belts were worked on: "
               "for `learn --phase`.")  # fmt: skip
 @click.option("--marks", type=click.IntRange(16, 1000), default=600, show_default=True, help="At most.")
 @click.option(

@@ -23,7 +23,7 @@ from printmend.probe.tiles import chosen_plans
 from printmend.probe.walk import walk
 
 DESIGNS = ("fixed", "layer", "optimal", "active")
-PHASE_MARKS, PHASE_TURNS = 60, 1.2  # of the print that finds where a known printer's motors stand
+PHASE_MARKS, PHASE_TURNS = 80, 1.6  # of the print that finds where a known printer's motors stand
 TARGETS = 2000  # places of the bed for which a print is chosen
 
 
