@@ -12,7 +12,8 @@ With --bead two more, each from a run with pressure advance (klippy_bead.py): ho
 a sound printer and of the mended file on the broken one; * is more than 1.1 times as uneven.
 
 Of several families the files take one after the other. With --results each line is kept: begun again, it goes on.
-With --moves a larger file ends after so many extruding moves.
+With --moves a larger file ends after so many extruding moves. With --crossing motors that cross their slack speed up
+by so many mm/s².
 """
 
 import argparse
@@ -20,17 +21,18 @@ import json
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from bench_corpus import around
 from klippy_bead import ADVANCED, bead_deviation
 from klippy_cases import arguments, cases, drawn, text_of
 from klippy_judge import Judged, Track, deposits, judge_both, wanted_path
-from klippy_run import RefusedByPlanner, plan
+from klippy_run import FAST, RefusedByPlanner, plan
 from printmend.corruption import Corruption, corruption_toml
 from printmend.errors import PrintmendError
 from printmend.gcode.read import read_gcode
-from printmend.printer import Printer, read_printer
+from printmend.printer import MotionLimits, Printer, read_printer
 from printmend.saved import exact_model, write_model
 from true_printer import TruePrinter
 
@@ -62,10 +64,11 @@ def beads(text: bytes, mended: bytes, printer: Printer, corruption: Corruption, 
     return sound, bead_deviation(corrected, Track(corrected, printer, true), wanted)
 
 
-def mend(source: Path, model: Path, output: Path) -> dict:
+def mend(source: Path, model: Path, output: Path, *more: str) -> dict:
     """Mend by the command line; return its report."""
     report = output.with_suffix(".report.json")
     command = [PRINTMEND, "mend", source, "-m", model, "-o", output, "--report", report, "--overwrite", "--force"]
+    command += more
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)  # noqa: S603 — our own program
     if done.returncode != 0:
         raise Refused(done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"ended with {done.returncode}")
@@ -80,10 +83,11 @@ def row(source: Path, family: str, options: argparse.Namespace, folder: Path) ->
     printer = read_printer(options.preset)
     text = text_of(source, printer, options)
     plain.write_bytes(text)
-    printer = around(printer, read_gcode(plain, printer=printer).moves)
+    printer = replace(around(printer, read_gcode(plain, printer=printer).moves), limits=MotionLimits(*FAST))
     corruption = drawn(family, options)
     write_model(model, exact_model(corruption.lower(printer)))  # type: ignore[arg-type] — gain tables are no family here
-    report = mend(plain, model, output)
+    more = () if options.crossing is None else ("--crossing", str(options.crossing), "--firmware", "klipper")
+    report = mend(plain, model, output, *more)
     # What `mend` says of a file that leaves M83 to a macro of its printer's, this printer has to be told.
     top = b"M83\n" if any("put M83 at its top" in said for said in report["warnings"]) else b""
     before, after, complaints = both(top + text, top + output.read_bytes(), printer, corruption, folder / "run")
@@ -106,6 +110,7 @@ def row(source: Path, family: str, options: argparse.Namespace, folder: Path) ->
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--results", type=Path, metavar="FILE.jsonl")
+    parser.add_argument("--crossing", type=float, metavar="MM_S2")
     parser.add_argument("--bead", action="store_true", help="judge the bead, too")
     options = parser.parse_args()
     known = {}
@@ -116,7 +121,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         for source, family in cases(options):
             key = " ".join(map(str, (source, family, options.severity, options.seed, options.moves, options.preset)))
-            key += " bead" if options.bead else ""
+            key += (" bead" if options.bead else "") + (f" {options.crossing:g}" if options.crossing else "")
             if key not in known:
                 try:
                     known[key] = row(source, family, options, Path(name))

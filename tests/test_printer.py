@@ -50,6 +50,10 @@ def test_own_file_reads_like_a_preset(tmp_path: Path) -> None:
         ('kinematics = "cartesian"', 'kinematics = "delta"', "kinematics"),
         ("[y]", "[q]", "q"),
         ("[x]", "[x", "TOML"),
+        ("[x]", "[limits]\naccel_mm_s2 = 0\n[x]", "accel_mm_s2"),
+        ("[x]", "[limits]\nspeed_mm_s = true\n[x]", "speed_mm_s"),
+        ("[x]", "[limits]\njerk = 8\n[x]", "jerk"),
+        ("[x]", "limits = 3\n[x]", "limits"),
     ],
 )
 def test_a_wrong_key_is_named(tmp_path: Path, old: str, new: str, named: str) -> None:

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from printmend.cli.printer import command
 from printmend.errors import ConfigError
-from printmend.printer import preset_names, read_printer
+from printmend.printer import MotionLimits, preset_names, read_printer
 from printmend.printer.convert import convert, printer_text
 from printmend.printer.toml import parse_printer
 
@@ -34,6 +34,8 @@ endstop_pin: probe:z_virtual_endstop
 position_max: 300
 [printer]
 kinematics: cartesian
+max_velocity: 250
+max_accel: 4000
 [gcode_macro M600]
 gcode:
     {% if params.X|default(1) %}
@@ -85,6 +87,8 @@ def test_klippers_file_gives_motors_end_stops_and_travel(tmp_path: Path) -> None
     assert (printer.x.mm_per_turn, printer.x.microsteps, printer.x.home_side, printer.x.home_mm) == (40, 32, "max", 250)
     assert (printer.y.mm_per_turn, printer.y.min_mm, printer.y.home_side, printer.y.home_mm) == (40, -5, "min", -5)
     assert (printer.z.mm_per_turn, printer.z.home_mm) == (pytest.approx(8.0), 0.0)
+    assert printer.limits == MotionLimits(250.0, 4000.0, None)
+    assert parse_printer(printer_text(printer), subject="again").limits == printer.limits
 
 
 def test_a_slicers_profile_gives_bed_start_and_extruder_to_known_motors(tmp_path: Path) -> None:
@@ -109,6 +113,7 @@ def test_a_slicers_profile_gives_bed_start_and_extruder_to_known_motors(tmp_path
         (PRUSA.replace("235x230,", ""), "rectangular bed"),
         (PRUSA.replace("= 240", "= high"), "max_print_height"),
         (PRUSA.replace("235x0", "235xnan"), "rectangular bed"),
+        (KLIPPER.replace("4000", "fast"), "max_accel"),
         ("{" + PRUSA, "broken JSON"),
         ('{"name": "x", "inherits": "fdm_common"}', "stands in 'fdm_common'"),
         ("hello", "profile .* got neither"),

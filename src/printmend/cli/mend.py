@@ -35,6 +35,8 @@ if TYPE_CHECKING:
               help="What reads the file: how many moves a second it takes. Default: as the file says.")  # fmt: skip
 @click.option("--slower", type=Percent(0, 1000), metavar="5%",
               help="How much longer it may take: infill is drawn less closely first, outer walls last.")  # fmt: skip
+@click.option("--crossing", "crossing_mm_s2", type=Finite(10, 1e6), metavar="MM_S2",
+              help="How fast a motor may speed up while it crosses its slack: it drives nothing then.")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Files at a time.")
 @click.option("--json", "as_json", is_flag=True, help="A line of JSON for each file.")
 @click.option("--quiet", is_flag=True, help="Say only what went wrong.")
@@ -42,7 +44,7 @@ if TYPE_CHECKING:
 def command(
     ctx: click.Context, sources: tuple[Path, ...], model_path: Path, output: Path | None, in_place: bool,
     overwrite: bool, report: Path | None, force: bool, tolerance_mm: float, firmware: str | None, slower: float | None,
-    jobs: int, as_json: bool, quiet: bool,
+    crossing_mm_s2: float | None, jobs: int, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Rewrite G-code so that this printer prints it right, and predict the error before and after.
 
@@ -59,7 +61,7 @@ def command(
     from printmend.invert.fineness import Fineness
     from printmend.saved import read_model
 
-    fineness = Fineness(tolerance_mm, firmware, slower)
+    fineness = Fineness(tolerance_mm, firmware, slower, crossing_mm_s2)
     if len(sources) > 1 or sources[0].is_dir() or as_json:
         if str(output) == "-" or any(str(source) == "-" for source in sources) or report is not None:
             raise click.UsageError("standard input or output and --report go with one file, without --json")

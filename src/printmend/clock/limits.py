@@ -2,19 +2,22 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from printmend.clock.kernels import layout as k
 from printmend.gcode.machine import Flavour
 from printmend.jit import record
+from printmend.printer import MotionLimits
 
 Axes = tuple[float, float, float, float]
 _CORNER = {
     "klipper": k.KLIPPER, "marlin": k.JERK, "marlin, by junction deviation": k.DEVIATION, "rrf": k.RRF,
 }  # fmt: skip
 _BLOCKS = {"klipper": k.QUEUE, "marlin": 16, "marlin, by junction deviation": 16, "rrf": 40}
+UNSAID = MotionLimits()
+SLICER = "the slicer's settings"
 FIRMWARES = tuple(_CORNER)
 """Names of the planners that are known."""
 _OF_FLAVOUR = {Flavour.KLIPPER: "klipper", Flavour.RRF: "rrf"}
@@ -51,6 +54,11 @@ class Limits:
         name = self.firmware if self.firmware == "rrf" else self.firmware.capitalize()
         return f"{'RepRapFirmware' if name == 'rrf' else name} plans it, within limits from {self.said}"
 
+    @property
+    def most_mm_s2(self) -> float:
+        """The acceleration [mm/s²] that the slicer's settings allow X and Y, 0 where no firmware holds itself to it."""
+        return min(self.accel_mm_s2[:2]) if self.said == SLICER and self.firmware != "klipper" else 0.0
+
     def lower(self) -> np.record:
         """Return them as the kernels read them."""
         limits = record(k.LIMITS)
@@ -79,11 +87,14 @@ _SETTING = re.compile(
 _IGNORED = re.compile(rb"^;?\s*\"?machine_limits_usage\"?\s*[:=]\s*\"?ignore", re.MULTILINE)
 
 
-def limits_of(flavour: Flavour, hints: tuple[bytes, ...], firmware: str | None = None) -> Limits:
+def limits_of(
+    flavour: Flavour, hints: tuple[bytes, ...], firmware: str | None = None, owner: MotionLimits = UNSAID
+) -> Limits:
     """Return the limits with which a file begins: what its slicer wrote of the machine (`Part.hints`), else the
     firmware's own. M201, M203, M204, M205, M566 and SET_VELOCITY_LIMIT change them on the way.
 
-    ``firmware`` is what reads the file where that is known better (`--firmware`).
+    ``firmware`` is what reads the file where that is known better (`--firmware`), ``owner`` what the printer's file
+    says of it.
     """
     name = _OF_FLAVOUR.get(flavour, "marlin") if firmware is None else _OF_NAME.get(firmware, "marlin")
     plain = klipper(300.0, 3000.0, 25.0, 300.0) if name == "klipper" else Limits(name)
@@ -93,7 +104,23 @@ def limits_of(flavour: Flavour, hints: tuple[bytes, ...], firmware: str | None =
             for kind, axis, value in _SETTING.findall(text):
                 found.setdefault(f"{kind.decode()} {axis.decode()}", float(value))
     found = {key: value for key, value in found.items() if value > 0.0}
-    return plain if not found else _settled(plain, found)
+    return _owned(plain if not found else _settled(plain, found), owner)
+
+
+def _owned(limits: Limits, owner: MotionLimits) -> Limits:
+    """Return the limits with what the printer's file says of them."""
+    if owner.speed_mm_s is not None:
+        speed = owner.speed_mm_s
+        limits = replace(limits, velocity_mm_s=speed, speed_mm_s=(speed, speed, *limits.speed_mm_s[2:]))
+    if owner.accel_mm_s2 is not None:
+        accel = owner.accel_mm_s2
+        most = max(accel, owner.crossing_mm_s2 or 0.0)
+        limits = replace(
+            limits, print_mm_s2=accel, travel_mm_s2=accel, accel_mm_s2=(most, most, *limits.accel_mm_s2[2:])
+        )
+    if owner.speed_mm_s is None and owner.accel_mm_s2 is None:
+        return limits
+    return replace(limits, said="the printer's file")
 
 
 def _settled(plain: Limits, found: Mapping[str, float]) -> Limits:
@@ -112,5 +139,5 @@ def _settled(plain: Limits, found: Mapping[str, float]) -> Limits:
         name, speed, accel, print_mm_s2, found.get("acceleration travel", print_mm_s2),
         found.get("acceleration retracting", plain.retract_mm_s2), axes("jerk", plain.jump_mm_s),
         found.get("junction_deviation ", plain.deviation_mm), min(speed[:2]), plain.corner_mm_s, plain.cruise_ratio,
-        said="the slicer's settings",
+        said=SLICER,
     )  # fmt: skip

@@ -36,9 +36,10 @@ class Flavour(enum.IntEnum):
 class MachineState:
     """``numbers`` and ``counts`` are records of NUMBERS and COUNTS of `kernels`.
 
-    The kernel advances both in place; `copy` before a trial run. ``unsure_moves`` counts the printing moves whose E
-    firmwares read differently, where neither the file nor its numbers tell which of them it is for. ``odd_axis`` is the
-    letter of an axis that moves along in a file without E: it may be the extruder.
+    The kernel advances both in place; `copy` before a trial run, `expect_accel` before the first line.
+    ``unsure_moves`` counts the printing moves whose E firmwares read differently, where neither the file nor its
+    numbers tell which of them it is for. ``odd_axis`` is the letter of an axis that moves along in a file without E: it
+    may be the extruder.
     """
 
     numbers: np.record
@@ -48,6 +49,11 @@ class MachineState:
 
     def copy(self) -> "MachineState":
         return MachineState(self.numbers.copy(), self.counts.copy(), self.unsure_moves, self.odd_axis)
+
+    def expect_accel(self, accel_mm_s2: float, *, is_klipper: bool) -> None:
+        """Take it that printing moves have an acceleration wherever the file does not say another."""
+        self.numbers.accel = accel_mm_s2
+        self.counts.tell = k.TELL_S if is_klipper else k.TELL_P
 
     @property
     def flavour(self) -> Flavour:

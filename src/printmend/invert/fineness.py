@@ -35,11 +35,13 @@ class Fineness:
     ``tolerance_mm``: half of it where a chord bulges, all where that is short or slack is crossed. ``firmware`` is a
     key of `SEGMENTS_PER_S`, or None: guessed from each file. ``slower`` is by which share the print may take longer at
     the most, None without a limit; ``ease`` how much coarser lines are drawn for that, by their `SPARE`.
+    ``crossing_mm_s2`` is how fast a motor may speed up while it crosses its slack; None: as the printer's file says.
     """
 
     tolerance_mm: float = TOLERANCE_MM
     firmware: str | None = None
     slower: float | None = None
+    crossing_mm_s2: float | None = None
     ease: float = 0.0
 
     @property

@@ -158,12 +158,17 @@ class Planner:
         """The lower and the upper corner of the bed [2, 2]."""
         return self.model.head.bed.reshape(2, 2).T
 
-    def begin(self, segments_per_s: float = np.inf, tolerances_mm: Mapping[int, float] = MappingProxyType({})) -> None:
+    def begin(
+        self, segments_per_s: float = np.inf, tolerances_mm: Mapping[int, float] = MappingProxyType({}),
+        crossing_mm_s2: float = 0.0,
+    ) -> None:  # fmt: skip
         """Begin a program: nothing is known of where the machine is. What was added up so far is kept.
 
         ``segments_per_s`` is how many moves a second its firmware takes: no line is cut finer than that.
-        ``tolerances_mm`` holds how far lines of a role may be off where that is more than elsewhere.
+        ``tolerances_mm`` holds how far lines of a role may be off where that is more than elsewhere. A motor that
+        crosses its slack may speed up by ``crossing_mm_s2`` where that is more than the file's own acceleration.
         """
+        self.model.head.crossing = crossing_mm_s2
         self.model.head.period = 1.0 / (60.0 * segments_per_s)
         self.model.head.chords[:] = self.model.head.chords[look.TRAVEL]
         for role, tolerance_mm in tolerances_mm.items():

@@ -1,5 +1,6 @@
 """A printer of one's own from the files that its owner has: Klipper's printer.cfg, a slicer's printer profile."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import tomli_w
@@ -57,4 +58,6 @@ def printer_text(printer: Printer) -> str:
         head["pause_gcode"] = printer.pause_gcode
     keys = ("min_mm", "max_mm", "steps_per_turn", "mm_per_turn", "microsteps", "home_mm", "home_side")
     axes = {axis.name: {key: getattr(axis, key) for key in keys} for axis in printer.axes}
-    return tomli_w.dumps({**head, **axes, **homing_section(printer.homing)}, multiline_strings=True)
+    limits = {key: value for key, value in asdict(printer.limits).items() if value is not None}
+    sections = {**homing_section(printer.homing), **({"limits": limits} if limits else {})}
+    return tomli_w.dumps({**head, **axes, **sections}, multiline_strings=True)

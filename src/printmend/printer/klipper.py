@@ -5,7 +5,7 @@ from configparser import SectionProxy
 
 from printmend.errors import ConfigError
 from printmend.printer.homing import Homing, Switch
-from printmend.printer.printer import KLIPPER_PAUSE, Axis, Printer
+from printmend.printer.printer import KLIPPER_PAUSE, Axis, MotionLimits, Printer
 
 # What Klipper takes where a key is absent (its Config Reference).
 _FULL_STEPS, _MICROSTEPS = 200, 16
@@ -41,7 +41,18 @@ def parse_klipper(text: str, *, name: str, subject: str) -> Printer:
         z,
         pause_gcode=KLIPPER_PAUSE,
         homing=Homing(_switch(config)),
+        limits=_limits(config, subject),
     )
+
+
+def _limits(config: configparser.RawConfigParser, subject: str) -> MotionLimits:
+    """Return the head's largest speed and acceleration, None where they are not said."""
+    try:
+        speed, accel = (config.getfloat("printer", key, fallback=None) for key in ("max_velocity", "max_accel"))
+    except ValueError as error:
+        wanted = "numbers for max_velocity and max_accel in [printer]"
+        raise ConfigError(subject, wanted=wanted, came=str(error), todo=_TODO) from None
+    return MotionLimits(speed, accel)
 
 
 def _axis(config: configparser.RawConfigParser, name: str, subject: str) -> Axis:

@@ -52,13 +52,26 @@ class Axis:
 
 
 @dataclass(frozen=True)
+class MotionLimits:
+    """What the owner's firmware may do at most, None where nobody said it.
+
+    ``speed_mm_s`` and ``accel_mm_s2`` hold for the head unless a file sets others. ``crossing_mm_s2`` is how fast a
+    motor may speed up while it crosses its slack: then it drives nothing but itself.
+    """
+
+    speed_mm_s: float | None = None
+    accel_mm_s2: float | None = None
+    crossing_mm_s2: float | None = None
+
+
+@dataclass(frozen=True)
 class Printer:
     """A machine: three axes, the way its motors move them, and what a test print of our own must know to start.
 
     ``extruder`` says where the filament's motor sits: a Bowden tube needs a longer retraction. ``start_gcode`` are the
     owner's lines that heat, home and level; without any a test print uses plain ones. ``pause_gcode`` is the command
-    that waits for the owner. ``homing`` says how X and Y find home. None of these belongs to the mechanics: machines
-    that differ only there are equal.
+    that waits for the owner. ``homing`` says how X and Y find home, ``limits`` are the firmware's. None of these
+    belongs to the mechanics: machines that differ only there are equal.
     """
 
     name: str
@@ -70,6 +83,7 @@ class Printer:
     start_gcode: str = field(default="", compare=False)
     pause_gcode: str = field(default=PAUSE, compare=False)
     homing: Homing = field(default=Homing(), compare=False)
+    limits: MotionLimits = field(default=MotionLimits(), compare=False)
 
     @property
     def axes(self) -> tuple[Axis, Axis, Axis]:

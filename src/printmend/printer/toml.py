@@ -11,13 +11,14 @@ from printmend.errors import ConfigError, InputError
 from printmend.files import read_text
 from printmend.printer.homing import SWITCHES, Homing
 from printmend.printer.klipper import is_klipper
-from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, Axis, Printer
+from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, Axis, MotionLimits, Printer
 from printmend.printer.slicer import is_slicer_profile
 
 _NUMBERS = ("min_mm", "max_mm", "mm_per_turn", "home_mm")
 _COUNTS = ("steps_per_turn", "microsteps")
 _AXIS_KEYS = {*_NUMBERS, *_COUNTS, "home_side"}
-_KEYS = {"name", "kinematics", "x", "y", "z", "extruder", "start_gcode", "pause_gcode", "homing"}
+_KEYS = {"name", "kinematics", "x", "y", "z", "extruder", "start_gcode", "pause_gcode", "homing", "limits"}
+_LIMITS = {"speed_mm_s": (1.0, 1e4), "accel_mm_s2": (10.0, 1e6), "crossing_mm_s2": (10.0, 1e6)}
 _EXTRUDERS = ("bowden", "direct")
 _COMMAND = re.compile(r"[A-Za-z][\x20-\x7e]{0,79}")  # one line, as a firmware reads it
 _MOST_START_GCODE = 20_000  # characters; a start code of a thousand lines is another file
@@ -99,7 +100,8 @@ def parse_printer(text: str, *, subject: str) -> Printer:
             todo="make them equal",
         )
     homing = _homing(table.get("homing", {}), subject)
-    return Printer(name, kinematics, x, y, z, extruder, start_gcode, pause_gcode, homing)
+    limits = _limits(table.get("limits", {}), subject)
+    return Printer(name, kinematics, x, y, z, extruder, start_gcode, pause_gcode, homing, limits)
 
 
 def _homing(table: Any, subject: str) -> Homing:
@@ -120,6 +122,18 @@ def _homing(table: Any, subject: str) -> Homing:
         wanted = f"[homing] scatter_mm from 0 to {_MOST_SCATTER_MM:g}"
         raise ConfigError(subject, wanted=wanted, came=repr(scatter)[:40], todo="give the standard deviation in mm")
     return Homing(switch, float(scatter))
+
+
+def _limits(table: Any, subject: str) -> MotionLimits:
+    if not isinstance(table, dict):
+        raise ConfigError(subject, wanted="a section [limits]", came=repr(table)[:40], todo=_TODO)
+    refuse_unknown(table, set(_LIMITS), subject, "[limits]")
+    for key, value in table.items():
+        low, high = _LIMITS[key]
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            wanted = f"a number from {low:g} to {high:g} for [limits] {key}"
+            raise ConfigError(subject, wanted=wanted, came=repr(value)[:40], todo="give what your firmware is set to")
+    return MotionLimits(**{key: float(value) for key, value in table.items()})
 
 
 def _axis(table: Any, name: str, subject: str) -> Axis:

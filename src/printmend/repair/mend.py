@@ -89,8 +89,8 @@ def mend_gcode(
 
             file.write(handle, texts)
             prediction = _predicted(planner, model, read, marks=1)
-            if slower is not None:
-                prediction = replace(prediction, warnings=(*prediction.warnings, slower))
+            said = (slower, _crossing_words(planner, fineness))
+            prediction = replace(prediction, warnings=(*prediction.warnings, *filter(None, said)))
             _check_worth_writing(file, model, prediction, force=force)
         return Mended(output, prediction)
 
@@ -149,14 +149,23 @@ def _mended_text(
 
     In ``folder`` a text waits in which times are told, until they are known.
     """
-    state, one = begun(part, model, fineness)
+    state, one = begun(part, planner, model, fineness)
     read.append(one)
-    planner.begin(fineness.segments_per_s(state.flavour), fineness.tolerances_mm)
     chunks = marked(counted(part.chunks(), progress), model.digest, guessed_e_rule(part, state))
     places: list[TimePlace] = []
     plan = planner.plan if watch is None else watch(part, planner.plan)
     texts = rewrite(chunks, state, plan, look=one.watch.watch, times=places)
     return with_times(texts, places, one.watch, folder)
+
+
+def _crossing_words(planner: Planner, fineness: Fineness) -> str | None:
+    """Say that crossings keep the file's acceleration although they need not, because nobody knows what it is."""
+    if fineness.crossing_mm_s2 is None or planner.counts.hurried or not planner.counts.takeups:
+        return None
+    return (
+        "no crossing is sped up: neither the file (M204) nor accel_mm_s2 under [limits] in the printer's file says a "
+        "smaller acceleration to go back to"
+    )
 
 
 @contextmanager

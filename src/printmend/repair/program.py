@@ -38,18 +38,22 @@ def plan_file(
     """Plan a file, and return how each of its programs was read."""
     read = []
     for part in file.parts:
-        state, one = begun(part, model, fineness)
-        planner.begin(fineness.segments_per_s(state.flavour), fineness.tolerances_mm)
+        state, one = begun(part, planner, model, fineness)
         follow(counted(part.chunks(), progress), state, planner.plan, look=one.watch.watch)
         one.watch.finish()
         read.append(one)
     return read
 
 
-def begun(part: Part, model: SavedModel, fineness: Fineness) -> tuple[MachineState, Read]:
-    """Return the state before a program's first line, and what is known of the program so far."""
-    state, hints = _beginning(part, model), part.hints()
-    watch = start_stopwatch(limits_of(state.flavour, hints, fineness.firmware))
+def begun(part: Part, planner: Planner, model: SavedModel, fineness: Fineness) -> tuple[MachineState, Read]:
+    """Let the planner begin a program; return the state before its first line, and what is known of it so far."""
+    state, hints, owner = _beginning(part, model), part.hints(), model.printer.limits
+    limits = limits_of(state.flavour, hints, fineness.firmware, owner)
+    if owner.accel_mm_s2 is not None:
+        state.expect_accel(owner.accel_mm_s2, is_klipper=limits.firmware == "klipper")
+    watch = start_stopwatch(limits)
+    crossing_mm_s2 = fineness.crossing_mm_s2 or owner.crossing_mm_s2 or limits.most_mm_s2
+    planner.begin(fineness.segments_per_s(state.flavour), fineness.tolerances_mm, crossing_mm_s2)
     return state, Read(_said_of(hints, state, model.printer), watch)
 
 

@@ -89,8 +89,7 @@ def _planned(file: GcodeFile, model: SavedModel, fineness: Fineness, roles: set[
     planner = start(model.mechanism, tolerance_mm=fineness.tolerance_mm)
     before_s = after_s = 0.0
     for part in file.parts:
-        state, one = begun(part, model, fineness)
-        planner.begin(fineness.segments_per_s(state.flavour), fineness.tolerances_mm)
+        state, one = begun(part, planner, model, fineness)
 
         def look(planned: Planned, watch: Callable[[Planned], None] = one.watch.watch) -> None:
             flags = planned.records["flags"]

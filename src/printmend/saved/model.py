@@ -220,7 +220,9 @@ def screw_of(model: SavedModel) -> ScrewSeries | None:
 def printer_section(printer: Printer) -> dict[str, Any]:
     """Return a printer as the plain table that `parse_printer` reads."""
     axes = {axis.name: {key: value for key, value in asdict(axis).items() if key != "name"} for axis in printer.axes}
-    return {"name": printer.name, "kinematics": printer.kinematics, **axes, **homing_section(printer.homing)}
+    limits = {key: value for key, value in asdict(printer.limits).items() if value is not None}
+    section = {"name": printer.name, "kinematics": printer.kinematics, **axes, **homing_section(printer.homing)}
+    return section | ({"limits": limits} if limits else {})
 
 
 def _text(document: Mapping[str, Any]) -> str:

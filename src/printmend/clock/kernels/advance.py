@@ -29,6 +29,9 @@ from printmend.gcode.kernels.layout import (
     NOTE_TIME,
     PIECE_ARC,
     PIECE_TRAVEL,
+    TELL_MASK,
+    TELL_S,
+    TELL_SHIFT,
 )
 from printmend.jit import entry, inner
 
@@ -268,7 +271,13 @@ def advance(limits, clock, queue, times, records, begin, end, notes, first, piec
             p = pieces[j]
             feed = p.feed if p.feed > 0.0 else r.feed
             advance_mm = 0.0 if p.kind == PIECE_TRAVEL else p.share * r.advance
+            printing, travelling = limits.print_accel, limits.travel_accel
+            if p.accel > 0.0:
+                limits.print_accel = p.accel
+                if (r.flags >> TELL_SHIFT) & TELL_MASK == TELL_S:
+                    limits.travel_accel = p.accel
             _go(limits, clock, queue, times, r, p.kind == PIECE_ARC, p.x, p.y, p.z, p.c0, p.c1, advance_mm, feed)
+            limits.print_accel, limits.travel_accel = printing, travelling
     while n < len(notes) and end == len(records):
         _obey(limits, clock, queue, times, notes[n])
         n += 1

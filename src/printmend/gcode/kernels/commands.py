@@ -33,7 +33,7 @@ def begin_record(r, begin, end, after, numbers, counts, flags):
     r.begin, r.end, r.next, r.line = begin, end, after, counts.line
     r.x0, r.y0, r.z0, r.e0 = numbers.pos[0], numbers.pos[1], numbers.pos[2], numbers.e
     r.c0 = r.c1 = np.nan
-    r.advance = 0.0
+    r.advance, r.accel = 0.0, numbers.accel
     if counts.relative:
         flags |= FLAG_RELATIVE
     if e_is_relative(counts):
@@ -44,7 +44,7 @@ def begin_record(r, begin, end, after, numbers, counts, flags):
         flags |= FLAG_ARC_ABSOLUTE
     if counts.e_is_a:
         flags |= FLAG_E_IS_A
-    r.flags = flags | counts.known * FLAG_KNOWN_X0 | counts.role << ROLE_SHIFT
+    r.flags = flags | counts.known * FLAG_KNOWN_X0 | counts.role << ROLE_SHIFT | counts.tell << TELL_SHIFT
     r.layer, r.turns, r.plane = counts.layer, 0, counts.plane
     r.kind, r.event, r.axes = 0, 0, NO_SLOT
 

@@ -14,7 +14,7 @@ import numpy as np
 from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.edit import copy_tail, edit_plain, edit_statement, is_plain_edit
 from printmend.gcode.kernels.layout import *
-from printmend.gcode.kernels.row import PLAIN_WORDS, put_eol, put_line_start, put_row
+from printmend.gcode.kernels.row import PLAIN_WORDS, put_accel, put_eol, put_line_start, put_row
 from printmend.gcode.kernels.words import axis_end, cased, copy_bytes, own_motion, put_feed
 from printmend.jit import entry, inner
 
@@ -58,6 +58,14 @@ def _follow(r, writer):
                 writer.place[axis] = end + (writer.shift[axis] if not r.flags & FLAG_G53 else 0.0)
     if r.words & WORD_F or r.kind == KIND_EVENT:
         writer.feed = r.feed
+
+
+@inner
+def _goes_on(records, i, n, first, pieces):
+    """Say whether the line after record i begins with a piece that has the acceleration of its last one."""
+    if i + 1 >= n or records[i + 1].begin != records[i].next or first[i + 2] == first[i + 1]:
+        return False
+    return pieces[first[i + 1]].accel == pieces[first[i + 1] - 1].accel
 
 
 # Long because the writer's state goes from record to record: its parts that stand alone are in `edit` and `row`.
@@ -121,14 +129,23 @@ def emit(buf, begin, records, n, first, pieces, writer, out):
         for j in range(first[i], edited):
             before = cumulated
             cumulated += pieces[j].share
+            if pieces[j].accel != writer.accel:
+                at = put_accel(r, pieces[j].accel, writer, out, at)
+                at = put_eol(buf, r, writer, out, at)
             written = put_row(buf, r, pieces[j], cumulated, before, j == first[i + 1] - 1, writer, out, at)
             if written > at:
                 at = put_line_start(r, writer, out, written)
         if edited == first[i + 1]:
             continue
         piece = pieces[first[i + 1] - 1]
+        if piece.accel != writer.accel:
+            at = put_accel(r, piece.accel, writer, out, at)
+            at = put_eol(buf, r, writer, out, at)
         if count == 1 and is_plain_edit(r, piece, writer):
             at = edit_plain(buf, r, piece, writer, out, at)
         else:
             at = edit_statement(buf, r, piece, cumulated, writer, out, at)
+        if writer.accel != 0.0 and not _goes_on(records, i, n, first, pieces):
+            at = put_eol(buf, r, writer, out, at)
+            at = put_accel(r, 0.0, writer, out, at)
     return n, p, at

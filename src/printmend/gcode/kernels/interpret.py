@@ -85,7 +85,7 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
         if s.garbled or s.words & s.bare or s.twice & (WORDS_IJK | WORD_R) or p - s.start > MAX_CODE_BYTES:
             r.flags = r.flags | FLAG_OPAQUE
         if len(notes) > 0:
-            note_statement(buf, s, p if s.again else stop, values, notes, counts, n)
+            note_statement(buf, s, p if s.again else stop, values, notes, numbers, counts, n)
         what = _obey(buf, stop, s, r, values, numbers, counts)
         chords = chords_of(r, s, values, numbers, counts) if what == EVENT_SPLINE and curves < CURVES_A_LINE else 0
         if chords > 0:

@@ -22,6 +22,7 @@ RECORD = np.dtype(
         ("e1", "f8"),  # logical E after
         ("advance", "f8"),  # filament advance [mm]: (e1 − e0) × M221 ÷ filament area of M200
         ("feed", "f8"),  # modal F after this statement [mm/min], 0 before the first F
+        ("accel", "f8"),  # of printing moves, as it was last told [mm/s²], 0 where nobody knows
         ("ox", "f8"),  # machine = logical × unit + offset [mm]
         ("oy", "f8"),
         ("oz", "f8"),
@@ -81,6 +82,10 @@ FLAG_E_IS_A = 1 << 24  # the extruder's word is A, and stands among the words as
 ROLE_SHIFT, ROLE_MASK = 25, 7
 ROLE_UNKNOWN, ROLE_OUTER, ROLE_INNER, ROLE_SOLID, ROLE_INFILL, ROLE_ASIDE = 0, 1, 2, 3, 4, 5
 
+# How an acceleration is told, from this bit of the flags on: by M204's P, or by its S, which holds for travels, too.
+TELL_SHIFT, TELL_MASK = 28, 3
+TELL_NOTHING, TELL_P, TELL_S = 0, 1, 2
+
 # What the firmware is: the cases in which firmwares differ.
 FLAVOUR_UNKNOWN, FLAVOUR_MARLIN2, FLAVOUR_MARLIN1, FLAVOUR_KLIPPER, FLAVOUR_RRF, FLAVOUR_PRUSA = 0, 1, 2, 3, 4, 5
 E_EITHER, E_FOLLOWS, E_APART = 0, 1, 2  # how G90/G91 act on E: relative if G91 or M83; sets E too; not at all
@@ -104,6 +109,7 @@ NUMBERS = np.dtype(
         ("m206", "f8", 3),  # home offset of M206 [mm]
         ("offset", "f8", 3),  # machine − logical [mm], the sum of all shifts
         ("area", "f8"),  # of the filament after M200 [mm²], 0 while E is mm
+        ("accel", "f8"),  # of printing moves [mm/s²], 0 where nobody knows
         ("work", "f8", (WORK_OFFSETS, 3)),  # work offsets of G54 to G59.3 [mm]
         ("tools", "f8", (TOOLS, 3)),  # tool offsets [mm]
         ("saved", np.dtype(_MODAL_NUMBERS, align=True), SAVED_SLOTS),
@@ -131,6 +137,7 @@ COUNTS = np.dtype(
         ("arc_absolute", "i8"),  # 1 after G90.1
         ("flavour", "i8"),  # FLAVOUR_*
         ("e_is_a", "i8"),  # 1 where A drives the extruder: A and E then stand for each other
+        ("tell", "i8"),  # TELL_*: how the file tells the acceleration
         ("noted", "i8"),  # notes that the last call of the interpreter made
         ("numbered", "i8"),  # lines with an N word
         ("checksums", "i8"),  # lines that end in *checksum
@@ -183,6 +190,7 @@ PIECE = np.dtype(
         ("z", "f8"),
         ("share", "f8"),  # part of the statement's E; over all its pieces the shares sum to 1
         ("feed", "f8"),  # [mm/min]; 0 keeps the statement's own
+        ("accel", "f8"),  # [mm/s²]; 0 keeps the machine's own
         ("c0", "f8"),  # arc centre [machine mm], for PIECE_ARC
         ("c1", "f8"),
         ("kind", "u1"),  # PIECE_*
@@ -197,6 +205,7 @@ WRITER = np.dtype(
         ("place", "f8", 3),  # where it is after what was written [machine mm]; NaN where that is not certain
         ("shift", "f8", 3),  # how far G92 on a mended place shifted its coordinates [mm]
         ("feed", "f8"),  # modal F [mm/min]
+        ("accel", "f8"),  # of a crossing [mm/s²], 0 while the file's own holds
         ("modal", "i8"),  # the motion in force, as in COUNTS
         ("crlf", "i8"),  # 1 where the last line ended in CR and LF
         ("numbered", "i8"),  # 1 where lines have numbers

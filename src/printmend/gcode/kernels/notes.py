@@ -65,11 +65,14 @@ def note_comment(buf, start, p, stop, notes, counts, record):
 
 
 @inner
-def note_statement(buf, s, stop, values, notes, counts, record):
-    """Note a statement, which ends at ``stop``, if it tells the progress, waits, or sets a limit."""
+def note_statement(buf, s, stop, values, notes, numbers, counts, record):
+    """Note a statement, which ends at ``stop``, if it tells the progress, waits, or sets a limit.
+
+    The acceleration of printing moves is also kept in ``numbers``.
+    """
     unit = 25.4 if counts.inch else 1.0
     if s.letter == EXTENDED:
-        _note_velocity_limit(buf, s.start, stop, notes, counts, record)
+        _note_velocity_limit(buf, s.start, stop, notes, numbers, counts, record)
     elif s.letter == LETTER_G and s.code == 40:
         note = _put(notes, counts, record, s.start, stop, NOTE_DWELL)
         note.values[0] = values[VALUE_P] / 1000.0 if s.words & WORD_P else 0.0
@@ -94,10 +97,25 @@ def note_statement(buf, s, stop, values, notes, counts, record):
             letter = (VALUE_P, VALUE_T, VALUE_R, VALUE_S)[k]
             if s.words & (1 << letter):
                 note.values[k] = values[letter] * unit
+        _keep_accel(note.values[0], note.values[1], note.values[3], numbers, counts)
 
 
 @inner
-def _note_velocity_limit(buf, p, stop, notes, counts, record):
+def _keep_accel(printing, travel, both, numbers, counts):
+    """Keep M204's acceleration of printing moves [mm/s²], NaN where it is not given, and how it was told."""
+    if both > 0.0:
+        numbers.accel, counts.tell = both, TELL_S
+    elif counts.flavour == FLAVOUR_KLIPPER:  # which takes the smaller of P and T, and neither by itself
+        if printing > 0.0 and travel > 0.0:
+            numbers.accel, counts.tell = min(printing, travel), TELL_S
+    elif printing > 0.0:
+        numbers.accel, counts.tell = printing, TELL_P
+    elif travel > 0.0:  # from now on S would change it
+        counts.tell = TELL_P
+
+
+@inner
+def _note_velocity_limit(buf, p, stop, notes, numbers, counts, record):
     """Note Klipper's SET_VELOCITY_LIMIT."""
     start = p
     name, p = word_hash(buf, p, stop)
@@ -114,3 +132,5 @@ def _note_velocity_limit(buf, p, stop, notes, counts, record):
             for k in range(len(_LIMIT_KEYS)):
                 if found and key == _LIMIT_KEYS[k]:
                     note.values[k] = value
+    if note.values[1] > 0.0:  # Klipper takes M204 S for the same
+        numbers.accel, counts.tell = note.values[1], TELL_S

@@ -92,7 +92,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
     ox, oy, oz = numbers.offset[0], numbers.offset[1], numbers.offset[2]
     feed, flow, area = numbers.feed, numbers.flow, numbers.area
     layer, plane, line = counts.layer, counts.plane, counts.line
-    flags = known * FLAG_KNOWN_X0 | FLAG_SPACED | FLAG_PLAIN | counts.role << ROLE_SHIFT
+    flags = known * FLAG_KNOWN_X0 | FLAG_SPACED | FLAG_PLAIN | counts.role << ROLE_SHIFT | counts.tell << TELL_SHIFT
     if buf[start + 1] == ZERO:
         flags |= FLAG_RAPID
     if relative:
@@ -130,7 +130,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
     r.begin, r.end, r.next, r.line = start, stop, p, line
     r.x0, r.y0, r.z0, r.x1, r.y1, r.z1 = x0, y0, z0, x1, y1, z1
     r.c0 = r.c1 = np.nan
-    r.e0, r.e1, r.advance, r.feed = e0, e1, advance, feed
+    r.e0, r.e1, r.advance, r.feed, r.accel = e0, e1, advance, feed, numbers.accel
     r.ox, r.oy, r.oz = ox, oy, oz
     r.words, r.flags, r.layer, r.turns = words, flags, layer, 0
     r.kind, r.event, r.plane, r.axes = KIND_LINEAR, 0, plane, NO_SLOT

@@ -20,6 +20,7 @@ from printmend.gcode.kernels.words import (
     piece_motion,
     put_command,
     put_feed,
+    put_fixed,
     put_word,
     reached,
     scaled_axis,
@@ -66,6 +67,17 @@ def put_eol(buf, r, writer, out, at):
         at += 1
     out[at] = LF
     return at + 1
+
+
+@inner
+def put_accel(r, accel, writer, out, at):
+    """Tell the machine an acceleration [mm/s²], or with 0 the file's own again, as the file tells it."""
+    for byte in (LETTER_M, ZERO + 2, ZERO, ZERO + 4, SPACE):
+        out[at] = byte
+        at += 1
+    out[at] = LETTER_S if (r.flags >> TELL_SHIFT) & TELL_MASK == TELL_S else LETTER_P
+    writer.accel = accel
+    return put_fixed(out, at + 1, np.int64(np.rint(1000.0 * (accel if accel > 0.0 else r.accel))), 3)
 
 
 @inner

@@ -3,9 +3,17 @@
 import numpy as np
 
 from printmend.gcode.kernels.layout import (
+    FLAG_CHECKSUM,
+    FLAG_G53,
+    FLAG_INCH,
+    FLAG_MIXED,
+    FLAG_NUMBERED,
     PIECE_ARC,
     PIECE_LINE,
     PIECE_TRAVEL,
+    TELL_MASK,
+    TELL_NOTHING,
+    TELL_SHIFT,
 )
 from printmend.invert.kernels.chord import (
     chord,
@@ -13,12 +21,14 @@ from printmend.invert.kernels.chord import (
 from printmend.invert.kernels.curve import (
     distance,
     is_flat_arc,
+    norm,
     place,
 )
 from printmend.invert.kernels.layout import (
     ASTRAY_MM,
     ASTRAY_PER_CHORD,
     CLAMP_MM,
+    FASTER_CROSSING,
     HOLD_MM,
     LOOK_CLOSER_MM,
     NEAR_MM,
@@ -50,6 +60,7 @@ from printmend.invert.kernels.state import (
 from printmend.jit import inner
 
 # Places and weights of Gauss's quadrature with three places: exact for the square of a parabola, a chord's error.
+_NO_LINE_BEFORE = FLAG_CHECKSUM | FLAG_G53 | FLAG_INCH | FLAG_MIXED | FLAG_NUMBERED
 GAUSS_PLACES = (0.1127016653792583, 0.5, 0.8872983346207417)
 GAUSS_WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 
@@ -58,7 +69,7 @@ GAUSS_WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 def put(pieces, n, kind, x, y, z, share, feed):
     """Write piece n without an arc's centre; return the number of the next."""
     p = pieces[n]
-    p.kind, p.x, p.y, p.z, p.share, p.feed = kind, x, y, z, share, feed
+    p.kind, p.x, p.y, p.z, p.share, p.feed, p.accel = kind, x, y, z, share, feed, 0.0
     p.c0 = p.c1 = np.nan
     return n + 1
 
@@ -78,16 +89,50 @@ def _feed(state, record, ratio):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _dead_move(model, state, pieces, n, record, m0, m1, z, quantum):
-    """Write a move that extrudes nothing and for which the nozzle stands still (or is put in its place)."""
+def _crossing_accel(model, counts, record, d0, d1, loose0, loose1):
+    """Return the acceleration [mm/s²] of a command by (d0, d1) mm of the motors, 0 where it is the file's own.
+
+    A motor that is ``loose`` drives nothing: it may speed up as its owner allows. The other one speeds up no more than
+    the file lets it.
+    """
+    if not model.head.crossing > record.accel or not record.accel > 0.0:
+        return 0.0
+    if record.flags & _NO_LINE_BEFORE or (record.flags >> TELL_SHIFT) & TELL_MASK == TELL_NOTHING:
+        return 0.0
+    if record.next == record.end:  # another statement stands on its line
+        return 0.0
+    most = model.head.crossing
+    x, y = from_motors(model, d0, d1)
+    length = norm(x, y)
+    for k in range(2):
+        way, loose = (abs(d0), loose0) if k == 0 else (abs(d1), loose1)
+        limit = model.head.crossing if loose else record.accel
+        if way * most > limit * length:
+            most = limit * length / way
+    if most < FASTER_CROSSING * record.accel:
+        return 0.0
+    counts.hurried += 1
+    return np.rint(most)
+
+
+@inner(error_model="numpy", _nrt=False)
+def _dead_move(model, state, counts, pieces, n, record, m0, m1, z, quantum, loose):
+    """Write a move that extrudes nothing and for which the nozzle stands still (or is put in its place).
+
+    ``loose`` says that no motor drives anything on it.
+    """
     if m0 == state.mended.m[0] and m1 == state.mended.m[1]:
         return n
     x, y, m0, m1, _ = command(model, m0, m1, record, quantum)
     if abs(m0 - state.mended.m[0]) + abs(m1 - state.mended.m[1]) <= quantum:
         return n
+    d0, d1 = m0 - state.mended.m[0], m1 - state.mended.m[1]
     arrive(model, state, m0, m1)
     state.feed = max(state.travel_feed, record.feed)
-    return put(pieces, n, PIECE_TRAVEL, x, y, z, 0.0, state.feed)
+    n = put(pieces, n, PIECE_TRAVEL, x, y, z, 0.0, state.feed)
+    if loose:
+        pieces[n - 1].accel = _crossing_accel(model, counts, record, d0, d1, True, True)
+    return n
 
 
 # From here on the many parameters are the arrays of one file's way through `mend`, the record in hand, a piece's end.
@@ -233,11 +278,11 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
         mode0, first0, second0 = _engage(model, state, counts, run, 0, s0, e0, s, last, begin, span)
         mode1, first1, second1 = _engage(model, state, counts, run, 1, s1, e1, s, last, begin, span)
         before = n
-        n = _dead_move(model, state, pieces, n, record, first0, first1, z, quantum)
+        n = _dead_move(model, state, counts, pieces, n, record, first0, first1, z, quantum, False)
         if anywhere:
             open_interval(model, state.mended)
             counts.anywhere = 0
-        n = _dead_move(model, state, pieces, n, record, second0, second1, z, quantum)
+        n = _dead_move(model, state, counts, pieces, n, record, second0, second1, z, quantum, not unsure)
         for k in range(2):
             if state.crossing[k] == 0.0:
                 state.cross[k] = state.mended.m[k]
@@ -252,7 +297,11 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
         while t < stop:
             end, m0, m1 = chord(model, curve, state, mode0, mode1, t, stop, e0, e1, record.advance * curve.share)
             x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
+            d0, d1 = m0 - state.mended.m[0], m1 - state.mended.m[1]
             n = draw(model, curve, state, pieces, n, record, PIECE_LINE, t, end, m0, m1, x, y, row, layers, errors)
+            loose0, loose1 = state.crossing[0] != 0.0, state.crossing[1] != 0.0
+            if loose0 or loose1:
+                pieces[n - 1].accel = _crossing_accel(model, counts, record, d0, d1, loose0, loose1)
             # Where the way to its start was held back already, only the error tells.
             if clamp > CLAMP_MM or state.error > max(ASTRAY_MM, ASTRAY_PER_CHORD * model.head.chord):
                 counts.clamped += 1

@@ -13,6 +13,7 @@ ARRIVED_MM = 0.001  # a belt that ends this near to where it is wanted is there
 CLAMP_MM = 0.02  # a command held back at the edge of the bed by less is not counted
 # Only the edge of the bed keeps an extruding command that far from its line, whatever the tolerance allows.
 ASTRAY_MM, ASTRAY_PER_CHORD = 0.05, 10.0
+FASTER_CROSSING = 1.25  # as a multiple of the file's acceleration: one that is faster by less is not told
 SAME_FEED = 0.005  # speeds that differ by a smaller share are written as one
 CHORDS_A_RECORD = 8192  # into which one move is cut, at the most, were it straight
 PIECES_A_RECORD = 32768  # that it may become: a rest and two dead moves at each turn and each part of a rise, too
@@ -69,6 +70,7 @@ COUNTS = np.dtype(
         # sums for the prediction
         *((name, "i8") for name in ("moves", "pieces", "takeups", "anchors", "clamped", "clamped_extruding")),
         *((name, "i8") for name in ("unknown", "copied", "extruding", "splines", "geometry", "stops", "coarse")),
+        ("hurried", "i8"),  # pieces that have an acceleration of their own
         ("unknown_at", "i8", UNKNOWN_LINES),  # lines of the file, from 1
     ],
     align=True,

@@ -39,6 +39,7 @@ HEAD = np.dtype(
         ("chords", "f8", ROLES),  # the same of lines of each role, of travels the last
         ("sample", "f8"),  # how densely a chord must be looked at [mm]
         ("look", "f8"),  # how densely the prediction looks [mm]
+        ("crossing", "f8"),  # the largest acceleration of a motor that crosses its slack [mm/s²], 0 for the file's
         ("period", "f8"),  # how much time a move must take at the least [min]
         ("screw", "f8"),  # 1 or 0: a Z screw that is not perfect; then also:
         ("rise", "f8"),  # how far it may rise in one straight command [mm]
