@@ -35,7 +35,7 @@ def _bulge(model, length):
 
 
 @inner(error_model="numpy", _nrt=False)
-def ends(model, curve, state, mode0, mode1, t):
+def along_curve(model, curve, state, mode0, mode1, t):
     """Return the motor positions at t of the curve, on its way from where the motors are."""
     x, y, _ = place(curve, t)
     u0, u1 = wanted(model, x, y)
@@ -72,7 +72,7 @@ def _longest(model, curve, state, mode0, mode1, t, whole, bound, shortest):
         step = min(whole, max(shortest, 2.0 * whole * np.sqrt(8.0 * model.head.chord / bound)))
     good = 0.0
     for _ in range(24):
-        m0, m1 = ends(model, curve, state, mode0, mode1, t + step)
+        m0, m1 = along_curve(model, curve, state, mode0, mode1, t + step)
         score = _score(model, curve, state, mode0, mode1, t, t + step, m0, m1, aside + along)
         if score <= 1.0:
             good = step
@@ -102,7 +102,7 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     if curve.arc != 0.0 and not is_flat_arc(curve):  # what is looked at below is only seen from above
         step = np.sqrt(8.0 * model.head.chord / max(curve.r0, model.head.chord)) / abs(curve.sweep)
         stop = min(stop, t + max(step, shortest))
-        m0, m1 = ends(model, curve, state, mode0, mode1, stop)
+        m0, m1 = along_curve(model, curve, state, mode0, mode1, stop)
     whole = stop - t
     from0, from1 = state.mended.m[0], state.mended.m[1]
     # What crosses its slack moves no belt: nothing bends.
@@ -119,14 +119,14 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     if bound > 8.0 * _bulge(model, whole * length) or ((d0 > _FAR_MM or d1 > _FAR_MM) and model.head.bent != 0.0):
         step = _longest(model, curve, state, mode0, mode1, t, whole, bound, shortest)
         if step < whole:
-            m0, m1 = ends(model, curve, state, mode0, mode1, t + step)
+            m0, m1 = along_curve(model, curve, state, mode0, mode1, t + step)
     part = step * advance
     if part > TINY_ADVANCE_MM and advance * FILAMENT_AREA_MM2 <= MAX_AREA_MM2 * length:
         # Klipper refuses more than MAX_AREA_MM2 of plastic a millimetre, except in the shortest of moves.
         x, y = from_motors(model, m0 - from0, m1 - from1)
         if part * FILAMENT_AREA_MM2 > MAX_AREA_MM2 * norm(x, y):
             step = min(max(TINY_ADVANCE_MM / advance, shortest), step)
-            m0, m1 = ends(model, curve, state, mode0, mode1, t + step)
+            m0, m1 = along_curve(model, curve, state, mode0, mode1, t + step)
     if whole - step < 1e-12:
         return stop, m0, m1
     return t + step, m0, m1

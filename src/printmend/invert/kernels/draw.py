@@ -15,6 +15,7 @@ from printmend.gcode.kernels.layout import (
     TELL_NOTHING,
     TELL_SHIFT,
 )
+from printmend.invert.kernels.bow import arc, on_arc
 from printmend.invert.kernels.chord import (
     chord,
 )
@@ -138,10 +139,11 @@ def _dead_move(model, state, counts, pieces, n, record, m0, m1, z, quantum, loos
 # From here on the many parameters are the arrays of one file's way through `mend`, the record in hand, a piece's end.
 @inner(error_model="numpy", _nrt=False)
 def draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row, layers, errors):
-    """Write the piece of an extruding move from t to end, and add up its error; the caller sets an arc's centre."""
+    """Write the piece of an extruding move from t to end, and add up its error; ``state`` holds an arc's centre."""
     length = (end - t) * curve.length
     from0, from1 = state.mended.m[0], state.mended.m[1]
-    end_x, end_y, end_z = place(curve, end)
+    _, _, end_z = place(curve, end)
+    from_x, from_y = from_motors(model, from0, from1)
     samples = samples_of(model, length)
     fine = state.error > LOOK_CLOSER_MM  # a chord bulges: its middle alone would stand for more than its error
     places = 3 if fine else 1
@@ -149,10 +151,10 @@ def draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row
     for j in range(places * samples):
         gauss = j % 3 if fine else 1
         s = (j // places + GAUSS_PLACES[gauss]) / samples
-        if kind == PIECE_ARC:  # shifted as a whole: the same place of the shifted curve
-            arc_x, arc_y, _ = place(curve, t + s * (end - t))
-            a, b = to_motors(model, arc_x - end_x, arc_y - end_y)
-            arrive(model, state, m0 + a, m1 + b)
+        if kind == PIECE_ARC:
+            arc_x, arc_y = on_arc(from_x, from_y, x, y, state.arc_center, state.arc_sweep, s)
+            a, b = to_motors(model, arc_x, arc_y)
+            arrive(model, state, a, b)
         else:
             arrive(model, state, from0 + s * (m0 - from0), from1 + s * (m1 - from1))
         at_x, at_y = printed(model, middle(state, 0), middle(state, 1))
@@ -168,10 +170,12 @@ def draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row
         note(layers, row, errors, 1, error, 0.0)
     ratio = 1.0
     if kind == PIECE_LINE and length > 1e-4:
-        from_x, from_y = from_motors(model, from0, from1)
         rise = end_z - place(curve, t)[2]
         ratio = np.sqrt((x - from_x) ** 2 + (y - from_y) ** 2 + rise * rise) / length
-    return put(pieces, n, kind, x, y, end_z, (end - t) * curve.share, _feed(state, record, ratio))
+    n = put(pieces, n, kind, x, y, end_z, (end - t) * curve.share, _feed(state, record, ratio))
+    if kind == PIECE_ARC:
+        pieces[n - 1].c0, pieces[n - 1].c1 = state.arc_center[0], state.arc_center[1]
+    return n
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -193,9 +197,9 @@ def _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, lay
     if clamp > quantum:
         return n
     # A quarter's outermost places are its ends: they being inside the bed, all of it is.
-    n = draw(model, curve, state, pieces, n, record, PIECE_ARC, t, stop, m0, m1, x, y, row, layers, errors)
-    pieces[n - 1].c0, pieces[n - 1].c1 = curve.ca + shift_x, curve.cb + shift_y
-    return n
+    state.arc_center[0], state.arc_center[1] = curve.ca + shift_x, curve.cb + shift_y
+    state.arc_sweep = (stop - t) * curve.sweep
+    return draw(model, curve, state, pieces, n, record, PIECE_ARC, t, stop, m0, m1, x, y, row, layers, errors)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -294,7 +298,17 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
             if done > n:
                 n, t = done, stop
                 continue
+        is_arc = mode0 != 0 and mode1 != 0 and is_flat_arc(curve)
         while t < stop:
+            if is_arc:
+                end, m0, m1 = arc(model, curve, state, mode0, mode1, t, stop, e0, e1, record, quantum)
+                if end > t:
+                    x, y, m0, m1, _ = command(model, m0, m1, record, quantum)
+                    n = draw(
+                        model, curve, state, pieces, n, record, PIECE_ARC, t, end, m0, m1, x, y, row, layers, errors
+                    )
+                    t = end
+                    continue
             end, m0, m1 = chord(model, curve, state, mode0, mode1, t, stop, e0, e1, record.advance * curve.share)
             x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
             d0, d1 = m0 - state.mended.m[0], m1 - state.mended.m[1]

@@ -16,6 +16,8 @@ ASTRAY_MM, ASTRAY_PER_CHORD = 0.05, 10.0
 FASTER_CROSSING = 1.25  # as a multiple of the file's acceleration: one that is faster by less is not told
 SAME_FEED = 0.005  # speeds that differ by a smaller share are written as one
 CHORDS_A_RECORD = 8192  # into which one move is cut, at the most, were it straight
+LONGEST_ARC_RAD = 1.6  # of a commanded arc: a quarter of a circle, and what rounding adds
+LEAST_ARC_RAD = 0.1  # of one: a chord does as well
 PIECES_A_RECORD = 32768  # that it may become: a rest and two dead moves at each turn and each part of a rise, too
 FILAMENT_AREA_MM2 = 2.405  # of filament of 1.75 mm
 MAX_AREA_MM2 = 0.63  # of a line's cross-section: Klipper's max_extrude_cross_section is 0.64 for a nozzle of 0.4 mm
@@ -56,6 +58,8 @@ STATE = np.dtype(
         # far it goes until t = 1 [mm]
         ("cross", "f8", 2),
         ("crossing", "f8", 2),
+        ("arc_center", "f8", 2),  # of the arc in hand [mm]
+        ("arc_sweep", "f8"),  # [rad]
     ],
     align=True,
 )
