@@ -162,8 +162,8 @@ LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-
 lock:
 	$(LOCK) pyproject.toml lab/pyproject.toml --extra dev --no-emit-package printmend -o requirements.lock
 	echo pip | $(LOCK) - -o pip.lock
-	printf 'editables\nhatchling\n' | $(LOCK) pyproject.toml - -c requirements.lock -o core.lock
-	printf 'editables\nhatchling\n' | $(LOCK) pyproject.toml - --extra report,scan,studio,trees -c requirements.lock -o owner.lock
+	printf 'editables\nhatchling\n' | $(LOCK) pyproject.toml - --extra compile -c requirements.lock -o core.lock
+	printf 'editables\nhatchling\n' | $(LOCK) pyproject.toml - --extra compile,report,scan,studio,trees -c requirements.lock -o owner.lock
 
 clean:
 	rm -rf .venv .venv-hosts build dist

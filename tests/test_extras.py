@@ -53,8 +53,11 @@ def test_what_make_demo_installs_is_a_part_of_the_lock_and_has_all_that_it_needs
     assert all(hashes == owner[pinned] for pinned, hashes in core.items())
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    wanted = [item for extra in ("scan", "report", "trees", "studio") for item in extras[extra]]
-    for items, lock in (project["dependencies"], core), ([*project["dependencies"], *wanted], owner):
+    wanted = [item for extra in ("compile", "scan", "report", "trees", "studio") for item in extras[extra]]
+    for items, lock in (
+        ([*project["dependencies"], *extras["compile"]], core),
+        ([*project["dependencies"], *wanted], owner),
+    ):
         names = {re.split(r"[>\[]", item)[0] for item in items} - {"printmend"}
         pinned = {one.split("==")[0] for one in lock}
         assert {name.replace("_", "-") for name in names} | {"editables", "hatchling"} <= pinned

@@ -13,7 +13,10 @@ import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from native_kernels import emit, link
 
 if TYPE_CHECKING:
     from printmend.shipped import Shipped
@@ -24,17 +27,26 @@ Task = tuple[Callable[[str], None], str]
 
 def main() -> None:
     """Fill the folder; print what each part of the work compiled, and the sum."""
+    os.environ["PRINTMEND_NUMBA"] = "1"  # what the last library holds is made again
     work = tasks()
+    made: list[tuple[str, str, list]] = []
     entries, seconds = 0, 0.0
     with tempfile.TemporaryDirectory(prefix="printmend-") as empty:
         os.environ["NUMBA_CACHE_DIR"] = empty  # read when a process imports numba
+        objects = Path(empty) / "objects"
+        objects.mkdir()
         with ProcessPoolExecutor(min(os.cpu_count() or 1, len(work)), get_context("spawn"), fill) as pool:
-            for done in as_completed([pool.submit(do, each) for each in work]):
-                said, count, took_s, used = done.result()
+            for done in as_completed([pool.submit(do, each, objects) for each in work]):
+                said, count, took_s, used, calls = done.result()
                 print(f"{said}: {count} compiled in {took_s:.0f} s", flush=True)
                 entries, seconds = entries + count, seconds + took_s
                 for home, names in zip(homes(), used, strict=True):
                     home.used.update(names)
+                made += calls
+        for home in homes():
+            home.folder.mkdir(exist_ok=True)
+            package = home.folder.parent.name
+            print(link([one for one in made if one[0].partition(".")[0] == package], objects, home.folder))
     print(f"{entries} compiled in {seconds:.0f} s")
     for home in homes():
         home.forget_others()
@@ -64,26 +76,33 @@ def tasks() -> list[list[Task]]:
             *((learn, name) for name in LEARNED),
             *((complete, family) for family in ("ellipse", "fourier")),
             (print_and_play, "body and game"),
+            (number_and_draw, "numbered lines and the studio"),
         ],
     ]
 
 
 def fill() -> None:
     """Let a process keep what it compiles."""
+    from printmend.native import recording
     from printmend.shipped import Shipped
 
-    Shipped.fill = True
+    Shipped.fill = recording.on = True
 
 
-def do(work: list[Task]) -> tuple[str, int, float, list[set[str]]]:
-    """Do a part of the work; return its names, how much it compiled, in how many seconds, and the files used."""
+def do(work: list[Task], objects: Path) -> tuple[str, int, float, list[set[str]], list]:
+    """Do a part of the work; return its names, how much it compiled, in how many seconds, the files used, and what
+    `emit` made of it."""
     from printmend.jit import compilations
+    from printmend.native import recording
 
     entries, seconds = compilations.entries, compilations.seconds
     for what, name in work:
         what(name)
     said = ", ".join(name for _, name in work)
-    return said, compilations.entries - entries, compilations.seconds - seconds, [home.used for home in homes()]
+    modules = {key: module for home in homes() for key, module in home.modules.items()}
+    calls = emit(recording.calls, modules, objects)
+    used = [home.used for home in homes()]
+    return said, compilations.entries - entries, compilations.seconds - seconds, used, calls
 
 
 def learn_or_mend(step: str) -> None:
@@ -146,6 +165,28 @@ def print_and_play(_: str) -> None:
     env = PrintVectorEnv(2, ticks=40)
     observation, _info = env.reset(seed=0)
     env.step(algorithm1_agent(env)(observation))
+
+
+def number_and_draw(_: str) -> None:
+    """Write numbered lines and packed ones, draw a part, print on a crooked frame: what not every file needs."""
+    import numpy as np
+
+    from printmend.corruption import sample
+    from printmend.gcode.kernels import pack, renumber
+    from printmend.printer import read_printer
+    from printmend.studio.scene import as_printed, read_drawing
+    from printmend.twin.gcode import print_gcode
+    from printmend.twin.twin import Twin
+
+    text, out, printer = np.frombuffer(b"N7 G1 X1\n", np.uint8), np.empty(99, np.uint8), read_printer("ender5")
+    renumber(text, 0, len(text), np.zeros(2, np.int64), out)
+    pack(text, True, out)
+    fault = sample("frame", np.random.default_rng(0), "realistic")
+    with tempfile.TemporaryDirectory(prefix="printmend-") as name:
+        part = Path(name) / "part.gcode"
+        part.write_text("G90\nM83\nG28\nG1 X90 Y90 Z0.2 F6000\nG1 X99 E1\nG2 X90 Y90 I20 J0 E5\n")
+        as_printed(read_drawing(part, printer), fault.lower(printer))
+        print_gcode(part, Twin.of(fault, printer))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from printmend.errors import MissingToolError
 
 # pyproject.toml and lab/pyproject.toml say what each extra installs.
 _EXTRAS = {
+    "numba": "compile",
     "cv2": "scan",
     "PIL": "scan",
     "scipy": "scan",

@@ -18,13 +18,17 @@ from numba.core.codegen import ll
 
 
 class Shipped:
-    """The kernels in a folder; `used` are the names of the files that were asked for, or made."""
+    """The kernels in a folder; `used` are the names of the files that were asked for, or made.
+
+    While it is filled, `modules` holds of each of them LLVM's code, what numba says of its function, and its signature.
+    """
 
     fill = False  # set it on the class: keep what is compiled
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.used: set[str] = set()
+        self.modules: dict[tuple[str, Any], tuple[bytes, Any, Any]] = {}
 
     def load(self, digest: str, sig: Any, codegen: Any) -> tuple | None:
         """Return an entry as numba's cache has it, with machine code for this processor; None where it is not here."""
@@ -36,6 +40,8 @@ class Shipped:
         if found is None:
             return None
         name, optimised, shared, *rest = found
+        if self.fill:
+            self.modules[digest, sig] = lzma.decompress(optimised), rest[0], rest[2]
         module = ll.parse_bitcode(lzma.decompress(optimised))
         code = codegen._tm.emit_object(module)
         return (name, "object", (code, lzma.decompress(shared))), *rest
@@ -44,6 +50,7 @@ class Shipped:
         """Keep an entry that was compiled just now."""
         self.folder.mkdir(exist_ok=True)
         (name, _, (_, shared)), *rest = result._reduce()
+        self.modules[digest, sig] = result.library.optimised, result.fndesc, result.signature
         packed = lzma.compress(result.library.optimised), lzma.compress(shared)
         key = _key(sig, result.codegen)
         self._file(digest, key).save(key, (name, *packed, *rest))

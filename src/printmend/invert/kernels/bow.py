@@ -44,6 +44,7 @@ def _find_center(state, x0, y0, x1, y1, x2, y2):
     return True
 
 
+# From here on the many parameters are the curve, where the motors are on it, and the record in hand.
 @inner(error_model="numpy", _nrt=False)
 def arc(model, curve, state, mode0, mode1, t, stop, u0, u1, record, quantum):
     """Return (end, m0, m1): where the longest admissible arc from t ends, and the motors there; t where there is none.
@@ -80,13 +81,13 @@ def arc(model, curve, state, mode0, mode1, t, stop, u0, u1, record, quantum):
 @inner(error_model="numpy", _nrt=False)
 def _score(model, curve, state, mode0, mode1, t, step, from_x, from_y, to_x, to_y, start_error):
     """Return the largest error of the arc in hand, from t on, by what is allowed."""
-    looks = max(
-        np.int64(_LOOKS_A_RAD * step * abs(curve.sweep)), np.int64(min(step * curve.length, 4096.0) / model.head.sample)
+    looks = np.int64(
+        4.0 + _LOOKS_A_RAD * step * abs(curve.sweep) + min(step * curve.length, 4096.0) / model.head.sample
     )
     now0, now1 = middle(state, 0), middle(state, 1)
     worst = 0.0
-    for i in range(1, max(looks, 4)):
-        s = i / max(looks, 4)
+    for i in range(1, looks):
+        s = i / looks
         x, y = on_arc(from_x, from_y, to_x, to_y, state.arc_center, state.arc_sweep, s)
         m0, m1 = to_motors(model, x, y)
         x, y = printed(model, followed(model, 0, mode0, now0, m0), followed(model, 1, mode1, now1, m1))

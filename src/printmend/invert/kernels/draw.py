@@ -116,6 +116,7 @@ def _crossing_accel(model, counts, record, d0, d1, loose0, loose1):
     return np.rint(most)
 
 
+# From here on the many parameters are the arrays of one file's way through `mend`, the record in hand, a piece's end.
 @inner(error_model="numpy", _nrt=False)
 def _dead_move(model, state, counts, pieces, n, record, m0, m1, z, quantum, loose):
     """Write a move that extrudes nothing and for which the nozzle stands still (or is put in its place).
@@ -136,7 +137,6 @@ def _dead_move(model, state, counts, pieces, n, record, m0, m1, z, quantum, loos
     return n
 
 
-# From here on the many parameters are the arrays of one file's way through `mend`, the record in hand, a piece's end.
 @inner(error_model="numpy", _nrt=False)
 def draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row, layers, errors):
     """Write the piece of an extruding move from t to end, and add up its error; ``state`` holds an arc's centre."""
@@ -258,6 +258,7 @@ def _engage(model, state, counts, run, k, start, end, s, stop, begin, span):
     return 0, m, m
 
 
+# Long because a stretch is engaged, drawn as arcs or chords, and judged with the same dozen numbers.
 @inner(error_model="numpy", _nrt=False)
 def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors, quantum, run, begin, span):
     """Write an extruding move: slack, then chords (or arcs) along each stretch in which no motor turns back.

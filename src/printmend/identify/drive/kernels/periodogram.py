@@ -31,7 +31,9 @@ def lengths_left(lengths, motor, side, along, fixed, error, weight, harmonics, p
                 below[j] += share * row[j]
     for at in range(len(lengths)):
         gram[:] = 0.0
-        gram[: given + 1, : given + 1] = first
+        for i in range(given + 1):
+            for j in range(given + 1):
+                gram[i, j] = first[i, j]
         for n in range(len(motor)):
             row[0] = error[n]
             for i in range(given):
