@@ -143,6 +143,8 @@ class Trace:
     A wall shows one direction only: ``normal`` [N, 2] points out of the plastic and ``offset_mm`` [N] is how far along
     it the wall lies from where it was commanded, both NaN where a row has none. What all walls share is no error of the
     machine: beads are wider than thought, the first layer is squashed. ``origin`` is None where nobody said whose.
+    Of a part that shrank after it was printed, what is believed of that is taken off; ``shrinkage_sd`` is the standard
+    deviation of what is left of it along either axis, a share.
     ``blank_rows`` are those that stood empty between others in a table, and are not among the N.
     """
 
@@ -159,6 +161,7 @@ class Trace:
     offset_mm: np.ndarray | None = None
     origin: Origin | None = None
     blank_rows: int = 0
+    shrinkage_sd: float | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in (

@@ -13,18 +13,21 @@ from printmend.cli.model import ModelType
     "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=ModelType(),
     help="What `printmend learn` wrote about this printer.",
 )  # fmt: skip
+@click.option("--filament", metavar="NAME",
+              help="Also mend what the part will shrink in it [default: left to the slicer].")  # fmt: skip
 @click.option("--against", metavar="out.gcode", type=click.Path(path_type=Path, dir_okay=False),
               help="Judge this file, made from PART.gcode, instead of what mending would write.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
-def command(source: Path, model_path: Path, against: Path | None, as_json: bool) -> None:
+def command(source: Path, model_path: Path, filament: str | None, against: Path | None, as_json: bool) -> None:
     """Predict how far PART.gcode will be off on this printer, as it is and mended. Writes nothing."""
     import json
 
     from printmend.cli.mend_output import progress
     from printmend.repair import check_gcode
+    from printmend.repair.filament import printed_in
     from printmend.saved import read_model
 
-    model = read_model(model_path)
+    model = printed_in(read_model(model_path), filament)
     with progress(source) as tick:
         prediction = check_gcode(source, model, progress=tick)
     if against is not None:

@@ -10,9 +10,9 @@ import click
 from printmend.cli.model import SUFFIX, ModelType, models_folder
 
 
-# Long because of its options, and because each kind of result is told in its own words.
+# Long, with many parameters, because of its options, and because each kind of result is told in its own words.
 @click.command(epilog="Example: printmend learn trace.csv --printer ender3 -o printer.mend.json")
-@click.argument("trace", metavar="TRACE.csv", type=click.Path(path_type=Path))
+@click.argument("trace", metavar="TRACE.csv", required=False, type=click.Path(path_type=Path))
 @click.option(
     "--printer", "printer_name", metavar="NAME|FILE.toml", help="A preset or your own printer [with --update: the old]"
 )
@@ -27,19 +27,27 @@ from printmend.cli.model import SUFFIX, ModelType, models_folder
               help="Bring this model up to date with a second, smaller print, and say what changed.")  # fmt: skip
 @click.option("--phase", "moved", metavar="NAME|OLD.mend.json", type=ModelType(),
               help="Find where this model's motors stand after work on its belts, from a `probe --phase`.")  # fmt: skip
+@click.option(
+    "--filament", metavar="NAME", help="What the part was printed in, as pla-black; none for dots on a plate or paper."
+)
+@click.option("--travel", "travels", metavar="AXIS=SENT:WENT", multiple=True,
+              help="How far the head went by a steel rule, in mm, as x=200:199.6; TRACE may be left out with --update.",
+              )  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
               help="Picks the rows looked at first in a long trace.")  # fmt: skip
 @click.option("--date", "when", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD",
               help="When the print was made, for `printmend history` [default: today]")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the diagnosis as JSON.")
 def command(
-    trace: Path,
+    trace: Path | None,
     printer_name: str | None,
     learner: str,
     output: Path | None,
     name: str | None,
     old: Path | None,
     moved: Path | None,
+    filament: str | None,
+    travels: tuple[str, ...],
     seed: int,
     when: datetime | None,
     as_json: bool,
@@ -48,16 +56,20 @@ def command(
 
     TRACE.csv has a row for each commanded way-point: x_mm, y_mm, x_measured_mm, y_measured_mm, and z_mm, z_measured_mm
     for the Z screw; measured cells may be empty.
+
+    With --filament, machine and filament are told apart as far as the measurements allow.
     """
     import numpy as np
 
     from printmend.cli.outputs import spare
     from printmend.errors import of_file
+    from printmend.filament import check_name
     from printmend.measure import read_trace
     from printmend.printer import read_printer
     from printmend.promise.misfit import refusals
+    from printmend.repair.filament import filament_words, learn_in, parse_travel, printed_in, update_in
     from printmend.repair.history import ageing_of, remember_learned
-    from printmend.repair.learned import learn_model, report
+    from printmend.repair.learned import report
     from printmend.repair.mend import is_healthy
     from printmend.saved.model import read_model, write_model
 
@@ -66,6 +78,13 @@ def command(
     old = old or moved
     if printer_name is None and old is None:
         raise click.UsageError("--printer says which machine the trace is from")
+    if moved is not None and (filament is not None or travels):
+        raise click.UsageError("--phase takes neither --filament nor --travel: they are for a whole print")
+    if trace is None and not (old is not None and travels):
+        raise click.UsageError("TRACE.csv is what was measured; only --update with --travel does without")
+    rules = [parse_travel(each) for each in travels]
+    if filament is not None:
+        check_name(filament)
     if name is not None:
         if output is not None or Path(name).name != name or name.startswith("."):
             raise click.UsageError("--name is a plain name, without -o")
@@ -73,42 +92,48 @@ def command(
         output.parent.mkdir(parents=True, exist_ok=True)
     output = output or old or Path("printer.mend.json")
     replaced = ", in place of the one that was there" if output.exists() else ""
-    spare((output,), (trace, Path(printer_name or "-")))
+    spare((output,), (trace or Path("-"), Path(printer_name or "-")))
     rng = np.random.default_rng(seed)
     dated = None if when is None else when.replace(tzinfo=UTC)
     updated = None
     if old is None:
         printer = read_printer(printer_name or "")
+        assert trace is not None
         with of_file(trace):
-            model = learn_model(read_trace(trace, printer), printer, model=learner, rng=rng)
+            model = learn_in(read_trace(trace, printer), printer, filament, rules, model=learner, rng=rng)
     else:
         from printmend.repair.phase import learn_phase
-        from printmend.repair.update import same_machine, update
+        from printmend.repair.update import same_machine
 
         past = read_model(old)
         if printer_name is not None:
             same_machine(past, read_printer(printer_name))
         ageing = None if moved is not None else ageing_of(old, dated)
-        with of_file(trace):
-            again = read_trace(trace, past.printer)
-            updated = learn_phase(past, again, rng=rng) if moved is not None else update(
-                past, again, rng=rng, ageing=ageing
-            )  # fmt: skip
+        with of_file(trace or old):
+            again = None if trace is None else read_trace(trace, past.printer)
+            if moved is not None:
+                assert again is not None
+                updated = learn_phase(past, again, rng=rng)
+            else:
+                updated = update_in(past, again, filament, rules, rng=rng, ageing=ageing)
         model = updated.model
         if ageing is not None and ageing.words:
             click.echo(ageing.words, err=as_json)
         click.echo(updated.words, err=as_json)
     write_model(output, model)
     if output.is_file() and not (updated is not None and updated.is_known):
-        remember_learned(output, model, trace.name, updated=old is not None, when=dated)
+        remember_learned(
+            output, model, "steel rule" if trace is None else trace.name, updated=old is not None, when=dated
+        )
     if as_json:
         click.echo(json.dumps({"output": str(output), "digest": model.digest, **model.summary}, ensure_ascii=False))
     else:
-        comes = f"next: printmend mend part.gcode -m {shlex.quote(str(name or output))} --report part.html"
+        in_it = "" if filament is None else f" --filament {filament}"
+        comes = f"next: printmend mend part.gcode -m {shlex.quote(str(name or output))}{in_it} --report part.html"
         if refusals(model.document):
             comes = "next: put right what the refusal names, and learn again; `mend` takes nothing with this model"
-        elif is_healthy(model):
+        elif is_healthy(printed_in(model, filament)):
             comes = "nothing to mend: files stay as they are"
-        click.echo(report(model))
+        click.echo("\n".join([report(model), *filament_words(model)]))
         click.echo(comes)
         click.echo(f"written: {output}{replaced}")

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=ModelType(),
     help="What `printmend learn` wrote about this printer.",
 )  # fmt: skip
+@click.option("--filament", metavar="NAME",
+              help="Also mend what the part will shrink in it [default: left to the slicer].")  # fmt: skip
 @click.option("-o", "--output", metavar="FILE|FOLDER|-", type=click.Path(path_type=Path),
               help="Default PART.mended.gcode; - is the standard output. Of several files a folder.")  # fmt: skip
 @click.option("--in-place", is_flag=True, help="Replace PART.gcode: for slicers' post-processing.")
@@ -42,9 +44,9 @@ if TYPE_CHECKING:
 @click.option("--quiet", is_flag=True, help="Say only what went wrong.")
 @click.pass_context
 def command(
-    ctx: click.Context, sources: tuple[Path, ...], model_path: Path, output: Path | None, in_place: bool,
-    overwrite: bool, report: Path | None, force: bool, tolerance_mm: float, firmware: str | None, slower: float | None,
-    crossing_mm_s2: float | None, jobs: int, as_json: bool, quiet: bool,
+    ctx: click.Context, sources: tuple[Path, ...], model_path: Path, filament: str | None, output: Path | None,
+    in_place: bool, overwrite: bool, report: Path | None, force: bool, tolerance_mm: float, firmware: str | None,
+    slower: float | None, crossing_mm_s2: float | None, jobs: int, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Rewrite G-code so that this printer prints it right, and predict the error before and after.
 
@@ -59,26 +61,29 @@ def command(
     Of several files the others are written all the same, and it ends with the worst of theirs: 1, then 2, then 3.
     """
     from printmend.invert.fineness import Fineness
+    from printmend.repair.filament import printed_in
     from printmend.saved import read_model
 
     fineness = Fineness(tolerance_mm, firmware, slower, crossing_mm_s2)
     if len(sources) > 1 or sources[0].is_dir() or as_json:
         if str(output) == "-" or any(str(source) == "-" for source in sources) or report is not None:
             raise click.UsageError("standard input or output and --report go with one file, without --json")
-        model = read_model(model_path)
+        model = printed_in(read_model(model_path), filament)
         _mend_many(ctx, sources, model, output, in_place, overwrite, force, fineness, jobs, as_json, quiet)
         return
-    _mend_one(sources[0], model_path, output, in_place, overwrite, report, force, fineness, quiet)
+    _mend_one(sources[0], model_path, filament, output, in_place, overwrite, report, force, fineness, quiet)
 
 
+# Its many parameters are the command's options.
 def _mend_one(
-    source: Path, model_path: Path, output: Path | None, in_place: bool, overwrite: bool, report: Path | None,
-    force: bool, fineness: "Fineness", quiet: bool,
+    source: Path, model_path: Path, filament: str | None, output: Path | None, in_place: bool, overwrite: bool,
+    report: Path | None, force: bool, fineness: "Fineness", quiet: bool,
 ) -> None:  # fmt: skip
     """Mend one file and say what came of it."""
     from printmend.cli.mend_output import output_path, progress
     from printmend.cli.outputs import spare
     from printmend.repair import mend_gcode
+    from printmend.repair.filament import printed_in
     from printmend.repair.many import refuse_overwriting
     from printmend.report.part import check_report_name, write_report
     from printmend.saved import read_model
@@ -88,7 +93,7 @@ def _mend_one(
     spare((target, report), (model_path, None if in_place else source))
     if not overwrite:
         refuse_overwriting(target, source)
-    model = read_model(model_path)
+    model = printed_in(read_model(model_path), filament)
     with progress(source) as tick:
         done = mend_gcode(source, model, target, force=force, fineness=fineness, progress=tick)
     if report is not None:

@@ -29,6 +29,7 @@ from printmend.effects.racking import Racking
 from printmend.effects.rail import Rail
 from printmend.effects.scale import Scale
 from printmend.effects.shift import Shift
+from printmend.effects.shrinkage import Shrinkage
 from printmend.effects.skew import Skew
 from printmend.effects.speed import Speed
 from printmend.effects.splice import Splice
@@ -51,7 +52,7 @@ _ALL: tuple[Effect, ...] = (
     Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Idler(),
     Teeth(), Skew(), Aspect(), Bent(), Rail(), Racking(), Tilt(), Lag(), LagWear(), Speed(), TwoMotors(), UnevenPlay(),
     Drift(), Creep(), Step(), Warmth(), Wear(), Wander(),
-    Origin(), Shift(), Turn(), Stretch(), Carriage(), CarriageWave(), Halves(), Bead(),
+    Origin(), Shift(), Turn(), Stretch(), Carriage(), CarriageWave(), Halves(), Bead(), Shrinkage(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")
 

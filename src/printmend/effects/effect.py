@@ -57,6 +57,7 @@ class Scene:
     lowest and highest measured position of each motor and bed axis; ``way_mm`` is the length of the print. ``homed``:
     it began at the end stops, where the machine has no error; ``home_sd_mm`` is how far each belt may rest from there.
     ``homed_again_mm`` are shifts that were seen between two homings, each with its standard deviation, along one axis.
+    ``shrinkage_sd`` is what is not known of how much the measured part shrank, a share; None where nothing can have.
     """
 
     printer: Printer
@@ -70,6 +71,7 @@ class Scene:
     instrument: Instrument = field(default_factory=Instrument)
     walls: bool = False
     homed_again_mm: tuple[tuple[float, float], ...] = ()
+    shrinkage_sd: float | None = None
 
     @property
     def corexy(self) -> bool:
@@ -244,7 +246,7 @@ def scene_of(trace: Trace, printer: Printer, turns_mm: tuple[float, float]) -> S
     way = float(np.hypot(*np.diff(trace.commanded_mm, axis=0).T).sum())
     return Scene(
         printer, turns_mm, spans(motor), spans(bed), way, trace.placed, trace.homed,
-        instrument=trace.instrument_doubt, walls=bool(trace.wall_rows.any()),
+        instrument=trace.instrument_doubt, walls=bool(trace.wall_rows.any()), shrinkage_sd=trace.shrinkage_sd,
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from printmend.errors import RefusedError
 from printmend.export.firmware import EXPORTS, NO_BACKLASH, Export, Simple, simple_part
 from printmend.infer.posterior import DRAWS
 from printmend.promise.belief import Belief, parse_belief
+from printmend.promise.filament import UNTOLD
 from printmend.promise.misfit import refusals
 from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD
 from printmend.saved import SavedModel
@@ -67,6 +68,7 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
             left_out.append(_why(each.name, gain, each.doubt_mm, each.chance))
     if homeless:
         left_out.append(f"{' and '.join(sorted(homeless))}: {NO_BACKLASH[firmware]}")
+    left_out += [gap for gap in model.findings if gap.startswith(UNTOLD)]
     names = tuple(each.name for each in settings if _without(kept, each.name) != kept)
     return _judged(model, belief, make(mechanism, kept), names, tuple(left_out))
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
 from printmend.infer.posterior import DRAWS, Part
+from printmend.promise.filament import known_filaments
 from printmend.saved import SavedModel, ScrewSeries, screw_of
 from printmend.saved.values import number, numbers, refuse, section_of
 
@@ -102,6 +103,8 @@ def parse_belief(model: SavedModel) -> Belief | None:
         refuse(_SUBJECT, f"at most {_MOST_PARTS} parts", f"{len(rows)}")
     scatter_mm = abs(number(section, "scatter_mm", _SUBJECT))
     parts = tuple(_part(row, scene) for row in rows)
+    if model.filament is not None:
+        parts = (*parts, *known_filaments(model)[model.filament])
     return Belief(scene, parts, placed, scatter_mm, bool(section.get("by_hand")), screw_of(model))
 
 

@@ -25,7 +25,7 @@ def scale_words(model: SavedModel) -> tuple[str, ...]:
     shown = model.document.get("promise", {}).get("shown")
     if belief is None or belief.placed or not isinstance(shown, list) or len(shown) != 2:
         return ()
-    acts, draws = _axes(belief.scene, belief.parts)
+    acts, draws = axis_scales(belief.scene, belief.parts)
     doubt = float(np.sqrt(np.mean((draws - acts[:, None]) ** 2, axis=1)).max())
     beyond = float(np.abs(np.array(shown, float) - acts).max())  # as far as it is the printer's
     if beyond > STRANGE_SDS * _instrument(model).get("scale_sd", np.inf):
@@ -37,14 +37,14 @@ def scale_words(model: SavedModel) -> tuple[str, ...]:
 
 def shown_scales(scene: Scene, parts: Sequence[Part]) -> list[float]:
     """Return by which shares a print is too large in its picture in X and Y, the instrument's own included."""
-    _, draws = _axes(scene, parts)
+    _, draws = axis_scales(scene, parts)
     values, axes = np.linalg.eigh(scene.instrument.covariance)
     stretch = sum((part.mean_mm for part in parts if part.effect == "stretch"), np.zeros(3))
     common, half, _ = (axes * np.sqrt(np.maximum(values, 0.0))) @ stretch
     return [round(float(each), 6) for each in draws.mean(axis=1) + np.array([common + half, common - half])]
 
 
-def _axes(scene: Scene, parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
+def axis_scales(scene: Scene, parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
     """Return the scales of both bed axes that act [2], and those of the drawn machines [2, D], as shares."""
     found = []
     for axis in range(2):

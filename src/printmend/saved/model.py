@@ -46,13 +46,15 @@ class SavedModel:
     """A learned machine and its document.
 
     ``mechanism`` is absolute: its tables give bed positions, so never anchor it again with `Mechanism.homed`.
-    ``document`` is the JSON as written, without the digest; ``digest`` is 16 hexadecimal digits over it.
+    ``document`` is the JSON as written, without the digest; ``digest`` is 16 hexadecimal digits over it. With a
+    ``filament`` the mechanism prints what is left once parts in it have shrunk; the document is the machine's alone.
     """
 
     mechanism: Mechanism
     learner: str
     digest: str
     document: Mapping[str, Any] = field(repr=False)
+    filament: str | None = None
 
     @property
     def printer(self) -> Printer:

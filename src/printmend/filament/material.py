@@ -1,0 +1,57 @@
+"""What a filament is made of, by its name: ``pla-black`` is a PLA."""
+
+import re
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from printmend.errors import ConfigError
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9+._-]{0,39}")
+# Other names of the polymers of the table, as they stand on spools.
+_ALSO = {
+    "nylon": "pa",
+    "polycarbonate": "pc",
+    "pet": "petg",
+    "pctg": "petg",
+    "cpe": "petg",
+    "tpe": "tpu",
+    "flex": "tpu",
+}
+
+
+@dataclass(frozen=True)
+class Material:
+    """A polymer: the mean by which parts shrink in it along X and Y, and its standard deviation, as shares."""
+
+    polymer: str
+    mean: float
+    sd: float
+
+
+@cache
+def _table() -> dict[str, Material]:
+    table = tomllib.loads((Path(__file__).parent / "materials.toml").read_text())
+    return {name: Material(name, row["mean"] / 100, row["sd"] / 100) for name, row in table.items()}
+
+
+def check_name(name: str) -> str:
+    """Return a filament's name. Raises `ConfigError` for one that begins with no polymer that is known."""
+    material_of(name)
+    return name
+
+
+def material_of(name: str) -> Material:
+    """Return the polymer with whose name a filament's name begins: ``petg_blue``, ``pa6-cf`` and ``nylon`` have one.
+
+    Raises `ConfigError` for a name that is none or begins with no polymer that is known.
+    """
+    known = {**_table(), **{also: _table()[polymer] for also, polymer in _ALSO.items()}}
+    begins = [each for each in known if name.lower().startswith(each)]
+    if not _NAME.fullmatch(name) or not begins:
+        raise ConfigError(
+            "--filament", wanted=f"a name that begins with its polymer ({', '.join(_table())})", came=repr(name),
+            todo="call it like pla-black: up to 40 letters, digits, dots, dashes",
+        )  # fmt: skip
+    return known[max(begins, key=len)]
