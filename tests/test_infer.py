@@ -46,7 +46,7 @@ def scenes() -> Iterator[Scene]:
     for preset in ("ender3", "corexy"):
         scene = scene_for(read_printer(preset))
         yield scene
-        yield replace(scene, placed=False, instrument=FLATBED, walls=True)
+        yield replace(scene, placed=False, instrument=FLATBED, walls=True, shrinkage_sd=0.002)
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
@@ -68,7 +68,7 @@ def test_an_effect_keeps_its_promises_to_inference(name: str) -> None:
                     assert columns_of(name, places, term.where, shape, scene).shape == columns.shape
                 if scene.homed and effect.of is Of.MACHINE and effect.from_home:
                     assert np.abs(columns_of(name, home_of(scene), term.where, term.shape, scene)).max() < 1e-12
-        if name not in ("origin", "stretch", "bead", "turn", "pulley"):  # always there, or with a share by the scene
+        if name not in ("origin", "stretch", "bead", "turn", "pulley", "shrinkage"):  # always there, or by the scene
             for odds in by_place.values():
                 assert odds / (1 + odds) == pytest.approx(share_of(name), rel=1e-6)
     assert offered

@@ -29,6 +29,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "diagnose": "Say what is wrong with a printer, and what to do, in one report.",
         "check": "Predict how far a print will be off, as it is and mended.",
         "mend": "Rewrite G-code so that a broken printer prints it right.",
+        "fit": "Say whether a printed part fits, and what its slicer must be told.",
         "verify": "Measure a mended check print: was the promise kept?",
         "history": "Show what every measurement said, and where wear leads.",
         "export": "Write the part of a fault that a firmware can hold.",

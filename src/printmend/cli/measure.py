@@ -40,10 +40,11 @@ if TYPE_CHECKING:
 @click.option("--callipers", is_flag=True, help="Ask for a few distances instead; SCAN may be a list of them.")
 @click.option("--printer", "printer_name", metavar="NAME|FILE.toml",
               help="With --gcode: what printed it. With --callipers: learn a model of it.")  # fmt: skip
+@click.option("--filament", metavar="NAME", help="With --gcode: what the part was printed in, as pla-black.")
 def command(
     scans: tuple[Path, ...], plan_path: Path | None, part_path: Path | None, layer: int, dpi: float | None,
     output: Path | None, overlay: Path | None, distances_mm: tuple[float, ...],
-    scanner_percent: float | None, callipers: bool, printer_name: str | None,
+    scanner_percent: float | None, callipers: bool, printer_name: str | None, filament: str | None,
 ) -> None:  # fmt: skip
     """Find the marks of the printed probe in SCANs, or the walls of any printed layer, and write where they are.
 
@@ -57,15 +58,20 @@ def command(
     """
     from printmend.cli.outputs import spare
     from printmend.extras import require
+    from printmend.filament import check_name
 
     if not callipers or overlay is not None:
         require("printmend measure", "cv2", "PIL", "scipy")
     output = output or Path("printer.mend.json" if callipers else "trace.csv")
     spare((output, overlay), (plan_path, part_path, *scans))
+    if filament is not None and part_path is None:
+        raise click.UsageError("--filament is for a part: dots on a plate or on paper cannot shrink")
+    if filament is not None:
+        check_name(filament)
     if scanner_percent is not None and (part_path is not None or callipers):
         raise click.UsageError("--scanner-error is for scans of a probe")
     if part_path is not None:
-        _measure_layer(scans, part_path, layer, printer_name, dpi, overlay, output, distances_mm)
+        _measure_layer(scans, part_path, layer, printer_name, dpi, overlay, output, distances_mm, filament)
         return
     if plan_path is None:
         raise click.UsageError("say what was printed: --probe probe.json, or --gcode part.gcode")
@@ -113,11 +119,12 @@ def _measure_probe(
 
 def _measure_layer(
     scans: tuple[Path, ...], part_path: Path, layer: int, printer_name: str | None, dpi: float | None,
-    overlay: Path | None, output: Path, distances_mm: tuple[float, ...],
+    overlay: Path | None, output: Path, distances_mm: tuple[float, ...], filament: str | None,
 ) -> None:  # fmt: skip
     from printmend.measure import write_trace
     from printmend.measure.distance import is_asking
     from printmend.printer import read_printer
+    from printmend.repair.fit import fits
     from printmend.repair.part import measure_part
 
     if printer_name is None or len(scans) != 1:
@@ -132,6 +139,8 @@ def _measure_layer(
         if note not in asked:
             click.echo(note)
     click.echo(f"{output}: {measured.found} measured places; learn from them with `printmend learn`")
+    for line in fits([(layer, measured)], part_path, printer, None, filament).sizes():
+        click.echo(line)
     for note in asked:
         click.echo(f"still open: {note}")
 

@@ -44,7 +44,8 @@ class Walls:
     ``layer`` says of which layer the walls are, from 1. For each wall place: ``row`` [S], in the order of motion,
     ``normal`` [S, 2] the direction out of the plastic, ``half_mm`` [S] half the bead's width. ``plastic`` [H, W] bool
     is the layer seen from above, row 0 at the lowest y, whose first pixel's centre is at ``corner_mm`` [2],
-    ``RASTER_MM`` a pixel. ``layers`` is how many the file has, ``tall_mm`` how high it is printed.
+    ``RASTER_MM`` a pixel. ``layers`` is how many the file has, ``tall_mm`` how high it is printed, and
+    ``height_mm`` how high this layer is.
     """
 
     commanded_mm: np.ndarray
@@ -57,6 +58,7 @@ class Walls:
     layer: int
     layers: int
     tall_mm: float
+    height_mm: float = 0.2
 
     def trace(self, offset_mm: np.ndarray, sigma_mm: np.ndarray) -> Trace:
         """Return the trace of the motion from what was measured of each place [S] along its normal, NaN where not.
@@ -94,7 +96,8 @@ def read_walls(program: Program, printer: Printer, *, layer: int = 1) -> Walls:
     length = np.hypot(*(end - start).T)
     long = length > 1e-6
     printed, start, end, length = printed[long], start[long], end[long], length[long]
-    width = _widths(moves, printed, length, _height(moves, index))
+    high = _height(moves, index)
+    width = _widths(moves, printed, length, high)
     plastic, corner = _drawn(start, end, width)
     plastic = _parts(plastic, has_skirt=has_skirt)
     place = _places(printed, start, end, length)
@@ -118,7 +121,7 @@ def read_walls(program: Program, printer: Printer, *, layer: int = 1) -> Walls:
     left = np.repeat([True, False], [len(one) for one in both])[order]
     normal = np.where(left[:, None], normals[0][either][which], normals[1][either][which])
     tall = float(moves.end_mm[moves.extruding & (moves.layer >= 0), 2].max())
-    return Walls(commanded, homed, rows[which], normal, half[either][which], plastic, corner, layer, layers, tall)
+    return Walls(commanded, homed, rows[which], normal, half[either][which], plastic, corner, layer, layers, tall, high)
 
 
 def _layer_of(program: Program, moves: Moves, layer: int) -> tuple[int, int, bool]:

@@ -13,6 +13,7 @@ from printmend.clock import Duration, with_times
 from printmend.effects import EFFECTS
 from printmend.errors import GcodeError, RefusedError
 from printmend.files import replacing
+from printmend.fit.sliced import sliced
 from printmend.gcode.container import GcodeFile, Part, Text, open_gcode
 from printmend.gcode.header import described
 from printmend.gcode.mark import find_mark, find_test_print, marked
@@ -64,6 +65,7 @@ def mend_gcode(
     output = None if output is None else Path(output)
     with open_gcode(source) as file:
         refuse_mended(file)
+        refuse_grown(file, model.filament)
         planner = start(model.mechanism, tolerance_mm=fineness.tolerance_mm)
         if is_healthy(model):
             if not force:
@@ -99,6 +101,7 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
     """Predict what mending would do, and write nothing. Raises like `mend_gcode`, except where it would not help."""
     with open_gcode(source) as file:
         refuse_mended(file)
+        refuse_grown(file, model.filament)
         if said := said_of(model.document, REFITTED):  # nobody knows where the errors are now
             raise RefusedError(file.name, wanted="a model measured after the work", came=said[0], todo=PHASE_TODO)
         fineness, fewer = with_few_moves(file, model, AS_USUAL)
@@ -124,6 +127,17 @@ def refuse_mended(file: GcodeFile) -> None:
             raise GcodeError(
                 part.name, wanted="a file as the slicer wrote it", came=f"one that was mended with model {digest}",
                 todo="give the original (for `check`, the mended one with --against)",
+            )  # fmt: skip
+
+
+def refuse_grown(file: GcodeFile, filament: str | None) -> None:
+    """Raise `GcodeError` where a filament's shrinkage is to be mended of a file that its slicer enlarged against it."""
+    for part in file.parts if filament is not None else ():
+        if share := sliced(*part.hints()).shrinkage:
+            raise GcodeError(
+                part.name, wanted="a part that its slicer did not enlarge against shrinkage",
+                came=f"one enlarged against {100 * share:.2f} %",
+                todo="leave --filament out; or set the slicer's shrinkage compensation to none and slice it again",
             )  # fmt: skip
 
 

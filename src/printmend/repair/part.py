@@ -47,11 +47,17 @@ FINE = 16.0  # OpenCV draws in sixteenths of a pixel with shift=4
 
 @dataclass(frozen=True, eq=False)
 class PartMeasurement:
-    """The ``trace`` of a part, ``notes`` for its owner, how many places of walls were ``found``."""
+    """The ``trace`` of a part, ``notes`` for its owner, how many places of walls were ``found``.
+
+    ``stands_mm`` [S] is how far each place of ``walls`` stands out of where the file has it, beads included, NaN where
+    none was seen; ``trace`` is without what all of them share.
+    """
 
     trace: Trace
     notes: tuple[str, ...]
     found: int
+    walls: Walls
+    stands_mm: np.ndarray
 
 
 def measure_part(
@@ -113,7 +119,7 @@ def measure_part(
     )
     sigma = np.full(len(walls.row), float(np.clip(fit.sigma_mm, EDGE_SIGMA_MM, 1.0)))
     trace = replace(walls.trace(offset, sigma), instrument=instrument, origin=Origin(printer.name, printer.kinematics))
-    return PartMeasurement(trace, tuple(filter(None, notes)), found)
+    return PartMeasurement(trace, tuple(filter(None, notes)), found, walls, offset + fit.swell_mm)
 
 
 def _located(path: str | Path, page: Page, walls: Walls, rulers: Sequence[Ruler]) -> tuple[Silhouette, Lie]:

@@ -1,0 +1,79 @@
+"""`printmend fit`: does a printed part fit, and what must its slicer be told?"""
+
+import json
+from pathlib import Path
+
+import click
+
+from printmend.cli.model import ModelType
+from printmend.cli.number import Finite
+
+
+# Its many parameters are its options.
+@click.command(
+    epilog="Example: printmend fit underside.png --gcode part.gcode --printer ender3 --filament pla-black --out fit"
+)
+@click.argument("scan", metavar="SCAN", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--gcode", "part_path", required=True, metavar="PART.gcode",
+              type=click.Path(path_type=Path, dir_okay=False), help="The file that was printed.")  # fmt: skip
+@click.option("--printer", "printer_name", metavar="NAME|FILE.toml", help="What printed it; or say --model.")
+@click.option("-m", "--model", "model_path", metavar="NAME|printer.mend.json", type=ModelType(),
+              help="What `learn` wrote about it: the machine's own errors are taken off.")  # fmt: skip
+@click.option("--filament", metavar="NAME", help="What it was printed in, as pla-black.")
+@click.option(
+    "--top", metavar="SCAN", type=click.Path(path_type=Path, dir_okay=False),
+    help="A scan of the top side of a part 8 mm high or more: it tells the elephant's foot from wide lines.",
+)  # fmt: skip
+@click.option("--layer", type=click.IntRange(min=1), default=1, show_default=True,
+              help="Which layer SCAN shows; 1 is the underside.")  # fmt: skip
+@click.option("--dpi", type=Finite(min=50, max=9600), help="Resolution [default: what the file says, or 600]")
+@click.option("--distance", "distances_mm", metavar="MM", type=Finite(min=1, max=1000), multiple=True,
+              help="What callipers say of the widths that are named: settles the scale.")  # fmt: skip
+@click.option("--overlay", type=click.Path(path_type=Path, dir_okay=False), help="Draw what was found over the scan.")
+@click.option("--out", "folder", metavar="DIR", type=click.Path(path_type=Path, file_okay=False),
+              help="Write the profile to import, and all numbers as fit.json.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="All numbers as JSON.")
+def command(
+    scan: Path, part_path: Path, printer_name: str | None, model_path: Path | None, filament: str | None,
+    top: Path | None, layer: int, dpi: float | None, distances_mm: tuple[float, ...], overlay: Path | None,
+    folder: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Say how large a printed part came out, hole by hole, and what to type into its slicer so that it fits.
+
+    SCAN shows the part's underside, as for `measure --gcode`. What the slicer should do is left to the slicer; what the
+    machine does is mended.
+    """
+    from printmend.cli.outputs import spare
+    from printmend.extras import require
+    from printmend.fit import write_profiles
+    from printmend.fit.profile import how_to_import
+    from printmend.measure.distance import is_asking
+    from printmend.printer import read_printer
+    from printmend.repair.fit import LOW, fit_part
+    from printmend.repair.update import same_machine
+    from printmend.saved import read_model
+
+    if printer_name is None and model_path is None:
+        raise click.UsageError("--printer or --model says what printed it")
+    require("printmend fit", "cv2", "PIL", "scipy")
+    spare((overlay,), (scan, part_path, top))
+    model = None if model_path is None else read_model(model_path)
+    printer = model.printer if printer_name is None and model is not None else read_printer(printer_name or "")
+    if model is not None:
+        same_machine(model, printer)
+    found = fit_part(
+        scan, part_path, printer, model=model, filament=filament, layer=layer, top=top, dpi=dpi,
+        distances_mm=distances_mm, overlay=overlay,
+    )  # fmt: skip
+    if as_json:
+        click.echo(json.dumps(found.json(), ensure_ascii=False))
+    else:
+        for line in found.words():
+            click.echo(line)
+        for note in found.notes:
+            if is_asking(note) or note.startswith(LOW):
+                click.echo(f"still open: {note}")
+    if folder is not None:
+        for path in write_profiles(folder, found.settings, found.file, found.json()):
+            click.echo(f"written: {path}", err=as_json)
+        click.echo(how_to_import(found.file), err=as_json)

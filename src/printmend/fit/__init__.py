@@ -1,0 +1,28 @@
+"""Does it fit? How large a printed part came out, and which settings of a slicer make it come out right."""
+
+from printmend.fit.estimate import Estimate, Known, Layer, estimated
+from printmend.fit.outline import Outline, Round, outline_of
+from printmend.fit.profile import write_profiles
+from printmend.fit.setting import SLICERS, Setting, Slicer, settings_for
+from printmend.fit.sliced import Sliced, sliced
+from printmend.fit.words import fit_json, fit_sizes, fit_words
+
+__all__ = [
+    "SLICERS",
+    "Estimate",
+    "Known",
+    "Layer",
+    "Outline",
+    "Round",
+    "Setting",
+    "Sliced",
+    "Slicer",
+    "estimated",
+    "fit_json",
+    "fit_sizes",
+    "fit_words",
+    "outline_of",
+    "settings_for",
+    "sliced",
+    "write_profiles",
+]

@@ -1,0 +1,258 @@
+"""How far the walls of a part stand out, how much it is too large along X and Y: one least squares with priors.
+
+A wall's place with the normal n stands out by
+
+    δ_outline or δ_hole + n·S (p − p₀) + n·(shift, turn, skew) + n·play
+
+where S holds the scales along X and Y. Of one outline alone, a part that is too large looks like one with wide lines;
+what is known of filaments and of scanners beforehand then decides how much of either is likely.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.errors import ScanError
+from printmend.fit.outline import NOWHERE, OUTER, Outline, Round
+from printmend.infer.contacts import contacts_of
+from printmend.machine import Mechanism, healthy_mechanism
+from printmend.measure.walls import Walls
+from printmend.path import FLATBED, Instrument
+from printmend.picture.silhouette import ACROSS_MM
+from printmend.printer import Printer
+from printmend.twin import Twin
+from printmend.units import SIGMA_PER_MEDIAN
+
+SHARE_MM = 100.0  # scales, turns and skew are in mm per this distance
+OFFSET_SD_MM, HOLE_SD_MM, SHIFT_SD_MM = 0.3, 0.3, 1.0  # before anything is measured
+TURN_SD_MM, SKEW_SD_MM, PLAY_SD_MM = 1.0, 0.5, 0.1
+# By how much parts in any filament are too large [share], and machines' own scales (`filament.ledger`).
+ANY_MEAN, ANY_SD, MACHINE_SD = -0.004, 0.004, 0.002
+EDGE_SD_MM = 0.008  # by which all edges of a scan may be seen too far out or in: a thirtieth of a pixel's share of blur
+LEAST_SIGMA_MM, HUBER_SIGMAS, ROUNDS = 0.004, 2.0, 12
+LEAST_SHARE = 0.08  # of the places that tells something of its own
+RANGE = 1.645  # standard deviations of a 90 % range
+# A ray is averaged with its neighbours, over which a bent wall recedes by this times its curvature [mm²].
+_BENT_MM2 = float(np.mean(np.square(ACROSS_MM))) / 2
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of the part's scale along X and Y beforehand, as shares: its mean, its standard deviation; and
+    whether the machine's own errors were taken off."""
+
+    mean: tuple[float, float] = (ANY_MEAN, ANY_MEAN)
+    sd: tuple[float, float] = (float(np.hypot(ANY_SD, MACHINE_SD)),) * 2
+    mended: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """One scanned layer: which (from 1), its walls, their outline, and how far each place stands out [S] mm."""
+
+    number: int
+    walls: Walls
+    outline: Outline
+    stands_mm: np.ndarray
+
+
+@dataclass(frozen=True)
+class Hole:
+    """A round hole as it came out, ``sd_mm`` its standard deviation; ``own_mm`` is how far its wall lies out of the
+    plastic beyond what all holes of its layer do."""
+
+    at: Round
+    diameter_mm: float
+    sd_mm: float
+    own_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """What one layer shows: how far its outline stands out, and its holes' walls into the holes (None: no hole), each
+    with its standard deviation; its round holes; its size along X and Y as commanded and as it came out."""
+
+    layer: int
+    outline_mm: float
+    outline_sd_mm: float
+    hole_mm: float | None
+    hole_sd_mm: float
+    extra_sd_mm: float
+    rounds: tuple[Hole, ...]
+    size_mm: tuple[float, float]
+    came_mm: tuple[float, float]
+    came_sd_mm: tuple[float, float]
+    width_mm: float
+    places: int
+    sigma_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What one or two scanned layers of a part show. ``scale`` [2] are the shares by which it is too large along X and
+    Y, ``scale_sd`` [2] their standard deviations; ``is_machine_off`` says that the machine's own are taken off."""
+
+    sides: tuple[Side, ...]
+    scale: tuple[float, float]
+    scale_sd: tuple[float, float]
+    is_machine_off: bool
+
+    @property
+    def first(self) -> Side | None:
+        """The first layer, None where it was not scanned."""
+        return next((side for side in self.sides if side.layer == 1), None)
+
+    @property
+    def upper(self) -> Side | None:
+        """A layer above the first, None where none was scanned."""
+        return next((side for side in self.sides if side.layer > 1), None)
+
+    @property
+    def foot_mm(self) -> tuple[float, float] | None:
+        """The elephant's foot and its standard deviation, None where not both layers were scanned."""
+        if self.first is None or self.upper is None:
+            return None
+        sd = float(np.hypot(self.first.outline_sd_mm, self.upper.outline_sd_mm))
+        return self.first.outline_mm - self.upper.outline_mm, sd
+
+
+def estimated(
+    layers: Sequence[Layer], printer: Printer, instrument: Instrument | None, known: Known, mechanism: Mechanism | None
+) -> Estimate:
+    """Return what scanned layers show of a part. ``mechanism`` is what is known of the machine: its errors are taken
+    off. Raises `ScanError` where too few walls were seen."""
+    blocks = [_block(layer, printer, mechanism) for layer in layers]
+    own, shared = blocks[0].own.shape[1], blocks[0].shared.shape[1]
+    count = shared + own * len(blocks)
+    columns = np.zeros((sum(len(block.wanted) for block in blocks), count))
+    first = 0
+    for at, block in enumerate(blocks):
+        rows = slice(first, first := first + len(block.wanted))
+        columns[rows, :shared] = block.shared
+        columns[rows, shared + at * own : shared + (at + 1) * own] = block.own
+    wanted = np.concatenate([block.wanted for block in blocks])
+    mean, prior = np.zeros(count), np.zeros((count, count))
+    mean[:2] = SHARE_MM * np.array(known.mean)
+    prior[:2, :2] = np.diag(np.square(SHARE_MM * np.array(known.sd)))
+    prior[2:5, 2:5] = SHARE_MM**2 * (instrument or FLATBED).covariance + 1e-12 * np.eye(3)
+    play = 1e-6 if mechanism is not None else PLAY_SD_MM
+    prior[5:shared, 5:shared] = np.diag(np.square([SKEW_SD_MM, play, play]))
+    sds = [OFFSET_SD_MM, HOLE_SD_MM, TURN_SD_MM, SHIFT_SD_MM, SHIFT_SD_MM]
+    prior[shared:, shared:] = np.diag(np.square(np.tile(sds, len(blocks))))
+    values, covariance, left, sigma = _solved(columns, wanted, mean, prior)
+    sides, first = [], 0
+    for at, (layer, block) in enumerate(zip(layers, blocks, strict=True)):
+        rows = slice(first, first := first + len(block.wanted))
+        own_at = slice(shared + at * own, shared + (at + 1) * own)
+        sides.append(_side(layer, block, values, covariance, own_at, left[rows], sigma))
+    scale_sd = np.sqrt(np.diag(covariance)[:2]) / SHARE_MM
+    return Estimate(
+        tuple(sides), (float(values[0] / SHARE_MM), float(values[1] / SHARE_MM)),
+        (float(scale_sd[0]), float(scale_sd[1])), mechanism is not None,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """The rows of one layer: which places are ``seen`` [R], their ``group`` [R], what is ``wanted`` [R], and the
+    columns that all layers share and its own."""
+
+    seen: np.ndarray
+    group: np.ndarray
+    wanted: np.ndarray
+    shared: np.ndarray
+    own: np.ndarray
+
+
+def _block(layer: Layer, printer: Printer, mechanism: Mechanism | None) -> _Block:
+    walls, outline = layer.walls, layer.outline
+    seen = np.flatnonzero(np.isfinite(layer.stands_mm) & (outline.group != NOWHERE))
+    if len(seen) < 20:
+        raise ScanError("the scan", wanted="walls of the part", came=f"{len(seen)} places", todo="scan it at 600 dpi")
+    n, group = walls.normal[seen], outline.group[seen]
+    x, y = ((outline.edge_mm[seen] - outline.edge_mm[seen].mean(axis=0)) / SHARE_MM).T
+    motor = printer.to_motor(walls.commanded_mm)
+    side = contacts_of(healthy_mechanism(printer), motor).side[walls.row[seen]]
+    play = np.stack([n @ np.asarray(printer.from_motor(each)) for each in np.eye(2)], axis=1) * side / 2
+    wanted = layer.stands_mm[seen] + _BENT_MM2 * outline.curvature[seen]
+    if mechanism is not None:
+        off_mm = Twin(mechanism).follow(walls.commanded_mm)[walls.row[seen]] - walls.commanded_mm[walls.row[seen]]
+        wanted = wanted - np.sum((off_mm - off_mm.mean(axis=0)) * n, axis=1)
+    common, half, lean = n[:, 0] * x + n[:, 1] * y, n[:, 0] * x - n[:, 1] * y, n[:, 0] * y + n[:, 1] * x
+    shared = np.column_stack([n[:, 0] * x, n[:, 1] * y, common, half, lean, n[:, 0] * y, play])
+    turn = n[:, 1] * x - n[:, 0] * y
+    own = np.column_stack([group == OUTER, group > OUTER, turn, n]).astype(float)
+    return _Block(seen, group, wanted, shared, own)
+
+
+def _solved(
+    columns: np.ndarray, wanted: np.ndarray, mean: np.ndarray, prior: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Return the values [P], their covariance, what is left [R], and its standard deviation; outliers count less."""
+    inverse = np.linalg.inv(prior)
+    weight, sigma, share, values = np.ones(len(wanted)), 0.05, 0.25, mean
+    covariance = prior
+    for _ in range(ROUNDS):
+        scaled = columns * (share * weight)[:, None]
+        covariance = np.linalg.inv(inverse + columns.T @ scaled / sigma**2)
+        values = covariance @ (inverse @ mean + scaled.T @ wanted / sigma**2)
+        left = wanted - columns @ values
+        sigma = max(SIGMA_PER_MEDIAN * float(np.median(np.abs(left))), LEAST_SIGMA_MM)
+        weight = np.minimum(1.0, HUBER_SIGMAS / np.maximum(np.abs(left) / sigma, 1e-9))
+        share = _own_share(left, sigma)
+    return values, covariance, left, sigma
+
+
+def _own_share(left: np.ndarray, sigma: float) -> float:
+    """Return the share of places, in their order, that tell something of their own: where neighbours are correlated by
+    ρ at a distance, 1 + 2 Σ ρ of them tell the same."""
+    clipped = np.clip(left, -3 * sigma, 3 * sigma)
+    square = float(clipped @ clipped) + 1e-12
+    alike = sum(max(float(clipped[:-lag] @ clipped[lag:]) / square, 0.0) for lag in range(1, 9))
+    return float(np.clip(1 / (1 + 2 * alike), LEAST_SHARE, 1.0))
+
+
+def _side(
+    layer: Layer, block: _Block, values: np.ndarray, covariance: np.ndarray, own: slice, left: np.ndarray, sigma: float
+) -> Side:
+    outline, hole = own.start, own.start + 1
+    sd = np.sqrt(np.diag(covariance))
+    has_holes = bool((block.group > OUTER).any())
+    apart = covariance[hole, hole] + covariance[outline, outline] - 2 * covariance[outline, hole]
+    scale = values[:2] / SHARE_MM
+    rounds = [
+        _hole(one, layer.outline, float(values[hole]), covariance, hole, scale, left[block.group == one.number], sigma)
+        for one in layer.outline.rounds
+    ]
+    edge = layer.outline.edge_mm[layer.outline.group == OUTER]
+    size = edge.max(axis=0) - edge.min(axis=0) if len(edge) else np.zeros(2)
+    came = size * (1 + scale) + 2 * values[outline]
+    pick = np.zeros((2, len(values)))
+    pick[:, outline] = 2.0
+    pick[[0, 1], [0, 1]] = size / SHARE_MM
+    came_sd = np.sqrt(np.einsum("ap,pq,aq->a", pick, covariance, pick) + (2 * EDGE_SD_MM) ** 2)
+    return Side(
+        layer.number, float(values[outline]), float(np.hypot(sd[outline], EDGE_SD_MM)),
+        float(values[hole]) if has_holes else None, float(np.hypot(sd[hole], EDGE_SD_MM)),
+        float(np.hypot(np.sqrt(max(apart, 0.0)), EDGE_SD_MM)), tuple(rounds), (float(size[0]), float(size[1])),
+        (float(came[0]), float(came[1])), (float(came_sd[0]), float(came_sd[1])),
+        float(np.median(2 * layer.walls.half_mm)), len(block.seen), sigma,
+    )  # fmt: skip
+
+
+# Its many parameters are what one hole takes of its layer.
+def _hole(
+    one: Round, outline: Outline, hole_mm: float, covariance: np.ndarray, hole: int, scale: np.ndarray,
+    left: np.ndarray, sigma: float,
+) -> Hole:  # fmt: skip
+    """Return a round hole as it came out: what is left of its own places beside all holes counts as far as it is
+    known."""
+    free = max(len(left) * 0.25, 1.0)
+    spread = sigma / np.sqrt(free)
+    own = float(np.mean(np.clip(left, -3 * sigma, 3 * sigma))) if len(left) else 0.0
+    diameter = one.diameter_mm * (1 + float(scale.mean())) - 2 * (hole_mm + own)
+    pick = np.zeros(len(covariance))
+    pick[hole], pick[:2] = -2.0, one.diameter_mm / 2 / SHARE_MM
+    sd = np.sqrt(pick @ covariance @ pick + (2 * spread) ** 2 + (2 * EDGE_SD_MM) ** 2)
+    return Hole(one, diameter, float(sd), own)

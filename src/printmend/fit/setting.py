@@ -1,0 +1,169 @@
+"""Which settings of each slicer make a part come out right, by the names that its own files and pages use.
+
+Signs differ: PrusaSlicer's XY size compensation moves all walls out of the plastic, OrcaSlicer's hole compensation
+makes holes larger, SuperSlicer's inner one smaller. Here all are out of the plastic; each slicer's names say how its
+own are written.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from printmend.fit.estimate import RANGE, Estimate
+from printmend.fit.sliced import Sliced
+
+STEP_MM = 0.01  # in which a length is typed
+LEAST_MM, LEAST_SHARE = 0.01, 0.0003  # smaller corrections are not worth typing
+LEAST_FLOW, MOST_FLOW = 0.01, 0.15  # shares: a flow is seldom more wrong, and then not by so little
+Where = Literal["print", "filament"]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Corrections that make a part right: by how much the outline and holes of upper layers must stand out of the
+    plastic, by how much less the first layer must, and by which share the part will shrink."""
+
+    outline_mm: float
+    hole_mm: float
+    foot_mm: float
+    shrinkage: float
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One setting: its ``key`` in files, its ``name`` on the slicer's page, the ``value`` to type, and whether that is
+    another than the file was sliced with."""
+
+    where: Where
+    key: str
+    name: str
+    value: str
+    is_new: bool
+
+
+@dataclass(frozen=True)
+class Slicer:
+    """A slicer: its name, how it writes corrections, and what it can ``hold`` of them."""
+
+    name: str
+    title: str
+    written: Callable[[Wanted, Sliced], tuple[tuple[Where, str, str, str], ...]]
+    holds: Callable[[Wanted], Wanted]
+
+
+def wanted(estimate: Estimate, file: Sliced) -> Wanted:
+    """Return the corrections that an estimate asks for; what is not surely off stays as the file has it."""
+    first, upper = estimate.first, estimate.upper
+    outline, hole, foot = file.outline_mm, file.hole_mm, file.foot_mm
+    if upper is not None:
+        outline -= _sure(upper.outline_mm, upper.outline_sd_mm)
+        if upper.hole_mm is not None:
+            hole -= _sure(upper.hole_mm, upper.hole_sd_mm)
+        if first is not None and estimate.foot_mm is not None:
+            foot = max(foot + _sure(*estimate.foot_mm), 0.0)
+    elif first is not None:  # what stands out there is taken for the foot; what falls short is no foot
+        off = _sure(first.outline_mm, first.outline_sd_mm)
+        foot = max(foot + off, 0.0)
+        outline -= off - (foot - file.foot_mm)
+        if first.hole_mm is not None:
+            beyond = _sure(first.hole_mm - first.outline_mm, first.extra_sd_mm)
+            hole -= beyond + (file.outline_mm - outline)
+    shares = [-scale for scale in estimate.scale]
+    both = (shares[0] + shares[1]) / 2
+    sd = math.hypot(*estimate.scale_sd) / 2
+    is_sure = abs(both - file.shrinkage) > max(RANGE * sd, LEAST_SHARE)
+    shrinkage = both if is_sure and abs(both) > LEAST_SHARE else file.shrinkage
+    return Wanted(_step(outline), _step(hole), _step(foot), round(shrinkage, 4) + 0.0)
+
+
+def _step(value_mm: float) -> float:
+    return round(value_mm / STEP_MM) * STEP_MM + 0.0
+
+
+def _sure(value_mm: float, sd_mm: float) -> float:
+    return value_mm if abs(value_mm) > max(RANGE * sd_mm, LEAST_MM) else 0.0
+
+
+def settings_for(slicer: Slicer, corrections: Wanted, file: Sliced) -> tuple[Setting, ...]:
+    """Return the settings of a slicer that hold corrections."""
+    now = Wanted(file.outline_mm, file.hole_mm, file.foot_mm, file.shrinkage)
+    before = {key: value for _, key, _, value in slicer.written(now, file)}
+    return tuple(
+        Setting(where, key, name, value, before.get(key) != value)
+        for where, key, name, value in slicer.written(corrections, file)
+    )
+
+
+def _mm(value: float) -> str:
+    return f"{value + 0.0:.2f}".rstrip("0").rstrip(".") if abs(value) >= STEP_MM / 2 else "0"
+
+
+def _percent(value: float) -> str:
+    return f"{100 * value + 0.0:.2f}".rstrip("0").rstrip(".") + "%"
+
+
+def _prusa(w: Wanted, file: Sliced) -> tuple[tuple[Where, str, str, str], ...]:
+    return (
+        ("print", "xy_size_compensation", "XY Size Compensation", _mm(w.outline_mm)),
+        ("print", "elefant_foot_compensation", "Elephant foot compensation", _mm(w.foot_mm)),
+        ("filament", "filament_shrinkage_compensation_xy", "Shrinkage compensation XY", _percent(w.shrinkage)),
+    )
+
+
+def _super(w: Wanted, file: Sliced) -> tuple[tuple[Where, str, str, str], ...]:
+    convex = float(file.settings.get("hole_size_compensation", "0") or 0) if file.maker == "superslicer" else 0.0
+    return (
+        ("print", "xy_size_compensation", "XY outer size compensation", _mm(w.outline_mm)),
+        ("print", "xy_inner_size_compensation", "XY inner size compensation", _mm(w.hole_mm - convex)),
+        ("print", "first_layer_size_compensation", "XY first layer compensation", _mm(-w.foot_mm)),
+        ("filament", "filament_shrink", "Shrinkage", _percent(1 - w.shrinkage)),
+    )
+
+
+def _orca(w: Wanted, file: Sliced) -> tuple[tuple[Where, str, str, str], ...]:
+    return (
+        ("print", "xy_contour_compensation", "X-Y contour compensation", _mm(w.outline_mm)),
+        ("print", "xy_hole_compensation", "X-Y hole compensation", _mm(-w.hole_mm)),
+        ("print", "elefant_foot_compensation", "Elephant foot compensation", _mm(w.foot_mm)),
+        ("filament", "filament_shrink", "Shrinkage (XY)", _percent(1 - w.shrinkage)),
+    )
+
+
+def _cura(w: Wanted, file: Sliced) -> tuple[tuple[Where, str, str, str], ...]:
+    return (
+        ("print", "xy_offset", "Horizontal Expansion", _mm(w.outline_mm)),
+        ("print", "hole_xy_offset", "Hole Horizontal Expansion", _mm(w.outline_mm - w.hole_mm)),
+        ("print", "xy_offset_layer_0", "Initial Layer Horizontal Expansion", _mm(w.outline_mm - w.foot_mm)),
+        ("filament", "material_shrinkage_percentage_xy", "Horizontal Scaling Factor Shrinkage Compensation",
+         _percent(1 / (1 - w.shrinkage)).removesuffix("%")),
+    )  # fmt: skip
+
+
+def _all(w: Wanted) -> Wanted:
+    return w
+
+
+def _one_for_both(w: Wanted) -> Wanted:
+    """PrusaSlicer moves holes and outline together."""
+    return Wanted(w.outline_mm, w.outline_mm, w.foot_mm, w.shrinkage)
+
+
+SLICERS: Mapping[str, Slicer] = {
+    each.name: each
+    for each in (
+        Slicer("prusaslicer", "PrusaSlicer", _prusa, _one_for_both),
+        Slicer("orcaslicer", "OrcaSlicer", _orca, _all),
+        Slicer("bambustudio", "Bambu Studio", _orca, _all),
+        Slicer("cura", "Cura", _cura, _all),
+        Slicer("superslicer", "SuperSlicer", _super, _all),
+    )
+}
+
+
+def flow_instead(width_mm: float, came_mm: float, file: Sliced, height_mm: float) -> float | None:
+    """Return the flow multiplier with which lines that came out as wide as this would be as wide as set: a bead is a
+    rectangle with round ends. None where it is no flow that is wrong by so much, or by nothing."""
+    round_mm = height_mm * (1 - math.pi / 4)
+    factor = (width_mm - round_mm) / max(came_mm - round_mm, 1e-3)
+    return file.flow * factor if LEAST_FLOW < abs(factor - 1) < MOST_FLOW else None

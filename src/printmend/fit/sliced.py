@@ -1,0 +1,113 @@
+"""What a file says of the settings that it was sliced with: the corrections that are in it already."""
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+_SETTING = re.compile(rb"^; ([a-z][a-z0-9_]*) = ([^\r\n]*)$", re.MULTILINE)
+_CURA_LINE = re.compile(rb"^;SETTING_3 ([^\r\n]*)", re.MULTILINE)
+_CURA_VALUE = re.compile(r"^([a-z][a-z0-9_]*) = ([^\r\n]*)$", re.MULTILINE)
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+MAKERS = {
+    "superslicer": (b"SuperSlicer",),
+    "prusaslicer": (b"PrusaSlicer",),
+    "bambustudio": (b"BambuStudio",),
+    "orcaslicer": (b"OrcaSlicer",),
+    "cura": (b"Cura_SteamEngine", b";SETTING_3"),
+}
+
+
+@dataclass(frozen=True)
+class Sliced:
+    """The slicer of a file ("" where nobody says) and its settings.
+
+    ``outline_mm`` is by how much its corrections already let the outline of upper layers stand out, ``hole_mm`` the
+    walls of holes into the hole, ``foot_mm`` by how much less the first layer does; ``shrinkage`` is the share that
+    the part is enlarged against, ``flow`` the multiplier of the flow. ``containers`` are Cura's: its profile of the
+    machine, then of each extruder.
+    """
+
+    maker: str = ""
+    settings: Mapping[str, str] = field(default_factory=dict)
+    outline_mm: float = 0.0
+    hole_mm: float = 0.0
+    foot_mm: float = 0.0
+    shrinkage: float = 0.0
+    flow: float = 1.0
+    containers: tuple[str, ...] = ()
+
+    def outward_mm(self, *, hole: bool, layer: int) -> float:
+        """Return by how much the walls of a layer are moved out of the plastic."""
+        return (self.hole_mm if hole else self.outline_mm) - (self.foot_mm if layer == 1 else 0.0)
+
+
+def sliced(*hints: bytes) -> Sliced:
+    """Return what pieces of a file (`gcode.container.Part.hints`) say of its slicer and settings."""
+    maker = next((name for name, words in MAKERS.items() if any(word in text for text in hints for word in words)), "")
+    settings = _settings(hints)
+
+    def number(key: str, without: float = 0.0) -> float:
+        found = _NUMBER.search(settings.get(key, ""))
+        return without if found is None else float(found[0])
+
+    flow = number("extrusion_multiplier", 1.0)
+    if maker in ("orcaslicer", "bambustudio"):
+        return Sliced(
+            maker, settings, number("xy_contour_compensation"), -number("xy_hole_compensation"),
+            number("elefant_foot_compensation"), _shrunk(1 - number("filament_shrink", 100.0) / 100),
+            number("filament_flow_ratio", 1.0),
+        )  # fmt: skip
+    if maker == "superslicer":
+        holes = number("xy_inner_size_compensation") + number("hole_size_compensation")
+        foot = -number("first_layer_size_compensation")
+        shrinkage = _shrunk(1 - number("filament_shrink", 100.0) / 100)
+        return Sliced(maker, settings, number("xy_size_compensation"), holes, foot, shrinkage, flow)
+    if maker == "cura":
+        out = number("xy_offset")
+        first = number("xy_offset_layer_0", out)
+        enlarged = number("material_shrinkage_percentage_xy", number("material_shrinkage_percentage", 100.0)) / 100
+        return Sliced(
+            maker, settings, out, out - number("hole_xy_offset"), out - first,
+            _shrunk(1 - 1 / enlarged if enlarged > 0 else 0.0), number("material_flow", 100.0) / 100,
+            _containers(hints),
+        )  # fmt: skip
+    out, shrinkage = number("xy_size_compensation"), number("filament_shrinkage_compensation_xy") / 100
+    return Sliced(maker, settings, out, out, number("elefant_foot_compensation"), _shrunk(shrinkage), flow)
+
+
+def _shrunk(share: float) -> float:
+    return share if abs(share) < 0.1 else 0.0  # nothing shrinks by a tenth: it is no such setting
+
+
+def _settings(hints: tuple[bytes, ...]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for text in hints:
+        for key, value in _SETTING.findall(text):
+            found[key.decode("ascii")] = value.decode("utf-8", "replace").strip()
+        if text.lstrip()[:1] == b"{":  # the settings of a project
+            found |= _project(text)
+    for container in _containers(hints):
+        found |= dict(_CURA_VALUE.findall(container))
+    return found
+
+
+def _containers(hints: tuple[bytes, ...]) -> tuple[str, ...]:
+    """Return the profiles that Cura writes at the end of a file, none where they cannot be read."""
+    text = b"".join(line for hint in hints for line in _CURA_LINE.findall(hint)).decode("utf-8", "replace")
+    try:
+        document = json.loads(text)
+        containers = [document["global_quality"], *document.get("extruder_quality", [])]
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return ()
+    plain = [each.replace("\\n", "\n") for each in containers if isinstance(each, str)]
+    return tuple(each for each in plain if each.lstrip().startswith("[general]"))
+
+
+def _project(text: bytes) -> dict[str, str]:
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+    plain = {key: value[0] if isinstance(value, list) and value else value for key, value in document.items()}
+    return {key: value for key, value in plain.items() if isinstance(key, str) and isinstance(value, str)}

@@ -1,0 +1,176 @@
+"""What is said of a part that was scanned: how large it came out, and what to type into each slicer."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from printmend.fit.estimate import RANGE, Estimate, Side
+from printmend.fit.setting import SLICERS, Setting, Slicer, Wanted, flow_instead
+from printmend.fit.sliced import Sliced
+
+MOST_HOLES = 12  # that are said; --json has all
+REPEAT_SD_MM = 0.01  # by which two prints of one wall differ
+
+
+def _pm(value_mm: float, sd_mm: float, *, sign: bool = False) -> str:
+    return f"{value_mm:{'+' if sign else ''}.2f} ± {max(RANGE * sd_mm, 0.01):.2f} mm"
+
+
+def fit_words(
+    estimate: Estimate, file: Sliced, corrections: Wanted, settings: Mapping[str, Sequence[Setting]], *,
+    filament: str | None, height_mm: float, slicers: Sequence[str] | None = None,
+) -> list[str]:  # fmt: skip
+    """Return the report for a terminal: sizes, causes, settings. A ± is half of a 90 % range."""
+    lines = ["does it fit? (± is a 90 % range)"]
+    own = SLICERS.get(file.maker, SLICERS["orcaslicer"])
+    for side in estimate.sides:
+        lines += _size_lines(side, estimate, file, corrections, own)
+    lines += _cause_lines(estimate, file, filament, height_mm)
+    for name in slicers or ([file.maker] if file.maker in SLICERS else list(SLICERS)):
+        lines.append(f"{SLICERS[name].title}:")
+        lines += [
+            f"  {each.name} ({each.key}): {each.value}" + ("" if each.is_new else "  (as it is)")
+            for each in settings[name]
+        ]
+        if name == "prusaslicer" and abs(corrections.hole_mm - corrections.outline_mm) >= 0.02:
+            lines.append("  it has no setting for holes alone: enlarge them in the drawing, or use another slicer")
+    return lines
+
+
+def fit_sizes(estimate: Estimate, file: Sliced, corrections: Wanted) -> list[str]:
+    """Return sizes alone: what `measure` says at its end."""
+    own = SLICERS.get(file.maker, SLICERS["orcaslicer"])
+    lines = ["does it fit? (± is a 90 % range; `printmend fit` says which settings of the slicer make it so)"]
+    return lines + [line for side in estimate.sides for line in _size_lines(side, estimate, file, corrections, own)]
+
+
+def _layer_words(side: Side) -> str:
+    return "first layer" if side.layer == 1 else f"layer {side.layer}"
+
+
+def after_hole_mm(
+    side: Side, number: int, estimate: Estimate, file: Sliced, corrections: Wanted, slicer: Slicer
+) -> tuple[float, float]:
+    """Return a round hole's diameter as it was drawn, and as it comes out with a slicer's settings."""
+    hole, held = side.rounds[number], slicer.holds(corrections)
+    foot = held.foot_mm if side.layer == 1 else 0.0
+    drawn = (hole.at.diameter_mm + 2 * file.outward_mm(hole=True, layer=side.layer)) * (1 - file.shrinkage)
+    scale = sum(estimate.scale) / 2
+    cut = drawn / (1 - held.shrinkage) - 2 * (held.hole_mm - foot)
+    return drawn, cut * (1 + scale) - 2 * ((side.hole_mm or 0.0) + hole.own_mm)
+
+
+def after_size_mm(
+    side: Side, axis: int, estimate: Estimate, file: Sliced, corrections: Wanted, slicer: Slicer
+) -> tuple[float, float]:
+    """Return a part's size along an axis as it was drawn, and as it comes out with a slicer's settings."""
+    held = slicer.holds(corrections)
+    foot = held.foot_mm if side.layer == 1 else 0.0
+    drawn = (side.size_mm[axis] - 2 * file.outward_mm(hole=False, layer=side.layer)) * (1 - file.shrinkage)
+    cut = drawn / (1 - held.shrinkage) + 2 * (held.outline_mm - foot)
+    return drawn, cut * (1 + estimate.scale[axis]) + 2 * side.outline_mm
+
+
+def _size_lines(side: Side, estimate: Estimate, file: Sliced, corrections: Wanted, slicer: Slicer) -> list[str]:
+    lines = []
+    for axis, name in enumerate("XY"):
+        drawn, after = after_size_mm(side, axis, estimate, file, corrections, slicer)
+        now, sd = side.came_mm[axis], side.came_sd_mm[axis]
+        sure = _pm(after, (sd**2 + REPEAT_SD_MM**2) ** 0.5)
+        lines.append(
+            f"  {_layer_words(side)}: {drawn:.2f} mm along {name} come out {_pm(now, sd)}; with these settings {sure}"
+        )
+    for number, hole in enumerate(side.rounds[:MOST_HOLES]):
+        drawn, after = after_hole_mm(side, number, estimate, file, corrections, slicer)
+        sure = _pm(after, (hole.sd_mm**2 + REPEAT_SD_MM**2) ** 0.5)
+        lines.append(
+            f"  {_layer_words(side)}: the hole of {drawn:.2f} mm at X {hole.at.x_mm:.0f} Y {hole.at.y_mm:.0f} comes "
+            f"out {_pm(hole.diameter_mm, hole.sd_mm)}; with these settings {sure}"
+        )
+    if more := len(side.rounds) - MOST_HOLES:
+        lines += [f"  … and {more} more round holes: --json names them"] if more > 0 else []
+    return lines
+
+
+def _cause_lines(estimate: Estimate, file: Sliced, filament: str | None, height_mm: float) -> list[str]:
+    lines = ["where that comes from:"]
+    for side in estimate.sides:
+        words = (
+            f"  {_layer_words(side)}: the outline stands out by {_pm(side.outline_mm, side.outline_sd_mm, sign=True)}"
+        )
+        if side.hole_mm is not None:
+            words += f", holes are narrower by {_pm(side.hole_mm, side.hole_sd_mm, sign=True)} on each side"
+        lines.append(words)
+    if (foot := estimate.foot_mm) is not None:
+        lines.append(f"  elephant's foot: {_pm(*foot, sign=True)}")
+    elif estimate.first is not None:
+        lines.append(
+            "  elephant's foot and line width: together, for only the first layer was scanned; all of it counts as "
+            "foot. Scan the top side, too, and give it as --top"
+        )
+    else:
+        lines.append("  elephant's foot: not seen; scan the underside")
+    if (upper := estimate.upper) is not None:
+        came = upper.width_mm + 2 * upper.outline_mm
+        words = f"  line width: {upper.width_mm:.2f} mm as sliced come out {_pm(came, 2 * upper.outline_sd_mm)}"
+        if (flow := flow_instead(upper.width_mm, came, file, height_mm)) is not None:
+            words += (
+                f". A flow (extrusion multiplier) of {flow:.3f} serves instead of the outline's setting; never both"
+            )
+        lines.append(words)
+    whose = f"shrinkage of {filament}" if filament else "shrinkage"
+    if not estimate.is_machine_off:
+        whose += ", and the machine's own scale with it"
+    by = " and ".join(
+        f"{-100 * scale:+.2f} ± {100 * RANGE * sd:.2f} % in {axis}"
+        for scale, sd, axis in zip(estimate.scale, estimate.scale_sd, "XY", strict=True)
+    )
+    lines.append(f"  {whose}: {by}")
+    return lines
+
+
+def fit_json(
+    estimate: Estimate, file: Sliced, corrections: Wanted, settings: Mapping[str, Sequence[Setting]],
+    filament: str | None,
+) -> dict[str, Any]:  # fmt: skip
+    """Return all numbers for programs; each ``range`` is half of a 90 % range."""
+
+    def value(mean: float, sd: float) -> dict[str, float]:
+        return {"value": round(mean, 4), "range": round(RANGE * sd, 4)}
+
+    layers = []
+    for side in estimate.sides:
+        holes = []
+        for number, hole in enumerate(side.rounds):
+            after = {
+                name: round(after_hole_mm(side, number, estimate, file, corrections, slicer)[1], 3)
+                for name, slicer in SLICERS.items()
+            }
+            drawn = after_hole_mm(side, number, estimate, file, corrections, SLICERS["orcaslicer"])[0]
+            holes.append({
+                "x_mm": round(hole.at.x_mm, 2), "y_mm": round(hole.at.y_mm, 2), "drawn_mm": round(drawn, 3),
+                "came_mm": value(hole.diameter_mm, hole.sd_mm), "after_mm": after,
+            })  # fmt: skip
+        layers.append({
+            "layer": side.layer, "outline_mm": value(side.outline_mm, side.outline_sd_mm),
+            "hole_mm": None if side.hole_mm is None else value(side.hole_mm, side.hole_sd_mm), "holes": holes,
+            "size_mm": [round(each, 3) for each in side.size_mm],
+            "came_mm": [value(*pair) for pair in zip(side.came_mm, side.came_sd_mm, strict=True)],
+        })  # fmt: skip
+    upper = estimate.upper
+    return {
+        "filament": filament,
+        "machine_taken_off": estimate.is_machine_off,
+        "shrinkage": {a: value(-s, sd) for a, s, sd in zip("xy", estimate.scale, estimate.scale_sd, strict=True)},
+        "line_width_mm": None
+        if upper is None
+        else value(upper.width_mm + 2 * upper.outline_mm, 2 * upper.outline_sd_mm),
+        "elephants_foot_mm": None if estimate.foot_mm is None else value(*estimate.foot_mm),
+        "layers": layers,
+        "corrections_mm": {key: round(each, 4) for key, each in asdict(corrections).items()},
+        "settings": {
+            name: {each.key: {"name": each.name, "value": each.value, "where": each.where, "is_new": each.is_new}
+                   for each in rows}
+            for name, rows in settings.items()
+        },
+    }  # fmt: skip
