@@ -15,12 +15,13 @@ from click.testing import CliRunner
 from printmend.cli.fit import command
 from printmend.cli.measure import command as measure
 from printmend.errors import ConfigError, GcodeError, ScanError
-from printmend.fit import SLICERS, Estimate, settings_for, sliced, write_profiles
+from printmend.fit import SLICERS, Estimate, settings_for, write_profiles
 from printmend.fit.estimate import Side
 from printmend.fit.profile import how_to_import
 from printmend.fit.setting import Wanted, wanted
 from printmend.fit.words import after_size_mm
 from printmend.gcode.container import open_gcode
+from printmend.gcode.sliced import sliced
 from printmend.printer import read_printer
 from printmend.repair.fit import fit_part
 from printmend.repair.mend import refuse_grown

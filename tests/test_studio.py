@@ -600,7 +600,8 @@ _REFUSING = """studio.api studio.api_printers studio.host studio.jobs studio.sto
 measure.dots measure.join measure.plan measure.scan measure.table picture.image picture.page picture.ruler
 repair.meant repair.mend repair.update repair.verify gcode.arcs gcode.bgcode gcode.container gcode.read gcode.threemf
 printer.convert printer.klipper printer.slicer printer.toml probe.layout probe.start probe.tower measure.callipers
-identify.drive.sight learn.greybox.rows saved.model files promise.misfit_rows measure.whose"""
+identify.drive.sight learn.greybox.rows saved.model files promise.misfit_rows measure.whose filament.material
+repair.filament repair.part fit.estimate measure.lie measure.walls measure.width picture.silhouette"""
 _OPTIONS = re.compile(r"(?<!\w)--?[a-z]|printmend [a-z]|(probe|mend)\.json|trace\.csv")
 
 

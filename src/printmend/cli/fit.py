@@ -45,11 +45,12 @@ def command(
     """
     from printmend.cli.outputs import spare
     from printmend.extras import require
+    from printmend.filament import check_name
     from printmend.fit import write_profiles
     from printmend.fit.profile import how_to_import
     from printmend.measure.distance import is_asking
     from printmend.printer import read_printer
-    from printmend.repair.fit import LOW, fit_part
+    from printmend.repair.fit import LOW, fits, measured_part
     from printmend.repair.update import same_machine
     from printmend.saved import read_model
 
@@ -61,10 +62,12 @@ def command(
     printer = model.printer if printer_name is None and model is not None else read_printer(printer_name or "")
     if model is not None:
         same_machine(model, printer)
-    found = fit_part(
-        scan, part_path, printer, model=model, filament=filament, layer=layer, top=top, dpi=dpi,
-        distances_mm=distances_mm, overlay=overlay,
-    )  # fmt: skip
+    if filament is not None:
+        check_name(filament)
+    measured = measured_part(
+        scan, part_path, printer, layer=layer, top=top, dpi=dpi, distances_mm=distances_mm, overlay=overlay
+    )
+    found = fits(measured, part_path, printer, model, filament)
     if as_json:
         click.echo(json.dumps(found.json(), ensure_ascii=False))
     else:

@@ -4,7 +4,6 @@ from printmend.fit.estimate import Estimate, Known, Layer, estimated
 from printmend.fit.outline import Outline, Round, outline_of
 from printmend.fit.profile import write_profiles
 from printmend.fit.setting import SLICERS, Setting, Slicer, settings_for
-from printmend.fit.sliced import Sliced, sliced
 from printmend.fit.words import fit_json, fit_sizes, fit_words
 
 __all__ = [
@@ -15,7 +14,6 @@ __all__ = [
     "Outline",
     "Round",
     "Setting",
-    "Sliced",
     "Slicer",
     "estimated",
     "fit_json",
@@ -23,6 +21,5 @@ __all__ = [
     "fit_words",
     "outline_of",
     "settings_for",
-    "sliced",
     "write_profiles",
 ]

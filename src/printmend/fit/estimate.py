@@ -29,7 +29,8 @@ OFFSET_SD_MM, HOLE_SD_MM, SHIFT_SD_MM = 0.3, 0.3, 1.0  # before anything is meas
 TURN_SD_MM, SKEW_SD_MM, PLAY_SD_MM = 1.0, 0.5, 0.1
 # By how much parts in any filament are too large [share], and machines' own scales (`filament.ledger`).
 ANY_MEAN, ANY_SD, MACHINE_SD = -0.004, 0.004, 0.002
-EDGE_SD_MM = 0.008  # by which all edges of a scan may be seen too far out or in: a thirtieth of a pixel's share of blur
+EDGE_SD_MM = 0.008  # by which all edges of a scan may be seen too far out or in
+UPPER_SD_MM = 0.015  # … of an outline above the first layer, beside which the foot shows
 LEAST_SIGMA_MM, HUBER_SIGMAS, ROUNDS = 0.004, 2.0, 12
 LEAST_SHARE = 0.08  # of the places that tells something of its own
 RANGE = 1.645  # standard deviations of a 90 % range
@@ -39,12 +40,10 @@ _BENT_MM2 = float(np.mean(np.square(ACROSS_MM))) / 2
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of the part's scale along X and Y beforehand, as shares: its mean, its standard deviation; and
-    whether the machine's own errors were taken off."""
+    """What is known of the part's scale along X and Y beforehand, as shares: its mean and its standard deviation."""
 
     mean: tuple[float, float] = (ANY_MEAN, ANY_MEAN)
     sd: tuple[float, float] = (float(np.hypot(ANY_SD, MACHINE_SD)),) * 2
-    mended: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,9 +230,10 @@ def _side(
     pick = np.zeros((2, len(values)))
     pick[:, outline] = 2.0
     pick[[0, 1], [0, 1]] = size / SHARE_MM
-    came_sd = np.sqrt(np.einsum("ap,pq,aq->a", pick, covariance, pick) + (2 * EDGE_SD_MM) ** 2)
+    edge_sd = EDGE_SD_MM if layer.number == 1 else UPPER_SD_MM
+    came_sd = np.sqrt(np.einsum("ap,pq,aq->a", pick, covariance, pick) + (2 * edge_sd) ** 2)
     return Side(
-        layer.number, float(values[outline]), float(np.hypot(sd[outline], EDGE_SD_MM)),
+        layer.number, float(values[outline]), float(np.hypot(sd[outline], edge_sd)),
         float(values[hole]) if has_holes else None, float(np.hypot(sd[hole], EDGE_SD_MM)),
         float(np.hypot(np.sqrt(max(apart, 0.0)), EDGE_SD_MM)), tuple(rounds), (float(size[0]), float(size[1])),
         (float(came[0]), float(came[1])), (float(came_sd[0]), float(came_sd[1])),

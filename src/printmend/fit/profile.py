@@ -16,7 +16,7 @@ from typing import Any
 
 from printmend.files import replacing
 from printmend.fit.setting import SLICERS, Setting
-from printmend.fit.sliced import Sliced
+from printmend.gcode.sliced import Sliced
 
 WHOLE = 60  # settings, from which on a file says all of them
 NAME = "fits"  # what is added to a profile's name

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from printmend.fit.estimate import RANGE, Estimate
-from printmend.fit.sliced import Sliced
+from printmend.gcode.sliced import Sliced
 
 STEP_MM = 0.01  # in which a length is typed
 LEAST_MM, LEAST_SHARE = 0.01, 0.0003  # smaller corrections are not worth typing

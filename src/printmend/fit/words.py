@@ -6,7 +6,7 @@ from typing import Any
 
 from printmend.fit.estimate import RANGE, Estimate, Side
 from printmend.fit.setting import SLICERS, Setting, Slicer, Wanted, flow_instead
-from printmend.fit.sliced import Sliced
+from printmend.gcode.sliced import Sliced
 
 MOST_HOLES = 12  # that are said; --json has all
 REPEAT_SD_MM = 0.01  # by which two prints of one wall differ

@@ -351,7 +351,7 @@ def _untold(entries: Sequence[Entry], axes: Sequence[int]) -> str:
         seen.append(f"{said} ({name})")
     shows = f"{UNTOLD} that of {' and '.join('XY'[axis] for axis in axes)} may be the machine's or the filament's"
     return (
-        f"{shows}: prints are off by {', '.join(seen)}. With --filament they are mended; nothing of it is "
+        f"{shows}: prints are off by {', '.join(seen)}. With --filament they are mended, and nothing of it is "
         "given to the firmware. To tell them apart, learn --update from a print that cannot shrink, without "
         "--filament, or give what a steel rule says of the head's travel (--travel x=200:199.6)"
     )

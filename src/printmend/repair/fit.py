@@ -15,18 +15,17 @@ from printmend.fit import (
     Known,
     Layer,
     Setting,
-    Sliced,
     estimated,
     fit_json,
     fit_sizes,
     fit_words,
     outline_of,
     settings_for,
-    sliced,
 )
 from printmend.fit.setting import Wanted, wanted
 from printmend.gcode.container import open_gcode
 from printmend.gcode.read import read_gcode
+from printmend.gcode.sliced import Sliced, sliced
 from printmend.printer import Printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.filament import known_filaments
@@ -66,33 +65,36 @@ class Fits:
         return fit_json(self.estimate, self.file, self.corrections, self.settings, self.filament)
 
 
-# Its many parameters are what an owner may know of a scan.
+Measured = Sequence[tuple[int, PartMeasurement]]  # layers of a part, each with its number, from 1
+
+
 def fit_part(
     scan: str | Path, path: str | Path, printer: Printer, *, model: SavedModel | None = None,
-    filament: str | None = None, layer: int = 1, top: str | Path | None = None, dpi: float | None = None,
-    distances_mm: Sequence[float] = (), overlay: Path | None = None,
+    filament: str | None = None, top: str | Path | None = None,
 ) -> Fits:  # fmt: skip
-    """Measure a part from a scan of its underside (or of the side that shows ``layer``), and of its ``top``.
+    """Say whether a part fits, from a scan of its underside and of its ``top``, as `measured_part` and `fits` do."""
+    return fits(measured_part(scan, path, printer, top=top), path, printer, model, filament)
 
-    Raises like `measure_part`, and `ConfigError` for a filament whose polymer nobody knows.
-    """
-    if filament is not None:
-        material_of(filament)
+
+def measured_part(
+    scan: str | Path, path: str | Path, printer: Printer, *, layer: int = 1, top: str | Path | None = None,
+    dpi: float | None = None, distances_mm: Sequence[float] = (), overlay: Path | None = None,
+) -> Measured:  # fmt: skip
+    """Measure a part from a scan of its underside (or of the side that shows ``layer``), and of its ``top``. Raises
+    like `measure_part`."""
     program = read_gcode(path, printer=printer)
-    measured = [
-        (layer, measure_part(scan, program, printer, layer=layer, dpi=dpi, distances_mm=distances_mm, overlay=overlay))
-    ]
-    if top is not None:
-        last = measured[0][1].walls.layers
-        measured.append((last, measure_part(top, program, printer, layer=last, dpi=dpi)))
-    return fits(measured, path, printer, model, filament)
+    first = measure_part(scan, program, printer, layer=layer, dpi=dpi, distances_mm=distances_mm, overlay=overlay)
+    if top is None:
+        return [(layer, first)]
+    last = first.walls.layers
+    return [(layer, first), (last, measure_part(top, program, printer, layer=last, dpi=dpi))]
 
 
 def fits(
-    measured: Sequence[tuple[int, PartMeasurement]], path: str | Path, printer: Printer, model: SavedModel | None,
-    filament: str | None,
-) -> Fits:  # fmt: skip
-    """Return what measured layers of a file say of its part."""
+    measured: Measured, path: str | Path, printer: Printer, model: SavedModel | None, filament: str | None
+) -> Fits:
+    """Return what measured layers of a file say of its part. Raises `ConfigError` for a filament whose polymer nobody
+    knows."""
     with open_gcode(path) as opened:
         file = sliced(*opened.parts[0].hints())
     layers = [Layer(number, each.walls, outline_of(each.walls), each.stands_mm) for number, each in measured]
@@ -121,7 +123,7 @@ def _known(model: SavedModel | None, filament: str | None) -> Known:
             parts = known[filament]
             means = [-float(part.acts_mm[0]) / SCALE_MM for part in parts]
             sds = [float(part.draws_mm.std()) / SCALE_MM for part in parts]
-            return Known((means[0], means[1]), (sds[0], sds[1]), mended=True)
+            return Known((means[0], means[1]), (sds[0], sds[1]))
     mean, own = (plain.mean[0], 0.004) if filament is None else (-material_of(filament).mean, material_of(filament).sd)
     sd = np.hypot(own, machine_sd)
-    return Known((mean, mean), (float(sd[0]), float(sd[1])), mended=model is not None)
+    return Known((mean, mean), (float(sd[0]), float(sd[1])))

@@ -13,11 +13,11 @@ from printmend.clock import Duration, with_times
 from printmend.effects import EFFECTS
 from printmend.errors import GcodeError, RefusedError
 from printmend.files import replacing
-from printmend.fit.sliced import sliced
 from printmend.gcode.container import GcodeFile, Part, Text, open_gcode
 from printmend.gcode.header import described
 from printmend.gcode.mark import find_mark, find_test_print, marked
 from printmend.gcode.read import guessed_e_rule
+from printmend.gcode.sliced import sliced
 from printmend.gcode.write import Plan, TimePlace, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
 from printmend.promise.misfit import PHASE_TODO, REFITTED, refusals, said_of

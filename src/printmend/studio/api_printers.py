@@ -11,6 +11,7 @@ from fastapi import Path as Where
 from fastapi.responses import FileResponse
 
 from printmend.errors import InputError, PrintmendError
+from printmend.filament import check_name as check_filament
 from printmend.files import replacing
 from printmend.messages import messages_of, together
 from printmend.printer import Printer, read_printer
@@ -21,6 +22,7 @@ from printmend.studio.host import FILE, find_host, keep_host, read_host
 from printmend.studio.jobs import StudioState
 from printmend.studio.shapes import (
     Distance,
+    FitIn,
     HostCard,
     HostIn,
     JobCard,
@@ -60,7 +62,7 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
         ::-1
     ]
     trend = [job["result"]["said"]["before_mm"] for job in learned]
-    health, healthy, digest, measured_s = None, None, None, None
+    health, healthy, digest, measured_s, filaments = None, None, None, None, []
     messages: dict[str, Any] = {}
     parts: list[str] = []
     if (folder / MODEL).is_file():
@@ -78,12 +80,14 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
             health, healthy = grave[0], False
         messages = messages | messages_of(health)
         parts = sorted({fault["part"] for fault in document.get("diagnosis", [])})
+        filaments = list(document.get("filaments", {}).get("known", {}))
         digest, measured_s = document["digest"], (folder / MODEL).stat().st_mtime
     notes = json.loads((folder / _NOTES).read_text(encoding="utf-8")) if (folder / _NOTES).is_file() else []
     return PrinterCard(
         id=row["id"], name=row["name"], kinematics=printer.kinematics, bed_mm=_bed(printer), notes=notes,
         health=health, healthy=healthy, measured_s=measured_s, trend=[value for value in trend if value is not None],
         parts=parts, has_probe=(folder / PLAN).is_file(), digest=digest, host=_host_card(folder), messages=messages,
+        filaments=filaments,
     )  # fmt: skip
 
 
@@ -286,8 +290,12 @@ def learn(here: Here, key: Key, given: LearnIn) -> JobCard:
         raise InputError("learn", wanted="a measurement or an upload", came="not one of them", todo="give one")
     if given.upload is not None:
         here.store.upload(given.upload)
-        return card(here, here.submit("learn", key, {"printer": key, "upload": given.upload}))
+        table = {"printer": key, "upload": given.upload, "filament": _filament(given.filament)}
+        return card(here, here.submit("learn", key, table))
     job = here.store.job(str(given.measurement))
+    if job["printer"] == key and job["kind"] == "fit" and job["state"] == "done":
+        part = {"printer": key, "part": job["id"], "filament": job["params"]["filament"]}
+        return card(here, here.submit("learn", key, part))
     if job["printer"] != key or job["kind"] != "measure" or job["state"] != "done":
         raise InputError(
             job["id"], wanted="a measurement of this printer", came="another job", todo="measure the test print"
@@ -295,6 +303,24 @@ def learn(here: Here, key: Key, given: LearnIn) -> JobCard:
     _need(folder, PLAN, "write the test print first")
     params = {"printer": key, "measurement": job["id"], "exclude": given.exclude}
     return card(here, here.submit("learn", key, params))
+
+
+@router.post("/{key}/fit", status_code=202, tags=["measure"])
+def fit(here: Here, key: Key, given: FitIn) -> JobCard:
+    """Say whether a printed part fits, and what its slicer must be told: a job."""
+    _folder(here, key)
+    rows = [here.store.upload(one) for one in given.uploads]
+    params = {
+        "printer": key, "upload": given.upload, "name": plain_name(here.store.upload(given.upload)["name"]),
+        "scans": [{"upload": row["id"], "name": plain_name(row["name"])} for row in rows], "dpi": given.dpi,
+        "distances_mm": given.distances_mm, "filament": _filament(given.filament),
+    }  # fmt: skip
+    return card(here, here.submit("fit", key, params))
+
+
+def _filament(name: str | None) -> str | None:
+    """Return a filament's name as it was given. Raises `ConfigError` for one whose polymer nobody knows."""
+    return None if name is None or not name.strip() else check_filament(name.strip())
 
 
 def _distances(here: StudioState, key: str) -> Any:
@@ -370,7 +396,8 @@ def mend(here: Here, key: Key, given: MendIn) -> JobCard:
     """Mend an uploaded G-code file for this printer: a job."""
     _need(_folder(here, key), MODEL, "measure its test print first")
     name = plain_name(here.store.upload(given.upload)["name"])
-    params = {"printer": key, "upload": given.upload, "name": name, "scene": given.scene, "force": given.force}
+    params = {"printer": key, "upload": given.upload, "name": name, "scene": given.scene, "force": given.force,
+              "filament": _filament(given.filament)}  # fmt: skip
     return card(here, here.submit("mend", key, params))
 
 

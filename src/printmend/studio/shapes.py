@@ -172,6 +172,7 @@ class PrinterCard(BaseModel):
     has_probe: bool
     digest: str | None = Field(description="of its model")
     host: HostCard | None = Field(description="what it prints with, where that is known here")
+    filaments: list[str] = Field(default_factory=list, description="whose shrinkage is known, as pla-black")
     messages: dict[str, Any] = MESSAGES
 
 
@@ -236,6 +237,7 @@ class MendIn(Strict):
     upload: str = Field(pattern=KEY)
     force: bool = Field(default=False, description="also where it seems to be for another printer, or not to help")
     scene: bool = Field(default=True, description="also make the three-dimensional picture")
+    filament: str | None = Field(default=None, max_length=40, description="also mend what the part will shrink in it")
 
 
 class ProbeIn(Strict):
@@ -283,14 +285,31 @@ class ScansIn(Strict):
     distance_mm: float | None = Field(default=None, ge=1, le=1000, description="between the two dots that were named")
 
 
+class FitIn(Strict):
+    """Scans of a part's underside and, where there is one, of its top, and the file that was printed."""
+
+    upload: str = Field(pattern=KEY, description="the G-code file")
+    uploads: list[Annotated[str, Field(pattern=KEY)]] = Field(min_length=1, max_length=2, description="the scans")
+    dpi: float | None = Field(default=None, ge=50, le=9600, description="where the files do not say it")
+    distances_mm: list[Annotated[float, Field(ge=1, le=1000)]] = Field(
+        default_factory=list, max_length=2, description="what callipers say of the widths that were named"
+    )
+    filament: str | None = Field(default=None, max_length=40, description="what it was printed in, as pla-black")
+
+
 class LearnIn(Strict):
     """A measurement to learn from: a job that measured, or an uploaded table."""
 
-    measurement: str | None = Field(default=None, pattern=KEY, description="the job that found the marks")
+    measurement: str | None = Field(
+        default=None, pattern=KEY, description="the job that found the marks, or that said whether a part fits"
+    )
     exclude: list[Annotated[int, Field(ge=0, le=100_000)]] = Field(
         default_factory=list, max_length=100_000, description="numbers of marks to leave out"
     )
     upload: str | None = Field(default=None, pattern=KEY, description="a trace.csv")
+    filament: str | None = Field(
+        default=None, max_length=40, description="of an uploaded table: what the part was printed in"
+    )
 
 
 class Distance(BaseModel):

@@ -149,10 +149,11 @@ def read_progress(folder: Path) -> dict[str, Any]:
 def _mend(job: Job) -> dict[str, Any]:
     """Mend one file, show it in three dimensions, and predict what it comes to."""
     from printmend.repair import mend_gcode
+    from printmend.repair.filament import printed_in
     from printmend.repair.mend import check_gcode
     from printmend.studio.scene import Tap, as_mended, write_mended
 
-    model = _model(job.printer_folder / MODEL)
+    model = printed_in(_model(job.printer_folder / MODEL), job.params.get("filament"))
     source, name = job.upload(job.params["upload"]), job.params["name"]
     named = _named(job, job.params["upload"], name)
     size = max(source.stat().st_size, 1)
@@ -326,8 +327,7 @@ def _learn(job: Job) -> dict[str, Any]:
 
     from printmend.measure import read_plan, read_trace
     from printmend.printer import read_printer
-    from printmend.repair.learned import learn_model
-    from printmend.repair.update import update
+    from printmend.repair.filament import learn_in, update_in
     from printmend.saved import read_model, write_model
     from printmend.studio.said import said
 
@@ -335,6 +335,8 @@ def _learn(job: Job) -> dict[str, Any]:
     job.tell(0.1, "learn")
     if "upload" in job.params:
         trace = read_trace(_named(job, job.params["upload"], "trace.csv"), printer)
+    elif "part" in job.params:
+        trace = read_trace(job.data / "jobs" / job.params["part"] / "trace.csv", printer)
     else:
         trace = read_trace(job.data / "jobs" / job.params["measurement"] / "trace.csv", printer)
         plan = read_plan(job.printer_folder / PLAN)
@@ -347,10 +349,12 @@ def _learn(job: Job) -> dict[str, Any]:
         measured = trace.measured_mm.copy()
         measured[rows[[mark for mark in job.params["exclude"] if mark < len(rows)]]] = np.nan
         trace = replace(trace, measured_mm=measured)
-    if trace.z_measured_mm is not None and (job.printer_folder / MODEL).is_file():  # a tower: what was known stays
-        model = update(read_model(job.printer_folder / MODEL), trace, rng=np.random.default_rng(0)).model
+    filament, is_known = job.params.get("filament"), (job.printer_folder / MODEL).is_file()
+    if is_known and (trace.z_measured_mm is not None or "part" in job.params):  # what was known before stays
+        old = read_model(job.printer_folder / MODEL)
+        model = update_in(old, trace, filament, rng=np.random.default_rng(0)).model
     else:
-        model = learn_model(trace, printer)
+        model = learn_in(trace, printer, filament)
     job.tell(0.95, "learn")
     write_model(job.file(MODEL), model)
     write_model(job.printer_folder / MODEL, model)
@@ -504,7 +508,14 @@ def _write_seen(path: Path, image: np.ndarray) -> float:
     return factor
 
 
+def _fit(job: Job) -> dict[str, Any]:
+    """Say whether a part fits."""
+    from printmend.studio.fits import fit
+
+    return fit(job, _named(job, job.params["upload"], job.params["name"]), _scans(job))
+
+
 KINDS: dict[str, Callable[[Job], dict[str, Any]]] = {
     "mend": _mend, "play": _play, "measure": _measure, "learn": _learn, "check": _check_print, "verify": _verify,
-    "send": _send,
+    "send": _send, "fit": _fit,
 }  # fmt: skip

@@ -4,6 +4,7 @@ import { ended, fileOf, get, post, upload } from "./api.js";
 import { ask } from "./ask.js";
 import { Plate, Save } from "./drawings.js";
 import { Drop } from "./drop.js";
+import { Filament, Fit } from "./fit.js";
 import { Problem, Progress, Sending, useEarlier, useJob, useSending } from "./job.js";
 import { useLook, Zoom } from "./look.js";
 import { Send } from "./send.js";
@@ -25,10 +26,16 @@ export function Measure({ printer, changed, more, tell }) {
       ${printer.has_probe && html`<a class="button primary" href=${`/api/printers/${printer.id}/files/probe.gcode`} download>${t("download_plate")}</a><${Send} printer=${printer} changed=${changed} />`}
       <label class="field">${t("plate_size")}<input inputmode="decimal" value=${size} onInput=${(event) => setSize(event.target.value)} /></label>
       <button class=${printer.has_probe ? "" : "primary"} onClick=${() => make()}>${t(printer.has_probe ? "plate_again" : "plate_make")}</button></section>
-    <div class="stack"><div class="segment" role="group" aria-label=${t("tab_measure")}>${["scan", "callipers", "table"].map((one) => html`<button aria-pressed=${way === one} onClick=${() => setWay(one)}>${t(`by_${one}`)}</button>`)}</div>
+    <div class="stack"><div class="segment" role="group" aria-label=${t("tab_measure")}>${["scan", "callipers", "table", "part"].map((one) => html`<button aria-pressed=${way === one} onClick=${() => setWay(one)}>${t(`by_${one}`)}</button>`)}</div>
       ${way === "scan" && html`<${Scan} printer=${printer} learned=${learned} tell=${tell} />`}
       ${way === "callipers" && html`<${Callipers} printer=${printer} learned=${learned} />`}
-      ${way === "table" && html`<${Table} printer=${printer} learned=${learned} changed=${changed} />`}</div></div>`;
+      ${way === "table" && html`<${Table} printer=${printer} learned=${learned} changed=${changed} />`}
+      ${way === "part" && html`<${PartWay} printer=${printer} learned=${learned} />`}</div></div>`;
+}
+
+function PartWay({ printer, learned }) {
+  const { learn, job, error } = useLearn(printer, learned);
+  return html`<${Problem} error=${error} /><${Progress} job=${job} /><${Fit} printer=${printer} learn=${learn} learning=${job} />`;
 }
 
 // Learn as a job; `done` when it is over.
@@ -133,10 +140,11 @@ function Tower({ printer, changed }) {
 }
 
 function Table({ printer, learned, changed }) {
-  const [text, setText] = useState(""), { learn, job, error } = useLearn(printer, learned), [failed, setFailed] = useState(null);
-  const go = async (file) => { try { await learn({ upload: (await upload(new File([pointed(await file.text())], "trace.csv"))).id }); setFailed(null); } catch (problem) { setFailed(problem.message); } };
+  const [text, setText] = useState(""), [filament, setFilament] = useState(""), { learn, job, error } = useLearn(printer, learned), [failed, setFailed] = useState(null);
+  const go = async (file) => { try { await learn({ upload: (await upload(new File([pointed(await file.text())], "trace.csv"))).id, filament: filament.trim() || null }); setFailed(null); } catch (problem) { setFailed(problem.message); } };
   return html`<${Problem} error=${failed ?? error} /><section class="card stack"><label class="field"><span>${t("table_now")}</span>
       <textarea rows="12" spellcheck="false" value=${text} placeholder="x_mm,y_mm,x_measured_mm,y_measured_mm" onInput=${(event) => setText(event.target.value)}></textarea></label>
+    <${Filament} printer=${printer} value=${filament} set=${setFilament} />
     <${Progress} job=${job} /><button class="primary" disabled=${!text.trim() || Boolean(job)} onClick=${() => go(new File([text], "trace.csv"))}>${t(job ? "learning" : "table_go")}</button></section>
     <${Tower} printer=${printer} changed=${changed} />
     <${Drop} accept=".csv,text/csv" onFiles=${([file]) => go(file)}><p>${t("drop_table")}</p></${Drop}>`;

@@ -21,7 +21,7 @@ function rowOf(job) {
 }
 
 export function Mend({ printer, changed }) {
-  const [now, send] = useSending(), [rows, setRows] = useState([]), [shown, setShown] = useState(null), [error, setError] = useState(null);
+  const [now, send] = useSending(), [rows, setRows] = useState([]), [shown, setShown] = useState(null), [error, setError] = useState(null), [filament, setFilament] = useState("");
   useEffect(() => {
     get(`/jobs?printer=${printer.id}`).then((jobs) => {
       const mine = jobs.filter((job) => job.kind === "mend").slice(0, 30).map((job) => ({ id: job.id, name: job.params.name, ...rowOf(job) }));
@@ -49,7 +49,7 @@ export function Mend({ printer, changed }) {
       const put = (values) => setRows((old) => old.filter((one) => one.at === row.at || !one.id || one.id !== values.id).map((one) => (one.at === row.at ? { ...one, ...values } : one)));
       setRows((old) => [row, ...old]);
       try {
-        const job = await post(`/printers/${printer.id}/mend`, { upload: (await send([file]))[0] });
+        const job = await post(`/printers/${printer.id}/mend`, { upload: (await send([file]))[0], filament: filament || null });
         put({ id: job.id, state: job.state });
         if (fresh) setShown(job.id);
         fresh = false;
@@ -66,7 +66,7 @@ export function Mend({ printer, changed }) {
   };
   const anyway = async (job) => { // the file is the same: its new job takes the old one's place
     try {
-      const next = await post(`/printers/${printer.id}/mend`, { upload: job.params.upload, force: true });
+      const next = await post(`/printers/${printer.id}/mend`, { upload: job.params.upload, force: true, filament: job.params.filament ?? null });
       setRows((old) => old.map((one) => (one.id === job.id ? { ...one, id: next.id, state: next.state } : one)));
       setShown(next.id);
       await remove(`/jobs/${job.id}`);
@@ -74,6 +74,7 @@ export function Mend({ printer, changed }) {
   };
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}><${Sending} now=${now} />
+      ${printer.filaments.length > 0 && html`<label class="field">${t("mend_filament")}<select value=${filament} onChange=${(event) => setFilament(event.target.value)}><option value="">${t("mend_slicer")}</option>${printer.filaments.map((name) => html`<option value=${name}>${name}</option>`)}</select></label>`}
       ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<div class="file" key=${row.id ?? row.at}><button class="quiet" aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => { setShown(row.id); setError(null); }}>${row.drawn ? html`<img class="thumb" src=${`/api/jobs/${row.id}/files/thumb.svg`} alt="" />` : html`<i class="thumb"></i>`}<span class="fname">${row.name}${row.numbers && html`<br /><span class="faint">${row.numbers}</span>`}</span>
         <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.state === "cancelled" ? t("stopped") : ended(row) ? t("ready") : t(row.state === "queued" ? "waits" : "mending")}</span></button>
         <button class="quiet icon" disabled=${row.state === "sending"} title=${t("forget", { name: row.name })} aria-label=${t("forget", { name: row.name })} onClick=${() => forget(row)}>×</button></div>`)}</section>`}</div>

@@ -1,0 +1,69 @@
+"""The studio's job that says whether a part fits, and what follows from it: no browser, no worker process."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+from printmend.printer import read_printer
+from printmend.printer.convert import printer_text
+from printmend.promise.filament import UNTOLD
+from printmend.studio import work
+from printmend.studio.app import create_app
+from tests import foreign_part as foreign
+from tests.test_studio import _german
+
+HERE = "http://127.0.0.1:8000"
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A studio's folder with a printer, a part's file (a) and a scan of its underside (b)."""
+    folder, rng = tmp_path_factory.mktemp("studio"), np.random.default_rng(3)
+    for name in ("printers/one", "uploads"):
+        (folder / name).mkdir(parents=True)
+    (folder / "printers/one" / work.PRINTER).write_text(printer_text(read_printer("ender3")))
+    shape, _ = foreign.part(rng, sizes=(29, 30))
+    (folder / "uploads/a").write_text(foreign.gcode(shape))
+    rings = foreign.printed(shape, 0.05, 0.12, (-0.004, -0.004), rng)
+    (folder / "uploads/b").write_bytes(foreign.scan([(rings, 1.0, 0.03)], rng, below=True, dpi=400))
+    return folder
+
+
+def test_a_part_is_judged_learned_from_and_mended(data: Path) -> None:
+    params = {"printer": "one", "upload": "a", "name": "part.gcode", "dpi": None, "distances_mm": [],
+              "scans": [{"upload": "b", "name": "under.png"}], "filament": "pla-black"}  # fmt: skip
+    result = work.run("fit", str(data / "jobs/1"), str(data), params)
+    assert "error" not in result, result
+    holes = result["numbers"]["layers"][0]["holes"]
+    assert sorted(round(hole["drawn_mm"]) for hole in holes) == [4, 6, 8, 12]
+    assert [one["degrees"] for one in result["asked"]] == [0, 90]
+    assert {"trace.csv", "fit.json"} <= set(result["files"])
+    json.dumps(result)
+    learned = work.run(
+        "learn", str(data / "jobs/2"), str(data), {"printer": "one", "part": "1", "filament": "pla-black"}
+    )
+    assert "error" not in learned, learned
+    model = json.loads((data / "printers/one" / work.MODEL).read_text())
+    assert list(model["filaments"]["known"]) == ["pla-black"]
+    gaps = [gap for gap in model["findings"] if gap.startswith(UNTOLD)]
+    assert gaps
+    assert _german(gaps[0])
+    mended = {"printer": "one", "upload": "a", "name": "part.gcode", "scene": False, "filament": "petg"}
+    assert "one that this model knows: pla-black" in work.run("mend", str(data / "jobs/3"), str(data), mended)["error"]
+
+
+def test_the_api_checks_what_it_is_given(tmp_path: Path) -> None:
+    with TestClient(create_app(tmp_path, workers=1), base_url=HERE) as client:
+        made = client.post("/api/printers", json={"name": "one", "preset": "ender3"}).json()
+        assert made["filaments"] == []
+        sent = client.post("/api/uploads?name=a.gcode", content=b"G28\n").json()["id"]
+        wrong = {"upload": sent, "uploads": [sent], "filament": "wood"}
+        answer = client.post(f"/api/printers/{made['id']}/fit", json=wrong)
+        assert answer.status_code == 400
+        assert "begins with its polymer" in answer.json()["error"]
+        assert client.post(f"/api/printers/{made['id']}/fit", json={**wrong, "uploads": []}).status_code == 422
+    shutil.rmtree(tmp_path)
