@@ -14,14 +14,16 @@ import click
               default=Path("report.html"), show_default=True)  # fmt: skip
 @click.option("--for", "part", metavar="PART.gcode", type=click.Path(path_type=Path, dir_okay=False),
               help="Also predict the error of this part.")  # fmt: skip
+@click.option("--filament", metavar="NAME", help="What the measured part was printed in, as pla-black.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
               help="Picks the rows looked at first in a long trace.")  # fmt: skip
-def command(trace: Path, printer_name: str, report: Path, part: Path | None, seed: int) -> None:
+def command(trace: Path, printer_name: str, report: Path, part: Path | None, filament: str | None, seed: int) -> None:
     """Say what is wrong with a printer, how sure that is, what to replace or tighten, what software can carry."""
     import numpy as np
 
     from printmend.cli.outputs import spare
     from printmend.extras import require
+    from printmend.filament import check_name as check_filament
     from printmend.measure import read_trace
     from printmend.printer import read_printer
     from printmend.report.examination import check_name, examine, summary
@@ -32,6 +34,9 @@ def command(trace: Path, printer_name: str, report: Path, part: Path | None, see
 
     spare((report,), (trace, part))
     printer = read_printer(printer_name)
-    examination = examine(read_trace(trace, printer), printer, part=part, rng=np.random.default_rng(seed))
+    if filament is not None:
+        check_filament(filament)
+    rng = np.random.default_rng(seed)
+    examination = examine(read_trace(trace, printer), printer, part=part, filament=filament, rng=rng)
     write_examination(report, examination)
     click.echo(summary(examination) + f"\nwritten: {report}")

@@ -7,7 +7,7 @@ import numpy as np
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import size_mm
-from printmend.effects.words import Found, Message, Told
+from printmend.effects.words import LEAST_SHOWN_MM, Found, Message, Told
 
 WIDER = Message(
     "walls stand out by {a} mm on either side: lower the slicer's flow, or its line width",
@@ -42,4 +42,5 @@ class Bead:
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = float(found.sizes_mm[0])
-        yield Told("bead", (WIDER if size > 0 else NARROWER)(f"{abs(size):.2f}"), is_harmless=True)
+        if abs(size) >= LEAST_SHOWN_MM:
+            yield Told("bead", (WIDER if size > 0 else NARROWER)(f"{abs(size):.2f}"), is_harmless=True)

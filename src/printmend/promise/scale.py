@@ -28,7 +28,7 @@ def scale_words(model: SavedModel) -> tuple[str, ...]:
     acts, draws = axis_scales(belief.scene, belief.parts)
     doubt = float(np.sqrt(np.mean((draws - acts[:, None]) ** 2, axis=1)).max())
     beyond = float(np.abs(np.array(shown, float) - acts).max())  # as far as it is the printer's
-    if beyond > STRANGE_SDS * _instrument(model).get("scale_sd", np.inf):
+    if beyond > STRANGE_SDS * instrument_of(model).get("scale_sd", np.inf):
         doubt = max(doubt, beyond)
     if doubt < LEAST_DOUBT:
         return ()
@@ -42,6 +42,21 @@ def shown_scales(scene: Scene, parts: Sequence[Part]) -> list[float]:
     stretch = sum((part.mean_mm for part in parts if part.effect == "stretch"), np.zeros(3))
     common, half, _ = (axes * np.sqrt(np.maximum(values, 0.0))) @ stretch
     return [round(float(each), 6) for each in draws.mean(axis=1) + np.array([common + half, common - half])]
+
+
+def seen_scales(scene: Scene, parts: Sequence[Part]) -> dict[str, list[float]]:
+    """Return by which shares a print is too large in its picture in X and Y, shrinkage and the instrument's own
+    included, with their standard deviations: what was measured, before anybody asks whose it is."""
+    _, draws = axis_scales(scene, parts)
+    values, axes = np.linalg.eigh(scene.instrument.covariance)
+    for part in parts:
+        if part.effect == "shrinkage":
+            draws[part.where] -= part.draws_mm[0] / SCALE_MM
+        elif part.effect == "stretch":
+            common, half, _ = (axes * np.sqrt(np.maximum(values, 0.0))) @ part.draws_mm
+            draws += np.stack([common + half, common - half])
+    return {name: [round(float(each), 8) for each in of] for name, of in
+            (("mean", draws.mean(axis=1)), ("sd", draws.std(axis=1)))}  # fmt: skip
 
 
 def axis_scales(scene: Scene, parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
@@ -62,17 +77,18 @@ def axis_scales(scene: Scene, parts: Sequence[Part]) -> tuple[np.ndarray, np.nda
 
 def knows_a_length(model: SavedModel) -> bool:
     """Say whether a length was given to a model's scan: then its scale and its axes are known together."""
-    instrument = _instrument(model)
+    instrument = instrument_of(model)
     return any(instrument.get(name) for name in TOGETHER)
 
 
 def knows_all_but_a_reading(model: SavedModel) -> bool:
     """Say whether a length and a second turn were given, so that only the callipers leave the scale open."""
-    instrument = _instrument(model)
+    instrument = instrument_of(model)
     return knows_a_length(model) and 2 * instrument.get("axes_sd", 0.0) < instrument.get("scale_sd", 0.0)
 
 
-def _instrument(model: SavedModel) -> dict[str, float]:
+def instrument_of(model: SavedModel) -> dict[str, float]:
+    """Return what a model's measurement left open of its instrument, by name."""
     section = model.document.get("promise")
     instrument = section.get("instrument") if isinstance(section, dict) else None
     if not isinstance(instrument, dict):

@@ -6,7 +6,7 @@ much parts shrink in each filament. `printed_in` is the model as it prints in on
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from printmend.errors import ConfigError, ModelError
 from printmend.filament import CLAIM_SD, Entry, Split, material_of, split
 from printmend.infer.posterior import DRAWS, Part
 from printmend.machine import Frame, Mechanism
-from printmend.path import Trace
+from printmend.path import Instrument, Trace
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_section, parse_belief
 from printmend.promise.filament import (
@@ -28,13 +28,15 @@ from printmend.promise.filament import (
     known_filaments,
     parse_entries,
 )
-from printmend.promise.scale import axis_scales
+from printmend.promise.scale import axis_scales, instrument_of
 from printmend.repair.history import Ageing
 from printmend.repair.learned import AUTO, learn_model
 from printmend.repair.update import Updated, update
 from printmend.saved import Branches, SavedModel, branches_of, saved_model, screw_of, with_screw
+from printmend.saved.values import numbers
 
 PLAIN = 0.025  # share: a machine's scale error beyond this is no filament's, for none of the table shrinks by as much
+SURE_SDS = 2.0  # … and this many, where a print without filament shows it
 PLAIN_SDS = 4.0  # standard deviations that it must be off, too
 OTHER_SDS = 5.0  # by which a scale must differ from what is known, to be another machine's
 READING_SD_MM = 0.05  # of a length read from a steel rule with half millimetres
@@ -75,7 +77,7 @@ def learn_in(
             came=model,
             todo="leave --learner out",
         )
-    learned = learn_model(_grown(trace, printer, filament), printer, model=model, rng=rng)
+    learned = learn_model(grown(trace, printer, filament), printer, model=model, rng=rng)
     return _settled(learned, (), (_shown(learned, filament), *travels))
 
 
@@ -89,7 +91,7 @@ def update_in(
     if trace is None:
         entries = (_shown(old, None),) if before is None else before
         return Updated(_settled(old, entries, travels), (), ())
-    updated = update(old, _grown(trace, old.printer, filament), rng=rng, ageing=ageing)
+    updated = update(old, grown(trace, old.printer, filament), rng=rng, ageing=ageing)
     if updated.is_known or (before is None and filament is None and not travels):
         return updated
     entries, shown = (_shown(old, None),) if before is None else before, _shown(updated.model, filament)
@@ -172,7 +174,12 @@ def filament_words(model: SavedModel) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _grown(trace: Trace, printer: Printer, filament: str | None) -> Trace:
+def settled(model: SavedModel, filament: str | None) -> SavedModel:
+    """Return a model that was just learned from a `grown` trace, with its scale split between machine and filament."""
+    return model if filament is None else _settled(model, (), (_shown(model, filament),))
+
+
+def grown(trace: Trace, printer: Printer, filament: str | None) -> Trace:
     """Return a trace of a part as it was before it shrank by what its polymer does on the average."""
     if filament is None:
         return trace
@@ -189,12 +196,19 @@ def _grown(trace: Trace, printer: Printer, filament: str | None) -> Trace:
 
 def _shown(model: SavedModel, filament: str | None) -> Entry:
     """Return the scale that the last measurement of a model showed; the machine's alone for one without filament."""
-    belief = _believed(model)
-    drawn = axis_scales(belief.scene, belief.parts)[1] + np.zeros((2, DRAWS))
-    for part in belief.of("shrinkage"):
-        drawn[part.where] -= part.draws_mm[0] / SCALE_MM
-    mean = drawn.mean(axis=1) - (0.0 if filament is None else material_of(filament).mean)
-    sd = drawn.std(axis=1)
+    belief, seen = _believed(model), model.document["promise"].get("seen")
+    if isinstance(seen, dict):
+        mean, sd = (numbers(seen, name, "the model [promise]", 2) for name in ("mean", "sd"))
+        known = {each.name for each in fields(Instrument)}
+        own = Instrument(**{key: value for key, value in instrument_of(model).items() if key in known}).covariance
+        half = np.array([1.0, -1.0])
+        sd = np.sqrt(sd**2 + own[0, 0] + own[1, 1] + 2 * half * own[0, 1])
+    else:
+        drawn = axis_scales(belief.scene, belief.parts)[1] + np.zeros((2, DRAWS))
+        for part in belief.of("shrinkage"):
+            drawn[part.where] -= part.draws_mm[0] / SCALE_MM
+        mean, sd = drawn.mean(axis=1), drawn.std(axis=1)
+    mean = mean - (0.0 if filament is None else material_of(filament).mean)
     return Entry(filament, (float(mean[0]), float(mean[1])), (float(sd[0]), float(sd[1])))
 
 
@@ -214,10 +228,11 @@ def _without(entry: Entry, axis: int) -> Entry:
 
 
 def _acts(one: Split, entries: Sequence[Entry], axis: int) -> bool:
-    """Say whether a scale is known to be the machine's: told from every filament's, or measured without any, or larger
-    than any filament's."""
+    """Say whether a scale is surely the machine's: known to 0.05 %, surely there without any filament, or larger than
+    any filament's."""
     alone = any(each.filament is None and np.isfinite(each.scale[axis]) for each in entries)
-    return alone or one.is_told or abs(one.mean) > max(PLAIN, PLAIN_SDS * one.sd)
+    least = SURE_SDS * one.sd if alone else max(PLAIN, PLAIN_SDS * one.sd)
+    return one.is_told or abs(one.mean) > least
 
 
 def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -> SavedModel:
@@ -242,6 +257,7 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
     section = {**model.document["promise"], "parts": belief_section(belief.scene, parts)["parts"]}
     if any(each.filament for each in entries):
         section.pop("shown", None)  # that is said of machine and filament
+    section.pop("seen", None)
     details: dict[str, Any] = {key: value for key, value in model.document.items() if key not in NUMBERS}
     details |= {
         "diagnosis": [
@@ -350,6 +366,12 @@ def _untold(entries: Sequence[Entry], axes: Sequence[int]) -> str:
         )
         seen.append(f"{said} ({name})")
     shows = f"{UNTOLD} that of {' and '.join('XY'[axis] for axis in axes)} may be the machine's or the filament's"
+    if any(each.filament is None for each in entries):
+        return (
+            f"{shows}, for the scale of the print that cannot shrink is not settled. Measure that again with the "
+            "--distance that `measure` names, or give what a steel rule says of the head's travel "
+            "(--travel x=200:199.6)"
+        )
     return (
         f"{shows}: prints are off by {', '.join(seen)}. With --filament they are mended, and nothing of it is "
         "given to the firmware. To tell them apart, learn --update from a print that cannot shrink, without "

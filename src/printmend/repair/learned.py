@@ -35,7 +35,7 @@ from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_printer import another_home, another_printers
 from printmend.promise.misfit_rows import in_order, passed_over
 from printmend.promise.of_rows import MOST_LOST, lost_rows, said_of_rows
-from printmend.promise.scale import scale_words, shown_scales
+from printmend.promise.scale import scale_words, seen_scales, shown_scales
 from printmend.protocols import WorldModel
 from printmend.saved import Branches, SavedModel, ScrewSeries, saved_model, with_screw
 from printmend.twin import Twin
@@ -135,6 +135,7 @@ def searched_model(
     promise = belief_section(fit.scene, posterior.parts, scatter_mm=scatter_mm)
     if not fit.scene.placed:
         promise["shown"] = shown_scales(fit.scene, posterior.parts)
+        promise["seen"] = seen_scales(fit.scene, posterior.parts)
     told = (
         *told,
         *another_printers(left_mm, trace, box.printer),

@@ -27,6 +27,7 @@ from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_section, parse_belief
 from printmend.promise.misfit import Misfit, misfit_section
 from printmend.promise.misfit_rows import in_order, passed_over
+from printmend.promise.scale import seen_scales
 from printmend.repair.history import Ageing
 from printmend.repair.learned import (
     DIGESTS,
@@ -192,16 +193,19 @@ def _updated(
             for f in diagnosis.faults
         ],
         "trace": _trace_section(trace, PLANE_FACTOR * noise_mm),
-        "promise": belief_section(
-            replace(
-                scene,
-                placed=scene.placed or belief.placed,
-                homed_again_mm=(*belief.scene.homed_again_mm, *found.homed_mm),
+        "promise": {
+            **belief_section(
+                replace(
+                    scene,
+                    placed=scene.placed or belief.placed,
+                    homed_again_mm=(*belief.scene.homed_again_mm, *found.homed_mm),
+                ),
+                parts,
+                scatter_mm=scatter_mm,
+                by_hand=belief.by_hand,
             ),
-            parts,
-            scatter_mm=scatter_mm,
-            by_hand=belief.by_hand,
-        ),
+            **({} if scene.placed else {"seen": seen_scales(scene, parts)}),
+        },
         "misfit": misfit_section((*said, *misfits_of(parts, scene))),
         DIGESTS: [*known_digests(old), digest],
         "update": {"from": old.digest, "changes": plain, "anew": list(names)},

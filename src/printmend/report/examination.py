@@ -1,6 +1,6 @@
 """What is wrong with a printer, as a document for its owner: words, advice, and what it means for a part."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from printmend.promise.belief import parse_belief
 from printmend.promise.misfit import NOTE, REFUSAL, misfit_words, said_of
 from printmend.promise.predict import Promise
 from printmend.promise.scale import scale_words
+from printmend.repair.filament import grown, settled
 from printmend.repair.learned import Learned, learn, left_over_mm, scatter_words, todo
 from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Prediction
@@ -130,12 +131,16 @@ def check_name(path: Path) -> None:
         raise InputError(path, wanted="a report in .html or .pdf", came=repr(path.suffix), todo="change its name")
 
 
-def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np.random.Generator) -> Examination:
-    """Learn a machine from a trace and say all that is known of it; ``part`` is G-code whose error is predicted.
+def examine(
+    trace: Trace, printer: Printer, *, part: Path | None = None, filament: str | None = None, rng: np.random.Generator
+) -> Examination:
+    """Learn a machine from a trace and say all that is known of it; ``part`` is G-code whose error is predicted,
+    ``filament`` what the measured part was printed in.
 
     Raises `TraceError` like `learn`, `GcodeError` or `ModelError` for a part that cannot be printed here.
     """
-    learned = learn(trace, printer, rng=rng)
+    learned = learn(grown(trace, printer, filament), printer, rng=rng)
+    learned = replace(learned, saved=settled(learned.saved, filament))
     box, saved, flat = learned.box, learned.saved, learned.trace
     if box is None:
         raise TraceError("the trace", wanted="a machine in it", came="none", todo="measure a `printmend probe`")
