@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.cli.learn import command
+from printmend.cli.twin import command as twin
 from printmend.effects import scene_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError, RefusedError
@@ -14,7 +15,7 @@ from printmend.export.supported import export_supported
 from printmend.filament import CLAIM_SD, Entry, material_of, split
 from printmend.infer.machine import Sized, machine_of
 from printmend.machine import healthy_mechanism
-from printmend.measure import write_trace
+from printmend.measure import read_trace, write_trace
 from printmend.path import Instrument, Trace
 from printmend.printer import Printer, read_printer
 from printmend.promise.belief import parse_belief
@@ -22,6 +23,7 @@ from printmend.promise.filament import UNTOLD, known_filaments, parse_entries
 from printmend.promise.scale import axis_scales
 from printmend.repair.filament import learn_in, parse_travel, printed_in, shrunk, update_in
 from printmend.repair.learned import learn_model
+from printmend.report.examination import examine
 from printmend.saved import SavedModel, model_text, parse_model
 from printmend.twin import Twin
 
@@ -193,3 +195,28 @@ def test_the_command_line_says_what_is_known(tmp_path):
     for bad in (["--filament", "wood"], ["--travel", "x=1:1"]):
         wrong = CliRunner().invoke(command, [*ruled, *bad])
         assert isinstance(wrong.exception, ConfigError)
+
+
+def test_diagnose_says_whose_the_scale_is():
+    printer = read_printer("ender3")
+    trace = measured(printer, "pla-black", 1)
+    found = examine(trace, printer, filament="pla-black", rng=np.random.default_rng(0))
+    assert any(gap.startswith(UNTOLD) for gap in found.gaps)
+    assert not any("%" in advice.title for advice in found.advice)
+
+
+def test_the_twin_shrinks_about_the_middle_of_its_bed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "healthy.toml").write_text("")
+    walk = [f"G1 X{x} Y{y} E1" for x in (60, 110, 160) for y in (60, 100, 160, 120)]
+    (tmp_path / "part.gcode").write_text("\n".join(["G28", "G90", "M83", "G1 Z0.2", *walk]))
+    arguments = ["part.gcode", "--printer", "ender3", "--corruption", "healthy.toml", "--noise-mm", "0"]
+    traces = []
+    for more in ([], ["--shrinks", "1", "0.5"]):
+        done = CliRunner().invoke(twin, [*arguments, *more])
+        assert done.exit_code == 0, done.output
+        traces.append(read_trace(tmp_path / "trace.csv", read_printer("ender3")).measured_mm)
+    plain, small = traces
+    known = np.isfinite(plain).all(axis=1)
+    middle = np.array(read_printer("ender3").middle_mm[:2])
+    assert np.allclose(small[known] - middle, (plain[known] - middle) * [0.99, 0.995], atol=1e-4)
