@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from printmend.cli.fit import command
 from printmend.cli.measure import command as measure
 from printmend.errors import ConfigError, GcodeError, ScanError
-from printmend.fit import SLICERS, Estimate, settings_for, write_profiles
+from printmend.fit import SLICERS, Estimate, outline_of, settings_for, write_profiles
 from printmend.fit.estimate import Side
 from printmend.fit.profile import how_to_import
 from printmend.fit.setting import Wanted, wanted
@@ -25,6 +25,7 @@ from printmend.gcode.sliced import sliced
 from printmend.printer import read_printer
 from printmend.repair.fit import fit_part
 from printmend.repair.mend import refuse_grown
+from printmend.repair.part import measure_part
 from tests import foreign_part as foreign
 
 PRINTER = read_printer("ender3")
@@ -63,6 +64,18 @@ def test_holes_foot_and_width_are_told_from_two_scans(part):
     said = "\n".join(found.words())
     assert "the hole of 8.00 mm" in said
     assert "elephant's foot: +0.1" in said
+
+
+def test_narrow_holes_are_no_fault_of_the_machine(part):
+    measured = measure_part(part / "under.png", part / "part.gcode", PRINTER)
+    group = outline_of(measured.walls).group
+    offset_mm = measured.trace.offset_mm
+    assert offset_mm is not None
+    seen = np.isfinite(measured.stands_mm)
+    beads_mm = measured.stands_mm[seen] - offset_mm[np.isfinite(offset_mm)]
+    assert np.allclose(beads_mm[group[seen] > 0], HOLE_MM + FOOT_MM, atol=0.03)
+    assert np.allclose(beads_mm[group[seen] == 0], OUTLINE_MM + FOOT_MM, atol=0.03)
+    assert any("walls of holes" in note for note in measured.notes)
 
 
 def test_of_one_scan_it_says_what_it_cannot_tell(part):

@@ -13,6 +13,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.errors import ScanError
+from printmend.fit.estimate import Known, Layer, estimated
+from printmend.fit.outline import OUTER, outline_of
 from printmend.gcode.read import Program, read_gcode
 from printmend.learn.walls import LEAST_WALLS, WallFit, fit_walls
 from printmend.measure.distance import scaled_by_rulers
@@ -22,7 +24,7 @@ from printmend.measure.register import Pose
 from printmend.measure.walls import Walls, read_walls
 from printmend.measure.width import choose_widths, scaled_by_widths, widths_asked
 from printmend.messages import say
-from printmend.path import Origin, Trace
+from printmend.path import Instrument, Origin, Trace
 from printmend.picture.image import with_legend, write_image
 from printmend.picture.page import Page, check_sheet, photo_todo, read_page
 from printmend.picture.ruler import Ruler, find_rulers
@@ -37,6 +39,7 @@ EDGE_SIGMA_MM = 0.01  # standard deviation of an edge: no scan is read better
 MOST_HEIGHT_SEEN_MM = (
     0.04  # a wall whose side the camera sees broader than this is left out: its foot is taken for its edge
 )
+SURE_SDS, LEAST_HOLES_MM = 3.0, 0.02  # by which holes must differ from the outline before that is taken off
 OVERLAY_PX = 2000  # longer side of an overlay
 ENLARGED = 10.0  # times that an overlay enlarges what a wall lies off
 # Grey levels under an overlay become gain·level + grey, so that marks stand out from dark plastic, too.
@@ -98,7 +101,9 @@ def measure_part(
         check_sheet(path, _scales(walls, edges))
     if overlay is not None:
         _draw(overlay, silhouette, walls, edges)
-    offset, widths = edges.offset_mm - fit.swell_mm, choose_widths(walls)
+    widths = choose_widths(walls)
+    beads_mm, beads_said = _beads(walls, edges, fit, printer, page.instrument, layer)
+    offset = edges.offset_mm - beads_mm
     instrument, asked = instrument_on_bed(page.instrument, match.pose.matrix, settled=False), None
     if page.eye_mm is not None:
         rulers = tuple(ruler.in_photo(float(page.eye_mm[2]), walls.tall_mm) for ruler in rulers)
@@ -109,17 +114,16 @@ def measure_part(
         offset, instrument, asked = scaled_by_widths(distances_mm, widths, edge_mm, walls, offset, instrument)
     elif widths:
         asked = widths_asked(widths, edge_mm, page.scale, ruled=bool(rulers))
-    side, way = "seen from below, " if lie.mirrored else "", "out" if fit.swell_mm >= 0 else "in"
+    side = "seen from below, " if lie.mirrored else ""
     notes = (
         f"{path}: {found} of {len(walls.row)} places of walls, {side}turned by {lie.turned_deg:.1f}°, {page.scale}",
         lie.unsure,
-        f"all walls stand {abs(fit.swell_mm):.2f} mm farther {way} than the file has them, as beads do: no fault, "
-        "taken off",
+        beads_said,
         *(*ruled, asked),
     )
     sigma = np.full(len(walls.row), float(np.clip(fit.sigma_mm, EDGE_SIGMA_MM, 1.0)))
     trace = replace(walls.trace(offset, sigma), instrument=instrument, origin=Origin(printer.name, printer.kinematics))
-    return PartMeasurement(trace, tuple(filter(None, notes)), found, walls, offset + fit.swell_mm)
+    return PartMeasurement(trace, tuple(filter(None, notes)), found, walls, offset + beads_mm)
 
 
 def _located(path: str | Path, page: Page, walls: Walls, rulers: Sequence[Ruler]) -> tuple[Silhouette, Lie]:
@@ -134,6 +138,34 @@ def _located(path: str | Path, page: Page, walls: Walls, rulers: Sequence[Ruler]
             raise
         todo = say("if-it-is-a-photo", error.todo, photo_todo())
         raise ScanError(path, wanted=error.wanted, came=error.came, todo=todo) from None
+
+
+# Its many parameters are what is known of a scanned layer.
+def _beads(
+    walls: Walls, edges: "_Edges", fit: WallFit, printer: Printer, instrument: Instrument, layer: int
+) -> tuple[np.ndarray, str]:
+    """Return how far the bead of each wall [S] stands out, and that in words: of all walls alike, or of holes and the
+    outline apart where these surely differ. Beads in a bend are pulled inwards, which is no fault of the machine."""
+    outline = outline_of(walls)
+    seen = Layer(layer, walls, outline, edges.offset_mm)
+    side = estimated([seen], printer, instrument, Known(), None).sides[0]
+    if side.hole_mm is not None and (outline.group == OUTER).any():
+        more_mm = side.hole_mm - side.outline_mm
+        if abs(more_mm) > max(SURE_SDS * side.extra_sd_mm, LEAST_HOLES_MM):
+            words = (
+                f"the outline stands {abs(side.outline_mm):.2f} mm farther {_way(side.outline_mm)} than the file has "
+                f"it, the walls of holes {abs(side.hole_mm):.2f} mm farther {_way(side.hole_mm)}, as beads do: no "
+                "fault, taken off; `printmend fit` says what the slicer must be told"
+            )
+            return np.where(outline.group > OUTER, side.hole_mm, side.outline_mm), words
+    words = (
+        f"all walls stand {abs(fit.swell_mm):.2f} mm farther {_way(fit.swell_mm)} than the file has them, as beads do"
+    )
+    return np.full(len(walls.row), fit.swell_mm), f"{words}: no fault, taken off"
+
+
+def _way(out_mm: float) -> str:
+    return "out" if out_mm >= 0 else "in"
 
 
 @dataclass(frozen=True, eq=False)
