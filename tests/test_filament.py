@@ -212,7 +212,7 @@ def test_the_twin_shrinks_about_the_middle_of_its_bed(tmp_path, monkeypatch):
     (tmp_path / "part.gcode").write_text("\n".join(["G28", "G90", "M83", "G1 Z0.2", *walk]))
     arguments = ["part.gcode", "--printer", "ender3", "--corruption", "healthy.toml", "--noise-mm", "0"]
     traces = []
-    for more in ([], ["--shrinks", "1", "0.5"]):
+    for more in ([], [f"--corruption=shrinkage:on={axis},percent={by}" for axis, by in (("x", 1), ("y", 0.5))]):
         done = CliRunner().invoke(twin, [*arguments, *more])
         assert done.exit_code == 0, done.output
         traces.append(read_trace(tmp_path / "trace.csv", read_printer("ender3")).measured_mm)

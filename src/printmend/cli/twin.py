@@ -57,18 +57,13 @@ def _show_effects(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 @click.option(
     "--turn", type=click.Choice(["0", "90", "180", "270"]), default="0", help="How the plate lies on the glass."
 )
-@click.option("--shrinks", "shrinks_percent", metavar="X Y", type=(Finite(min=-5, max=5), Finite(min=-5, max=5)),
-              default=(0.0, 0.0), help="By how many percent a part shrinks along X and Y as it cools.")  # fmt: skip
 @click.option("--dirt", type=click.Choice(["clean", "default", "heavy"]), default="default", show_default=True,
               help="What is wrong with the scan.")  # fmt: skip
 def command(
     source: Path, printer_name: str, broken: tuple[str, ...], noise_mm: float, seed: int, output: Path,
     scan: Path | None, plan_path: Path | None, dpi: float, turn: str, dirt: str,
-    shrinks_percent: tuple[float, float],
 ) -> None:  # fmt: skip
     """Print FILE.gcode on a twin with this fault, measure what came out, write it as a trace.csv."""
-    from dataclasses import replace
-
     import numpy as np
 
     from printmend.cli.outputs import spare
@@ -91,16 +86,14 @@ def command(
     plan = None
     if scan is not None and (plan_path is not None or b"; printmend probe: " in program.text[:HINT_BYTES].tobytes()):
         plan = read_plan(plan_path or source.with_suffix(".json"))
-    left, middle = 1 - np.array(shrinks_percent) / 100, np.array(printer.middle_mm[:2])
     trace = print_gcode(program, twin, noise_mm=noise_mm, rng=np.random.default_rng(seed))
-    trace = replace(trace, measured_mm=middle + (trace.measured_mm - middle) * left)
     write_trace(output, trace)
     click.echo(f"{output}: {len(trace)} way-points, measured with {noise_mm:g} mm of noise")
     if scan is not None:
         from printmend.picture.image import write_image
 
         if plan is None:
-            image = _underside(program, twin, left, dpi, dirt, seed, int(turn) // 90)
+            image = _underside(program, twin, dpi, dirt, seed, int(turn) // 90)
         else:
             image = _dots(program, twin, plan, dpi, dirt, seed, int(turn) // 90)
         write_image(scan, image, dpi=dpi)
@@ -123,11 +116,8 @@ def _dots(
     ).image  # fmt: skip
 
 
-def _underside(
-    program: "Program", twin: "Twin", left: "np.ndarray", dpi: float, dirt: str, seed: int, quarter_turns: int
-) -> "np.ndarray":
-    """Return the scan of a part's first layer, seen from below, of which the shares ``left`` [2] are left along X and Y
-    once it has shrunk."""
+def _underside(program: "Program", twin: "Twin", dpi: float, dirt: str, seed: int, quarter_turns: int) -> "np.ndarray":
+    """Return the scan of a part's first layer, seen from below."""
     import numpy as np
 
     from printmend.measure.walls import read_walls
@@ -136,7 +126,6 @@ def _underside(
 
     bead_mm = 2 * float(np.median(read_walls(program, twin.printer).half_mm)) + 2 * (SQUEEZED_MM + twin.wider_mm)
     return render_layer(
-        [stroke * left for stroke in print_first_layer(program, twin)],
-        bead_mm=bead_mm, dpi=dpi, degradations=DEGRADATIONS[dirt],
+        print_first_layer(program, twin), bead_mm=bead_mm, dpi=dpi, degradations=DEGRADATIONS[dirt],
         rng=np.random.default_rng(seed), quarter_turns=quarter_turns,
     )  # fmt: skip

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, along
+from printmend.effects.keys import Numbers
 from printmend.effects.words import Found, Told
 
 ALWAYS = 1e3  # logarithm of its odds: there is no plastic that does not shrink
@@ -18,6 +19,7 @@ class Shrinkage:
     """
 
     name = "shrinkage"
+    keys = Numbers(("percent",))
     cause = "the filament's shrinkage"  # of an expected error
     of = Of.MATERIAL
     acts = Acts.NOT

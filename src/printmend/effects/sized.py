@@ -15,6 +15,7 @@ from printmend.printer import Printer
 
 GRID = 7  # places along either axis of the bed at which a frame's terms are taken
 ROWS = 2048  # of a table that are evaluated at once: their columns stay in the processor's cache
+SHRINKS_SD = 0.002  # of parts in the usual filaments (filament/materials.toml)
 FEW = 97  # places of a table at which both sides are compared
 
 
@@ -48,8 +49,9 @@ def scene_of_printer(printer: Printer, way_mm: float = 1.0) -> Scene:
     bed = [(axis.min_mm, axis.max_mm) for axis in printer.axes[:2]]
     turns = (printer.axes[0].mm_per_turn, printer.axes[1].mm_per_turn)
     return Scene(
-        printer, turns, (spans[0], spans[1]), (bed[0], bed[1]), way_mm, homed=True, instrument=FLATBED, walls=True
-    )
+        printer, turns, (spans[0], spans[1]), (bed[0], bed[1]), way_mm, homed=True, instrument=FLATBED, walls=True,
+        shrinkage_sd=SHRINKS_SD,
+    )  # fmt: skip
 
 
 def belts_mm(scene: Scene, motor: int, parts: Sequence[Sized], motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,8 +15,8 @@ import numpy as np
 
 from printmend.errors import ScanError
 from printmend.fit.outline import NOWHERE, OUTER, Outline, Round
-from printmend.infer.contacts import contacts_of
 from printmend.machine import Mechanism, healthy_mechanism
+from printmend.machine.contacts import contacts_of
 from printmend.measure.walls import Walls
 from printmend.path import FLATBED, Instrument
 from printmend.picture.silhouette import ACROSS_MM
