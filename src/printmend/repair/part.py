@@ -63,6 +63,7 @@ class PartMeasurement:
     stands_mm: np.ndarray
 
 
+# Long, with many parameters: it is the whole way from an image to a trace.
 def measure_part(
     path: str | Path,
     program: Program | str | Path,
