@@ -46,7 +46,7 @@ def test_the_command_line_comes_before_the_project_and_the_project_before_the_us
     ("text", "said"),
     [
         ("[mended]\n", "sections that are commands, like .mend.*'mended'"),
-        ("[mend]\nspeed = 3\n", "options of mend: filament, firmware, .*'speed' in .mend"),
+        ("[mend]\nspeed = 3\n", "options of mend: crossing, filament, firmware, .*'speed' in .mend"),
         ("[mend\n", "settings in TOML"),
         (
             '[mend]\njobs = "four"\n',

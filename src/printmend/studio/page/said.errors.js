@@ -1,6 +1,10 @@
 // What the program says where something does not fit, in three parts: "wanted …, got …; do …". [English, German, and
 // where it names what only the command line has, English as the page says it]. {a} stands for numbers and names.
 export default [
+  ["a section [limits]", "einen Abschnitt [limits]"],
+  ["a number from {a} to {b} for [limits] {c}", "eine Zahl von {a} bis {b} für [limits] {c}"],
+  ["give what your firmware is set to", "Angeben, worauf die Firmware eingestellt ist"],
+  ["numbers for max_velocity and max_accel in [printer]", "Zahlen für max_velocity und max_accel in [printer]"],
   ["--filament", "das Filament", "the filament"],
   ["a part that its slicer did not enlarge against shrinkage", "ein Teil, das sein Slicer nicht gegen Schrumpfung vergrößert hat"],
   ["one enlarged against {a} %", "eines, gegen {a} % vergrößert"],
