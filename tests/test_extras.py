@@ -15,6 +15,7 @@ from printmend.cli import main
 from printmend.cli.main import group
 from printmend.errors import MissingToolError
 from printmend.extras import _EXTRAS, _LAB
+from printmend.native import NAME
 from printmend_lab.commands import COMMANDS
 
 # Three layers of a square: the demonstration's own body takes seconds.
@@ -136,6 +137,8 @@ def test_a_command_says_at_once_and_in_one_command_all_that_it_needs(
 
 
 def test_the_demonstrations_need_no_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not (Path(main.__file__).parents[1] / "compiled" / f"{NAME}.json").is_file():
+        pytest.skip("no library here, so numba is needed: `make kernels` makes it")
     monkeypatch.setattr("printmend.extras.find_spec", lambda module: None)
     monkeypatch.setattr("printmend_lab.body.demo_body_gcode", lambda: SQUARES)
     done = CliRunner().invoke(group, ["paper", "--json", "-o", str(tmp_path)])

@@ -15,7 +15,7 @@ from printmend.effects import EFFECTS
 from printmend.infer.gram import Dictionary, Gram
 from printmend.infer.normal import log_below
 
-LEAST_SIGMA_MM = 2e-4  # tables and G-code are written no finer
+LEAST_SIGMA_MM = 1e-3  # tables and G-code are written to this; less beside an open origin loses all digits of a double
 LEAST_BETTER = 1e-6  # of the score: what rounding leaves
 MOST_STEPS = 80  # of the search: more blocks than any printer's
 Set = tuple[tuple[int, int], ...]  # (block, alternative in size) of each member
