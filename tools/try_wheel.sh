@@ -65,6 +65,6 @@ lacks() { # PACKAGE COMMAND...
 }
 lacks "'printmend[scan]'" printmend measure scan.png --probe probe.json
 lacks printmend-lab printmend bench families --help
-python -m pip install --quiet --disable-pip-version-check --no-index --find-links "$place/dist" printmend-lab
+python -m pip install --quiet --disable-pip-version-check "$place"/dist/printmend_lab-*.whl # numba comes with it
 say printmend bench families --help >/dev/null
 say printmend paper -o paper
