@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount
@@ -12,7 +12,7 @@ from printmend.effects.words import Fault, Found, amount
 SHARES = np.array([0.5, -0.5])  # of it that X and Y have
 
 
-class Aspect:
+class Aspect(Usual):
     """X that is longer than Y, in mm per 100 mm, half of it on either side; on other printers it is the motors'.
 
     What both axes share is the scale of both motors, so that the two are told apart.
@@ -21,9 +21,7 @@ class Aspect:
     name = "aspect"
     of = Of.MACHINE
     acts = Acts.FRAME
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Numbers(("percent",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -32,9 +30,6 @@ class Aspect:
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return ((places.bed_mm - scene.middle_mm) / SCALE_MM * SHARES)[:, :, None]
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         percent, sd = found.size(lambda sizes: float(sizes[0]))  # mm in 100 mm

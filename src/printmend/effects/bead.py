@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import size_mm
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Message, Told
@@ -19,15 +19,13 @@ NARROWER = Message(
 )
 
 
-class Bead:
+class Bead(Usual):
     """A shift along the normal of every wall."""
 
     name = "bead"
     of = Of.MATERIAL
     acts = Acts.NOT
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -36,9 +34,6 @@ class Bead:
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return np.asarray(places.normal[:, :, None])
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = float(found.sizes_mm[0])

@@ -4,21 +4,19 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, along_motor_mm, motor_name
 
 
-class Bend:
+class Bend(Usual):
     """Square and cube of the place along one belt."""
 
     name = "bend"
     of = Of.MACHINE
     acts = Acts.DRIVE
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Numbers(("square_mm", "cube_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -31,9 +29,6 @@ class Bend:
         seen = np.clip(x, low, high)  # beyond what was seen it goes on straight
         columns = [seen**power + power * seen ** (power - 1) * (x - seen) for power in (2, 3)]
         return onto_bed(scene, where, np.stack(columns, axis=1))
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         x = (along_motor_mm(scene, found.where) - scene.motor_middle_mm(found.where)) / SCALE_MM

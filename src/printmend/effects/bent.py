@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, along
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import AXES, Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found
@@ -12,15 +12,13 @@ from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found
 POWERS = ((2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 
 
-class Bent:
+class Bent(Usual):
     """Second- and third-order terms of both places, for x and for y."""
 
     name = "bent"
     of = Of.MACHINE
     acts = Acts.FRAME
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Numbers(tuple(f"{axis}_{'x' * p + 'y' * q}_mm" for axis in AXES for p, q in POWERS))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -30,9 +28,6 @@ class Bent:
         x, y = ((places.bed_mm - scene.middle_mm) / SCALE_MM).T
         terms = np.stack([x**p * y**q for p, q in POWERS], axis=1)
         return np.concatenate([along(0, terms), along(1, terms)], axis=2)
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         x, y = (

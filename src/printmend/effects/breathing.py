@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.keys import Waves
 from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives, turning_share
@@ -14,15 +14,13 @@ from printmend.effects.words import Fault, Found, amount, motor_name, those_of
 HARMONICS = np.arange(1.0, 17.0)
 
 
-class Breathing:
+class Breathing(Usual):
     """A Fourier series of one motor's play."""
 
     name = "breathing"
     of = Of.MACHINE
     acts = Acts.DRIVE
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Waves(tuple(range(1, 17)))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -36,9 +34,6 @@ class Breathing:
 
     def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return scene.turns_mm[where] / HARMONICS
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         mean, sd, least, most = play_mm(beside, found.where, scene)

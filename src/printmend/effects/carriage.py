@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, along
+from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
@@ -17,15 +17,13 @@ RUNS = Message(
 )
 
 
-class Carriage:
+class Carriage(Usual):
     """Cosines along one axis of the picture, for both coordinates."""
 
     name = "carriage"
     of = Of.INSTRUMENT
     acts = Acts.NOT
-    from_home = True
     fate = GONE
-    most = 1
     keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -39,9 +37,6 @@ class Carriage:
         place = np.clip((places.bed_mm[:, where] - low) / max(high - low, 1.0), 0.0, 1.0)
         series = np.cos(np.pi * place[:, None] * np.arange(1, COUNT + 1))
         return np.concatenate([along(where, series), along(1 - where, series)], axis=2)
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         place = np.linspace(0.0, 1.0, 241)

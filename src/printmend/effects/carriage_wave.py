@@ -11,6 +11,7 @@ from printmend.effects.effect import (
     Places,
     Scene,
     Term,
+    Usual,
     along,
     finer_periods,
     periods_mm,
@@ -30,13 +31,12 @@ SAID = Message(
 )
 
 
-class CarriageWave:
+class CarriageWave(Usual):
     """A wave along one axis of a picture that was taken at one turn."""
 
     name = "carriage_wave"
     of = Of.INSTRUMENT
     acts = Acts.NOT
-    from_home = True
     fate = GONE
     most = 2
     keys = Waves(shape=("period_mm",))

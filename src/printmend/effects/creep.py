@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, about, carrier
+from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, Usual, about, carrier
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
@@ -17,16 +17,14 @@ CREPT = Message(
 )
 
 
-class Creep:
+class Creep(Usual):
     """A shift that comes with one time constant, a share of the print."""
 
     name = "creep"
     cause = "something that gives way"  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
-    from_home = True
     fate = Fate(anew=0.3, stays=0.4)
-    most = 1
     keys = Numbers(shape=("after_share",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

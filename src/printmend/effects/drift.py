@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, carrier
+from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, Usual, carrier
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
@@ -12,16 +12,14 @@ from printmend.effects.words import Found, Message, Told, carrier_name
 DRIFTED = Message("{a} drifted evenly during the print, by {b} mm from the first point to the last")
 
 
-class Drift:
+class Drift(Usual):
     """A shift that grows with the length printed."""
 
     name = "drift"
     cause = "an even drift"  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
-    from_home = True
     fate = Fate(anew=0.3, stays=0.4)
-    most = 1
     keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -31,9 +29,6 @@ class Drift:
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         course = places.done
         return carrier(scene, where, course[:, None])
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         yield Told("linear", DRIFTED(carrier_name(scene, found.where), f"{found.sizes_mm[0]:+.2f}"))

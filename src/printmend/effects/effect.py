@@ -16,6 +16,7 @@ from printmend.path import Instrument, Trace, last_way
 from printmend.printer import Printer
 
 LONG_MOVE_MM = 50.0  # moves of a part, and those to the end stops, count as long
+ALWAYS = 1e3  # logarithm of the odds of an effect that no print or measurement is without
 SCALE_MM = 100.0  # slopes are in mm per this distance, as in the model file
 
 
@@ -174,6 +175,17 @@ class Effect(Protocol):
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         """Yield shapes about one that was found: the alternatives are a grid, and what is there lies between."""
         ...
+
+
+class Usual:
+    """What most effects have in common: the end stops take away what they do at home, a place has one term of them at
+    most, and they have no shape to be found more finely."""
+
+    from_home = True
+    most = 1
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
 
 
 def waves(place_mm: np.ndarray, period_mm: float, harmonics: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.pulley import LEAST_EFFECT_MM, wave_sizes
@@ -13,15 +13,13 @@ from printmend.effects.words import NAMED_SIGMAS, Fault, Found, amount, motor_na
 HARMONICS = np.array([1.0, 3.0, 5.0])
 
 
-class Elastic:
+class Elastic(Usual):
     """Odd harmonics of one motor's turn that grow along the belt."""
 
     name = "elastic"
     of = Of.MACHINE
     acts = Acts.DRIVE
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Waves((1, 3, 5))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -38,9 +36,6 @@ class Elastic:
 
     def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return scene.turns_mm[where] / HARMONICS
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         """The largest wave, by how much it changes from one end to the other.

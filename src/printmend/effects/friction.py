@@ -4,22 +4,20 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name, those_of
 
 
-class Friction:
+class Friction(Usual):
     """Play that changes along one belt, evenly and with the square."""
 
     name = "friction"
     of = Of.MACHINE
     acts = Acts.DRIVE
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Numbers(("size_mm", "square_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -31,9 +29,6 @@ class Friction:
         low, high = ((end - scene.motor_middle_mm(where)) / SCALE_MM for end in shape)
         seen = np.clip(x, low, high)  # beyond what was seen it goes on straight
         return onto_bed(scene, where, 0.5 * places.side[:, [where]] * np.stack([x, seen * (2 * x - seen)], axis=1))
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         if those_of("breathing", beside, found.where):

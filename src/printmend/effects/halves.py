@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, about, along
+from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, about, along
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Message, Told
@@ -17,16 +17,14 @@ BOTH_OFF = Message("X is off by {a} mm and Y by {b} mm in the upper part of {c},
 SHEETS = ". Two sheets measured as one show that, or a guide in two pieces: the model is without it"
 
 
-class Halves:
+class Halves(Usual):
     """A shift past a border along one bed axis."""
 
     name = "halves"
     cause = "the two halves of the bed"  # of an expected error
     of = Of.INSTRUMENT
     acts = Acts.NOT
-    from_home = True
     fate = GONE
-    most = 1
     keys = Numbers(("x_mm", "y_mm"), ("at_mm",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -4,7 +4,19 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, finer_periods, onto_bed, periods_mm, waves
+from printmend.effects.effect import (
+    STAYS,
+    Acts,
+    Of,
+    Places,
+    Scene,
+    Term,
+    Usual,
+    finer_periods,
+    onto_bed,
+    periods_mm,
+    waves,
+)
 from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
 from printmend.effects.pulley import LEAST_EFFECT_MM
@@ -16,13 +28,12 @@ IDLERS, NEAR_TEETH = (16, 18, 20), 0.1  # teeth of the idlers that are sold; a t
 OWN_SHARE = 0.02  # a period nearer to a part of the turn is the pulley's own
 
 
-class Idler:
+class Idler(Usual):
     """A wave of another length than the motor's turn."""
 
     name = "idler"
     of = Of.MACHINE
     acts = Acts.DRIVE
-    from_home = True
     fate = STAYS
     most = 2
     keys = Waves(shape=("period_mm",))

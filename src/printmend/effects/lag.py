@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, along
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
@@ -15,16 +15,14 @@ LAGS = Message(
 )
 
 
-class Lag:
+class Lag(Usual):
     """Play of one bed axis of a CoreXY; on other printers it is the belt's."""
 
     name = "lag"
     cause = "play of a rail"  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -33,9 +31,6 @@ class Lag:
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, -0.5 * places.ways[:, [where]])
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         yield Told("rail-play", LAGS("XY"[found.where], f"{abs(found.sizes_mm[0]):.2f}"))

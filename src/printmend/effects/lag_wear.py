@@ -4,23 +4,21 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, along
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
 
 LOOSE = Message("the play of the head along {a} grew by {b} mm while the print went on: something comes loose")
 
 
-class LagWear:
+class LagWear(Usual):
     """Play of one bed axis of a CoreXY that grows with the length printed; on other printers it is the belt's."""
 
     name = "lag_wear"
     cause = "play of a rail that grows"  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
-    from_home = True
     fate = STAYS
-    most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2 * scene.corexy):
@@ -28,9 +26,6 @@ class LagWear:
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, (-0.5 * places.ways[:, where] * places.done)[:, None])
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         yield Told("wear", LOOSE("XY"[found.where], f"{found.sizes_mm[0]:.2f}"))

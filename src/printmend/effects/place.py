@@ -4,13 +4,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name
 
 
-class Place:
+class Place(Usual):
     """A shift of one belt."""
 
     name = "place"
@@ -18,7 +18,6 @@ class Place:
     acts = Acts.DRIVE
     from_home = False
     fate = STAYS
-    most = 1
     keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -28,9 +27,6 @@ class Place:
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, np.ones((len(places), 1)))
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         """A shift is said of a motor that has nothing else: with any other fault it goes with that."""

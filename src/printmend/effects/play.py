@@ -4,21 +4,19 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import PLACES, Fault, Found, along_motor_mm, amount, motor_name, those_of
 
 
-class Play:
+class Play(Usual):
     """Play that is the same everywhere."""
 
     name = "play"
     of = Of.MACHINE
     acts = Acts.DRIVE
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -27,9 +25,6 @@ class Play:
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, 0.5 * places.side[:, [where]])
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         if not those_of("breathing", beside, found.where) and not those_of("friction", beside, found.where):

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.keys import Waves
 from printmend.effects.prior import NEAR_SHARE, alternatives, turning_share
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, amount, motor_name, those_of
@@ -27,15 +27,13 @@ NAMED_HARMONICS = 3  # most harmonics of a pulley that are named: the largest
 _SHAPES = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
 
 
-class Pulley:
+class Pulley(Usual):
     """A Fourier series of one motor's turn."""
 
     name = "pulley"
     of = Of.MACHINE
     acts = Acts.DRIVE
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Waves(tuple(range(1, 33)))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -48,9 +46,6 @@ class Pulley:
 
     def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return scene.turns_mm[where] / HARMONICS
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         """The largest harmonics c_k; those of a loose belt's play are twice the pulley's odd ones."""

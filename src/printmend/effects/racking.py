@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, along, onto_bed
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, span_mm
@@ -20,16 +20,14 @@ ACROSS = Message(
 )
 
 
-class Racking:
+class Racking(Usual):
     """Play that changes along the other axis, in mm per 100 mm: of a belt (0, 1), or of a CoreXY's bed axis (2, 3)."""
 
     name = "racking"
     cause = "a gantry that racks"  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Numbers(("size_mm", "across_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -46,9 +44,6 @@ class Racking:
             lag = along(axis, (0.5 * places.ways[:, axis] * other)[:, None])
         across = along(1 - axis, (0.5 * places.ways[:, axis] * other)[:, None])
         return np.concatenate([lag, across], axis=2)
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         axis = found.where % 2

@@ -4,7 +4,19 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, along, finer_periods, periods_mm, waves
+from printmend.effects.effect import (
+    STAYS,
+    Acts,
+    Of,
+    Places,
+    Scene,
+    Term,
+    Usual,
+    along,
+    finer_periods,
+    periods_mm,
+    waves,
+)
 from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, is_first, those_of
@@ -12,13 +24,12 @@ from printmend.effects.words import Fault, Found, is_first, those_of
 SHORTEST_MM, LONGEST_MM = 25.0, 300.0
 
 
-class Rail:
+class Rail(Usual):
     """A wave along one bed axis, across it; on a CoreXY along it, too."""
 
     name = "rail"
     of = Of.MACHINE
     acts = Acts.WAVE
-    from_home = True
     fate = STAYS
     most = 2
     keys = Waves(shape=("period_mm",))

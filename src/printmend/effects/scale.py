@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name
@@ -12,15 +12,13 @@ from printmend.effects.words import Fault, Found, amount, motor_name
 TOOTH_MM = 2.0  # of a GT2 belt: a pulley has a whole number of them
 
 
-class Scale:
+class Scale(Usual):
     """An error that grows evenly along one belt, in mm per 100 mm."""
 
     name = "scale"
     of = Of.MACHINE
     acts = Acts.DRIVE
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Numbers(("percent",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -30,9 +28,6 @@ class Scale:
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x = (places.motor_mm[:, where] - scene.motor_middle_mm(where)) / SCALE_MM
         return onto_bed(scene, where, x[:, None])
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         percent, sd = found.size(lambda sizes: float(sizes[0]))  # mm in 100 mm

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, along
+from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
@@ -15,15 +15,13 @@ MOVED = Message(
 )
 
 
-class Shift:
+class Shift(Usual):
     """A shift of everything that was measured."""
 
     name = "shift"
     of = Of.INSTRUMENT
     acts = Acts.NOT
-    from_home = True
     fate = GONE
-    most = 1
     keys = Numbers(("x_mm", "y_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -33,9 +31,6 @@ class Shift:
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         one = np.ones((len(places), 1))
         return np.concatenate([along(0, one), along(1, one)], axis=2)
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         words = MOVED(*(f"{each:+.2f}" for each in found.sizes_mm))

@@ -4,14 +4,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, along
+from printmend.effects.effect import ALWAYS, SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Numbers
 from printmend.effects.words import Found, Told
 
-ALWAYS = 1e3  # logarithm of its odds: there is no plastic that does not shrink
 
-
-class Shrinkage:
+class Shrinkage(Usual):
     """A part that is smaller than it was printed, in mm per 100 mm along a bed axis (0 or 1).
 
     In a measurement it is what is left of it once the polymer's mean was taken off. It looks exactly like the scale of
@@ -25,18 +23,14 @@ class Shrinkage:
     acts = Acts.NOT
     from_home = False
     fate = STAYS
-    most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        if scene.shrinkage_sd is not None:
+        if scene.shrinkage_sd is not None:  # there is no plastic that does not shrink
             for axis in range(2):
                 yield Term(self.name, axis, (), (scene.shrinkage_sd * SCALE_MM,), ALWAYS)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, (scene.middle_mm[where] - places.bed_mm[:, [where]]) / SCALE_MM)
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         return iter(())  # it is told beside the machine's scale

@@ -4,21 +4,19 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, along
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, is_first, those_of
 
 
-class Skew:
+class Skew(Usual):
     """A lean of one bed axis against the other, in mm per 100 mm: of Y (0), or of X (1)."""
 
     name = "skew"
     of = Of.MACHINE
     acts = Acts.FRAME
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Numbers(("angle_deg",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -28,9 +26,6 @@ class Skew:
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         other = (places.bed_mm[:, 1 - where] - scene.middle_mm[1 - where]) / SCALE_MM
         return along(where, other[:, None])
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         if is_first(found, (self.name,), beside):

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
@@ -15,16 +15,14 @@ BACK = Message("{a} lies {b} mm further back after long, fast moves than after s
 ON = Message("{a} lies {b} mm further on after long, fast moves than after short ones: slower travels make it less")
 
 
-class Speed:
+class Speed(Usual):
     """Play that grows with the length of the last move, to its whole size at 10 mm."""
 
     name = "speed"
     cause = "fast moves"  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -34,9 +32,6 @@ class Speed:
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         fast = np.minimum(places.move_mm / LONG_MM, 1.0)
         return onto_bed(scene, where, (0.5 * places.side[:, where] * fast)[:, None])
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = float(found.sizes_mm[0])

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, about, onto_bed
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, about, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import SOON_MM, Care, Fault, Found, Message, amount, motor_name
@@ -24,13 +24,12 @@ REPLACE = Message(
 NO_REPAIR = Message("Nothing to replace.")
 
 
-class Splice:
+class Splice(Usual):
     """A ramp from 0 to 1 about one place of one belt."""
 
     name = "splice"
     of = Of.MACHINE
     acts = Acts.DRIVE
-    from_home = True
     fate = STAYS
     most = 3
     keys = Numbers(shape=("at_mm", "width_mm"))

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, about, carrier
+from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, Usual, about, carrier
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
@@ -14,14 +14,13 @@ BREAKS = np.arange(0.04, 0.97, 0.02)
 SUDDENLY = Message("{a} was suddenly off by {b} mm after {c} % of the print")
 
 
-class Step:
+class Step(Usual):
     """A shift at one moment, a share of the print."""
 
     name = "step"
     cause = "a sudden shift"  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
-    from_home = True
     fate = Fate(anew=0.1, stays=0.4)
     most = 2
     keys = Numbers(shape=("at_share",))

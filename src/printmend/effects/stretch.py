@@ -6,13 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Acts, Effect, Of, Places, Scene, Term
+from printmend.effects.effect import ALWAYS, GONE, Acts, Effect, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Given
 
 if TYPE_CHECKING:
     from printmend.effects.sized import Sized
-
-ALWAYS = 1e3  # logarithm of its odds: no instrument is exact, though its picture may look so
 
 
 @dataclass(frozen=True)
@@ -29,28 +27,24 @@ class Percents:
         return drawn.of(sizes_mm=np.linalg.solve(basis, shares))
 
 
-class Stretch:
+class Stretch(Usual):
     """A linear error of the picture, as uncertain as the instrument says."""
 
     name = "stretch"
     of = Of.INSTRUMENT
     acts = Acts.NOT
-    from_home = True
     fate = GONE
-    most = 1
     keys = Percents()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.instrument.covariance.any():
+            # no instrument is exact, though its picture may look so
             yield Term(self.name, 0, (), (1.0, 1.0, 1.0), ALWAYS)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x, y = (places.bed_mm - scene.middle_mm).T
         scale, half, lean = np.stack([x, y], axis=1), np.stack([x, -y], axis=1), np.stack([y, x], axis=1)
         return np.stack([scale, half, lean], axis=2) @ _basis(scene)
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
 
 def _basis(scene: Scene) -> np.ndarray:

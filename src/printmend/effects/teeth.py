@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Care, Fault, Found, Message, amount, motor_name
@@ -55,13 +55,12 @@ DETENT_TODO = Message(
 SAID = {4.0: (POLES, POLES_TODO), 2.0: (COILS, COILS_TODO)}
 
 
-class Teeth:
+class Teeth(Usual):
     """A wave of one belt tooth, or of a half to four full steps."""
 
     name = "teeth"
     of = Of.MACHINE
     acts = Acts.DRIVE
-    from_home = True
     fate = STAYS
     most = 2
     keys = Waves(shape=("period_mm",))
@@ -77,9 +76,6 @@ class Teeth:
 
     def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return np.array(shape)
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         size, sd = found.size(lambda sizes: float(np.hypot(*sizes)))

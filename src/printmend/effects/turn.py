@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, SCALE_MM, Acts, Of, Places, Scene, Term
+from printmend.effects.effect import GONE, SCALE_MM, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
@@ -20,15 +20,13 @@ TURNED_COREXY = Message(
 )
 
 
-class Turn:
+class Turn(Usual):
     """A turn, in mm per 100 mm."""
 
     name = "turn"
     of = Of.INSTRUMENT
     acts = Acts.NOT
-    from_home = True
     fate = GONE
-    most = 1
     keys = Numbers(("angle_deg",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -37,9 +35,6 @@ class Turn:
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x, y = ((places.bed_mm - scene.middle_mm) / SCALE_MM).T
         return np.stack([-y, x], axis=1)[:, :, None]
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         if scene.placed:  # else nobody knows how the sheet lay

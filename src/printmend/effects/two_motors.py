@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.words import Found, Message, Told, carrier_name, span_mm
@@ -15,16 +15,14 @@ DIFFER = Message(
 )
 
 
-class TwoMotors:
+class TwoMotors(Usual):
     """Harmonics of the turn that change along the other bed axis."""
 
     name = "two_motors"
     cause = "two motors of one axis"  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Waves((1, 2, 3))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -37,9 +35,6 @@ class TwoMotors:
         other = (places.bed_mm[:, 1 - where] - scene.middle_mm[1 - where]) / SCALE_MM
         turn = waves(places.motor_mm[:, where], scene.turns_mm[where], np.arange(1, 4))
         return onto_bed(scene, where, other[:, None] * turn)
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         turn = waves(np.linspace(0.0, scene.turns_mm[found.where], 120), scene.turns_mm[found.where], np.arange(1, 4))

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, held, onto_bed
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, held, onto_bed
 from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, along_motor_mm, motor_name
@@ -13,15 +13,13 @@ COUNT = 40  # cosines: over 200 mm the shortest is 10 mm long
 LENGTHS_MM = (4.0, 8.0, 16.0, 32.0, 64.0)
 
 
-class Uneven:
+class Uneven(Usual):
     """Cosines over the span that was seen, with a smooth process's spectrum of one length (Solin & Särkkä 2020)."""
 
     name = "uneven"
     of = Of.MACHINE
     acts = Acts.DRIVE
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -40,9 +38,6 @@ class Uneven:
         low, high = shape
         place = (held(places.motor_mm[:, where], shape) - low) / max(high - low, 1.0)
         return onto_bed(scene, where, np.cos(np.pi * place[:, None] * np.arange(1, COUNT + 1)))
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         place = (along_motor_mm(scene, found.where) - found.shape[0]) / max(found.shape[1] - found.shape[0], 1.0)

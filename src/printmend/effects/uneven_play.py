@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, about, onto_bed
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, about, onto_bed
 from printmend.effects.halves import borders_mm
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
@@ -16,16 +16,14 @@ MORE = Message(
 )
 
 
-class UnevenPlay:
+class UnevenPlay(Usual):
     """Play of one motor past a border along a bed axis."""
 
     name = "uneven_play"
     cause = "the two halves of the bed"  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Numbers(shape=("axis", "at_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

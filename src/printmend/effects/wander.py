@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import ANEW, Acts, Of, Places, Scene, Term, along
+from printmend.effects.effect import ANEW, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
@@ -14,15 +14,13 @@ COUNT = 24
 WANDERS = Message("the measurement of {a} wanders, by {b} mm. Fix what measures, let it warm up, and measure again")
 
 
-class Wander:
+class Wander(Usual):
     """Cosines over the print with the spectrum of a random walk."""
 
     name = "wander"
     of = Of.SESSION
     acts = Acts.NOT
-    from_home = True
     fate = ANEW
-    most = 1
     keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -31,9 +29,6 @@ class Wander:
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, np.cos(np.pi * np.clip(places.done, 0.0, 1.0)[:, None] * np.arange(1, COUNT + 1)))
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size_mm = float(np.sqrt(np.square(found.sizes_mm).sum() / 2))

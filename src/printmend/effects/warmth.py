@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import ANEW, SCALE_MM, Acts, Of, Places, Scene, Term, about, along
+from printmend.effects.effect import ANEW, SCALE_MM, Acts, Of, Places, Scene, Term, Usual, about, along
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, span_mm
@@ -15,16 +15,14 @@ GREW = Message("{a} grew by {b} mm from end to end while the print went on, as a
 MOVED = Message("{a} moved by {b} mm while the print went on, as a machine that warms up does")
 
 
-class Warmth:
+class Warmth(Usual):
     """Growth from the middle of the bed along both axes, and shifts of both, with one time constant."""
 
     name = "warmth"
     cause = "warming up"  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
-    from_home = True
     fate = ANEW
-    most = 1
     keys = Numbers(("grow_x_mm", "grow_y_mm", "move_x_mm", "move_y_mm"), ("after_share",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
@@ -17,16 +17,14 @@ STICKS = Message(
 OF_END = ". The model is of the end of the print"
 
 
-class Wear:
+class Wear(Usual):
     """Play of one motor that grows with the length printed."""
 
     name = "wear"
     cause = "play that grows"  # of an expected error
     of = Of.SESSION  # that stays: a print is mended for the play with which the last one ended
     acts = Acts.DRIVE
-    from_home = True
     fate = STAYS
-    most = 1
     keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -35,9 +33,6 @@ class Wear:
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, (0.5 * places.side[:, where] * places.done)[:, None])
-
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = float(found.sizes_mm[0])

@@ -4,9 +4,7 @@ import math
 
 import numpy as np
 
-_FAR = (
-    -25.0
-)  # standard deviations below which the series of the tail is exact to eight digits, and erfc soon underflows
+_FAR = -25.0  # standard deviations below which the tail's series is exact to eight digits; erfc soon underflows
 
 
 def log_below(z: np.ndarray) -> np.ndarray:
