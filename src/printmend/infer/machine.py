@@ -35,11 +35,7 @@ def _from_home(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[B
         by_mm = float(table.lower_mm[0] - mechanism.transmissions[motor].lower_mm[0])
         rest_mm = sum(float(part.sizes_mm[0]) for part in moved if part.where == motor)
         tables.append(table.shifted(rest_mm) if rest_mm else table)
-        if one is not None and by_mm + rest_mm:
-            powers = one.mean.powers_mm if len(one.mean.powers_mm) else np.zeros(1)
-            powers = np.concatenate([powers[:1] + by_mm + rest_mm, powers[1:]])
-            one = replace(one, mean=replace(one.mean, powers_mm=powers))
-        branches.append(one)
+        branches.append(one.shifted(by_mm + rest_mm) if one is not None and by_mm + rest_mm else one)
     return replace(homed, transmissions=(tables[0], tables[1])), (branches[0], branches[1])
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
+from printmend.errors import ModelError
 from printmend.infer.posterior import DRAWS, Part
 from printmend.promise.filament import known_filaments
 from printmend.saved import SavedModel, ScrewSeries, screw_of
@@ -106,6 +107,22 @@ def parse_belief(model: SavedModel) -> Belief | None:
     if model.filament is not None:
         parts = (*parts, *known_filaments(model)[model.filament])
     return Belief(scene, parts, placed, scatter_mm, bool(section.get("by_hand")), screw_of(model))
+
+
+def belief_of(model: SavedModel) -> Belief:
+    """Return what a saved model says about its own doubt. Raises `ModelError` for one that says nothing."""
+    belief = parse_belief(model)
+    if belief is None:
+        raise says_nothing()
+    return belief
+
+
+def says_nothing() -> ModelError:
+    """Return the refusal of a model that cannot be brought up to date."""
+    return ModelError(
+        "the model", wanted="one that says what it does not know", came="one of an older printmend or learner",
+        todo="learn it again from its trace",
+    )  # fmt: skip
 
 
 def _spans(section: dict[str, Any], name: str) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -19,7 +19,7 @@ from printmend.infer.posterior import DRAWS, Part
 from printmend.machine import Frame, Mechanism
 from printmend.path import Instrument, Trace
 from printmend.printer import Printer
-from printmend.promise.belief import Belief, belief_section, parse_belief
+from printmend.promise.belief import Belief, belief_of, belief_section
 from printmend.promise.filament import (
     FILAMENTS,
     UNTOLD,
@@ -196,7 +196,7 @@ def grown(trace: Trace, printer: Printer, filament: str | None) -> Trace:
 
 def _shown(model: SavedModel, filament: str | None) -> Entry:
     """Return the scale that the last measurement of a model showed; the machine's alone for one without filament."""
-    belief, seen = _believed(model), model.document["promise"].get("seen")
+    belief, seen = belief_of(model), model.document["promise"].get("seen")
     if isinstance(seen, dict):
         mean, sd = (numbers(seen, name, "the model [promise]", 2) for name in ("mean", "sd"))
         known = {each.name for each in fields(Instrument)}
@@ -210,16 +210,6 @@ def _shown(model: SavedModel, filament: str | None) -> Entry:
         mean, sd = drawn.mean(axis=1), drawn.std(axis=1)
     mean = mean - (0.0 if filament is None else material_of(filament).mean)
     return Entry(filament, (float(mean[0]), float(mean[1])), (float(sd[0]), float(sd[1])))
-
-
-def _believed(model: SavedModel) -> Belief:
-    belief = parse_belief(model)
-    if belief is None:
-        raise ModelError(
-            "the model", wanted="one that says what it does not know", came="one of an older printmend or learner",
-            todo="learn it again from its trace",
-        )  # fmt: skip
-    return belief
 
 
 def _without(entry: Entry, axis: int) -> Entry:
@@ -237,7 +227,7 @@ def _acts(one: Split, entries: Sequence[Entry], axis: int) -> bool:
 
 def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -> SavedModel:
     """Return a model whose scale is what all entries say of its machine, with the shrinkage of each filament."""
-    belief, entries = _believed(model), (*before, *new)
+    belief, entries = belief_of(model), (*before, *new)
     rng = np.random.default_rng(0)
     splits = [split(entries, axis) for axis in range(2)]
     own = np.stack([each.draws(DRAWS, rng) for each in splits])  # [2, D]

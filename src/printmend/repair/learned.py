@@ -365,10 +365,7 @@ def _anchored(
     moved: list[Branches | None] = []
     for motor, one in enumerate(branches):
         shift_mm = homed.transmissions[motor].lower_mm[0] - mechanism.transmissions[motor].lower_mm[0]
-        if one is not None:
-            powers = one.mean.powers_mm if len(one.mean.powers_mm) else np.zeros(1)
-            one = replace(one, mean=replace(one.mean, powers_mm=np.concatenate([powers[:1] + shift_mm, powers[1:]])))
-        moved.append(one)
+        moved.append(None if one is None else one.shifted(float(shift_mm)))
     return _unshifted(homed, (moved[0], moved[1]))
 
 

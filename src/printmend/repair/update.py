@@ -24,7 +24,7 @@ from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.promise.belief import Belief, belief_section, parse_belief
+from printmend.promise.belief import Belief, belief_of, belief_section, says_nothing
 from printmend.promise.misfit import Misfit, misfit_section
 from printmend.promise.misfit_rows import in_order, passed_over
 from printmend.promise.scale import seen_scales
@@ -127,12 +127,9 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
 
 def believed(old: SavedModel) -> Belief:
     """Return what a model says of its own doubt. Raises `ModelError` for one that says nothing."""
-    belief = parse_belief(old)
-    if belief is None or not isinstance(old.document.get(DIGESTS), list):
-        raise ModelError(
-            "the model", wanted="one that says what it does not know", came="one of an older printmend or learner",
-            todo="learn it again from its trace",
-        )  # fmt: skip
+    belief = belief_of(old)
+    if not isinstance(old.document.get(DIGESTS), list):
+        raise says_nothing()
     return belief
 
 

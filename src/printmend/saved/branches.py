@@ -95,6 +95,12 @@ class Branches:
         waves = (self.mean, self.play, self.elastic, self.second)
         return all(wave.is_zero for wave in waves) and not self.warp_mm.any()
 
+    def shifted(self, by_mm: float) -> "Branches":
+        """Move the carriage's origin: add ``by_mm`` to all places, as `Transmission.shifted` does."""
+        powers = self.mean.powers_mm if len(self.mean.powers_mm) else np.zeros(1)
+        powers = np.concatenate([powers[:1] + by_mm, powers[1:]])
+        return replace(self, mean=replace(self.mean, powers_mm=powers))
+
     def errors_mm(self, motor_mm: np.ndarray, *, turn: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Return (mean, play) [mm] at motor positions [N]: what the drive adds to a healthy motor, and its play ≥ 0.
 
