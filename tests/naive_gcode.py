@@ -117,7 +117,7 @@ class NaiveMachine:
 
     def move(self, motion, words, unit):
         before, e_before = dict(self.place), self.e
-        if words.get("F") is not None:
+        if words.get("F"):  # F0 asks for no speed
             self.feed = abs(words["F"]) * unit
         for axis in "XYZ":
             value = words.get(axis)

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from printmend.gcode import kernels as k
@@ -107,6 +107,7 @@ def place_tolerance(record: np.void) -> float:
 
 
 @given(st.lists(statement, max_size=25), st.sampled_from(sorted(RULES)), st.integers(0, 99), st.booleans())
+@example(["G0 X0 Y0 F0", "G1"], sorted(RULES)[0], 0, True)  # F0 asks for no speed
 @settings(max_examples=100, deadline=None)
 def test_the_rewritten_file_goes_where_it_was_asked_to(lines, flavour, seed, feed):
     # A layer comment after each line tells which lines of the output belong to it.

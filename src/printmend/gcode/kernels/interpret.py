@@ -76,6 +76,9 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
         p = read_statement(buf, p, stop, s, values, numbers, counts)
         if s.spaced:
             s.flags |= FLAG_SPACED
+        # F0 asks for no speed: firmwares keep the one that they have, or stop with an error.
+        if s.letter in (LETTER_G, 0) and s.words & WORD_F & ~(s.bare | s.twice) and values[VALUE_F] == 0.0:
+            s.words ^= WORD_F
         r = records[n]
         begin_record(r, s.start, p if s.again else stop, p if s.again else after, numbers, counts, s.flags)
         r.words = s.words

@@ -71,7 +71,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
             f, bit = abs(value), WORD_F
         elif letter == LETTER_Z:
             z, bit = value, WORD_Z
-        if bit == 0 or words & bit:
+        if bit == 0 or words & bit or (bit == WORD_F and f == 0.0):
             return -1
         words |= bit
     if p < end and buf[p] == SEMICOLON:
