@@ -14,7 +14,7 @@ WIDTH_MM = 4.0  # that is tried first: others are looked for about it
 
 TITLE = Message("{a} belt has a joint or a dent", "Der Riemen von {a} hat eine Verbindungsstelle oder eine Delle")
 MEANING = Message(
-    "Past one place along {a} all lies {b} mm further, there and back.",
+    "Beyond one place along {a}, everything lies {b} mm further on, in both directions.",
     "Von einer Stelle längs {a} an liegt alles {b} mm weiter, hin wie zurück.",
 )
 REPLACE = Message(

@@ -157,7 +157,7 @@ export const sentences = [
   ["walls fall short by {a} mm on either side: raise the slicer's flow, or its line width", "Wände bleiben auf jeder Seite um {a} mm zurück: Fluss oder Linienbreite im Slicer erhöhen"],
   ["the scanner's carriage runs unevenly along {a}, by up to {b} mm. That is taken out", "der Schlitten des Scanners läuft längs {a} ungleich, um bis zu {b} mm. Das ist herausgerechnet"],
   ["{a} belt has a joint or a dent", "Der Riemen von {a} hat eine Verbindungsstelle oder eine Delle"],
-  ["Past one place along {a} all lies {b} mm further, there and back.", "Von einer Stelle längs {a} an liegt alles {b} mm weiter, hin wie zurück."],
+  ["Beyond one place along {a}, everything lies {b} mm further on, in both directions.", "Von einer Stelle längs {a} an liegt alles {b} mm weiter, hin wie zurück."],
   ["Look along the belt for a joint, a dent or a missing tooth; replace the belt.", "Den Riemen nach einer Verbindungsstelle, einer Delle oder einem fehlenden Zahn absuchen; ihn ersetzen."],
   ["{a} belt ripples from tooth to tooth", "Der Riemen von {a} riffelt von Zahn zu Zahn"],
   ["{a} motor ripples from pole to pole", "Der Motor von {a} riffelt von Pol zu Pol"],
