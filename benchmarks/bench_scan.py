@@ -22,9 +22,9 @@ import numpy as np
 from printmend.corruption import families, sample
 from printmend.errors import PrintmendError
 from printmend.measure import ProbePlan, write_plan
+from printmend.measure.image import write_image
 from printmend.measure.marks import read_marks
 from printmend.measure.scan import LEAST_FOUND_SHARE, read_scan
-from printmend.picture.image import write_image
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin

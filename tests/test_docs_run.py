@@ -24,9 +24,9 @@ from printmend.corruption import Corruption
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.toml import corruption_toml, parse_corruption
 from printmend.demo.body import demo_body_gcode
+from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
 from printmend.measure.table import write_trace
-from printmend.picture.image import write_image
 from printmend.printer import read_printer
 from printmend.printer.homing import SWITCHES
 from printmend.probe import PHASE_MARKS, design_probe, phase_size_mm, write_probe

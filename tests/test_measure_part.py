@@ -16,11 +16,11 @@ from printmend.errors import GcodeError, RefusedError, ScanError, TraceError
 from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode
 from printmend.measure import read_trace, write_trace
+from printmend.measure.image import read_image
+from printmend.measure.ruler import find_rulers
 from printmend.measure.walls import read_walls
 from printmend.measure.width import choose_widths, scaled_by_widths
 from printmend.path import FLATBED, Instrument
-from printmend.picture.image import read_image
-from printmend.picture.ruler import find_rulers
 from printmend.printer import read_printer
 from printmend.repair.learned import learn_model
 from printmend.repair.mend import mend_gcode

@@ -13,12 +13,12 @@ from printmend.cli.measure import command
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import ScanError, TraceError
 from printmend.measure import write_plan
+from printmend.measure.image import read_image, write_image
 from printmend.measure.measurement import SETTLED_AXES_SD, measure_scans, wave_left_mm
+from printmend.measure.page import exposure
 from printmend.measure.plan import ProbePlan
 from printmend.measure.table import read_trace
 from printmend.path import FLATBED
-from printmend.picture.image import read_image, write_image
-from printmend.picture.page import exposure
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.probe.tags import write_sheet

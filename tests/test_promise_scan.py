@@ -13,9 +13,9 @@ from printmend.export.supported import export_supported
 from printmend.machine import Frame
 from printmend.measure.distance import scaled_by, settled
 from printmend.measure.measurement import instrument_on_bed
+from printmend.measure.paper import PAPER
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import FLATBED, Trace
-from printmend.picture.paper import PAPER
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.misfit import refusals

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from printmend.measure.callipers import Distances
-from printmend.picture.image import write_image
+from printmend.measure.image import write_image
 
 PX_PER_MM = 8.0
 MARGIN_MM = 12.0  # around the outermost dots

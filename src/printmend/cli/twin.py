@@ -90,7 +90,7 @@ def command(
     write_trace(output, trace)
     click.echo(f"{output}: {len(trace)} way-points, measured with {noise_mm:g} mm of noise")
     if scan is not None:
-        from printmend.picture.image import write_image
+        from printmend.measure.image import write_image
 
         if plan is None:
             image = _underside(program, twin, dpi, dirt, seed, int(turn) // 90)

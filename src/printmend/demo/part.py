@@ -16,9 +16,9 @@ from printmend.draw.figure import INK, PALETTE
 from printmend.errors import RefusedError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
+from printmend.measure.image import read_image, write_image
 from printmend.measure.table import write_trace
 from printmend.metrics.shape import ContourError, stroke_distances
-from printmend.picture.image import read_image, write_image
 from printmend.printer import Printer
 from printmend.repair import mend_gcode
 from printmend.repair.learned import learn_model

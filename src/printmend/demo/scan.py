@@ -132,8 +132,8 @@ def _measured(
     printed: Trace, plan: ProbePlan, folder: Path, seed: int, dirt: str, overlay: bool, tick: Callable[[str], None]
 ) -> "Measurement":
     """Scan the plate into ``folder`` and read the scans. What reads images is imported here: the rest needs none."""
+    from printmend.measure.image import write_image
     from printmend.measure.measurement import measure_scans
-    from printmend.picture.image import write_image
     from printmend.twin.scanner import DEGRADATIONS, scan_trace
 
     for name, quarters in SCANS.items():

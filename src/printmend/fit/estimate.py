@@ -17,9 +17,9 @@ from printmend.errors import ScanError
 from printmend.fit.outline import NOWHERE, OUTER, Outline, Round
 from printmend.machine import Mechanism, healthy_mechanism
 from printmend.machine.contacts import contacts_of
+from printmend.measure.silhouette import ACROSS_MM
 from printmend.measure.walls import Walls
 from printmend.path import FLATBED, Instrument
-from printmend.picture.silhouette import ACROSS_MM
 from printmend.printer import Printer
 from printmend.twin import Twin
 from printmend.units import SIGMA_PER_MEDIAN

@@ -14,9 +14,9 @@ import numpy as np
 
 from printmend.errors import TraceError
 from printmend.measure.plan import ProbePlan
+from printmend.measure.ruler import Ruler
 from printmend.messages import say
 from printmend.path import Instrument
-from printmend.picture.ruler import Ruler
 
 LONGEST_MM, SHORTEST_MM = 145.0, 40.0  # of a distance that is asked for: the common callipers open 150 mm
 READING_MM = 0.06  # standard deviation of a reading: the callipers, the hand, the rims of two dots

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 
 from printmend.errors import ScanError
+from printmend.measure.image import COMMON_DPI
 from printmend.measure.register import Pose
+from printmend.measure.silhouette import COARSE_MM, Silhouette
 from printmend.measure.walls import RASTER_MM, Walls
 from printmend.messages import say
-from printmend.picture.image import COMMON_DPI
-from printmend.picture.silhouette import COARSE_MM, Silhouette
 
 CELL_MM = 0.4  # side of a pixel of the pictures that are compared
 THIN_MM = 3.0  # a part that is narrower on average is nothing but walls: a fault moves them by their own width

@@ -13,13 +13,13 @@ from threadpoolctl import threadpool_limits
 from printmend.errors import ScanError
 from printmend.measure.distance import asked, choose_span, scaled_by, scaled_by_rulers
 from printmend.measure.identity import SYMMETRIES
+from printmend.measure.image import with_legend, write_image
 from printmend.measure.join import aligned, check_sheets, joined, mean_of, scanner_axes, shared_number
 from printmend.measure.plan import ProbePlan, read_plan
 from printmend.measure.register import find_pose
 from printmend.measure.scan import Reading, check_whole, read_scan
 from printmend.messages import say
 from printmend.path import FLATBED, Instrument, Trace
-from printmend.picture.image import with_legend, write_image
 from printmend.units import MM_PER_INCH
 
 SETTLED_AXES_SD = 1e-4  # standard deviation (share) of the scanner's axes once two turns of the plate show them

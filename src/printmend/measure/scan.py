@@ -7,13 +7,7 @@ import numpy as np
 
 from printmend.errors import ScanError
 from printmend.measure.dots import Dots, find_dots
-from printmend.measure.identity import lattice_pitch
-from printmend.measure.marks import Marks, read_marks
-from printmend.measure.plan import ProbePlan
-from printmend.measure.register import narrowing
-from printmend.messages import say
-from printmend.path import FLATBED, Instrument
-from printmend.picture.fiducials import (
+from printmend.measure.fiducials import (
     LEAST_TAGS,
     Lens,
     Tags,
@@ -24,8 +18,10 @@ from printmend.picture.fiducials import (
     rectify,
     tagged_mm,
 )
-from printmend.picture.image import COMMON_DPI, read_image
-from printmend.picture.page import (
+from printmend.measure.identity import lattice_pitch
+from printmend.measure.image import COMMON_DPI, read_image
+from printmend.measure.marks import Marks, read_marks
+from printmend.measure.page import (
     PHOTO,
     SHEET,
     USUAL_DPI,
@@ -36,9 +32,13 @@ from printmend.picture.page import (
     sheet_said,
     tags_said,
 )
-from printmend.picture.paper import PAPER, find_sheet
-from printmend.picture.ruler import Ruler, find_rulers
-from printmend.picture.sheet import tag_corners_mm
+from printmend.measure.paper import PAPER, find_sheet
+from printmend.measure.plan import ProbePlan
+from printmend.measure.register import narrowing
+from printmend.measure.ruler import Ruler, find_rulers
+from printmend.measure.sheet import tag_corners_mm
+from printmend.messages import say
+from printmend.path import FLATBED, Instrument
 from printmend.units import MM_PER_INCH
 
 MOST_SCALE_FACTOR = (

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from printmend.files import replacing
+from printmend.measure.sheet import BORDER_MM, PAGE_MM, TAG_MM, WINDOW_EDGE_MM, tag_cells, tag_centres_mm, window_mm
 from printmend.pdf import PdfPage
-from printmend.picture.sheet import BORDER_MM, PAGE_MM, TAG_MM, WINDOW_EDGE_MM, tag_cells, tag_centres_mm, window_mm
 
 INK = (0.0, 0.0, 0.0)
 RULER_MM = 100.0  # the printed line that an owner measures

@@ -128,7 +128,7 @@ def _scan(path: Path, name: str, what: str) -> Part:
     """Return the pixels of a picture and its resolution, as PNG."""
     from PIL import Image
 
-    from printmend.picture.image import read_image
+    from printmend.measure.image import read_image
 
     pixels, dpi = read_image(path)
     with Image.open(path) as image:

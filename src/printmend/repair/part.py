@@ -18,17 +18,17 @@ from printmend.fit.outline import OUTER, outline_of
 from printmend.gcode.read import Program, read_gcode
 from printmend.learn.walls import LEAST_WALLS, WallFit, fit_walls
 from printmend.measure.distance import scaled_by_rulers
+from printmend.measure.image import with_legend, write_image
 from printmend.measure.lie import Lie, find_lie
 from printmend.measure.measurement import instrument_on_bed
+from printmend.measure.page import Page, check_sheet, photo_todo, read_page
 from printmend.measure.register import Pose
+from printmend.measure.ruler import Ruler, find_rulers
+from printmend.measure.silhouette import Silhouette, find_edges, find_silhouette
 from printmend.measure.walls import Walls, read_walls
 from printmend.measure.width import choose_widths, scaled_by_widths, widths_asked
 from printmend.messages import say
 from printmend.path import Instrument, Origin, Trace
-from printmend.picture.image import with_legend, write_image
-from printmend.picture.page import Page, check_sheet, photo_todo, read_page
-from printmend.picture.ruler import Ruler, find_rulers
-from printmend.picture.silhouette import Silhouette, find_edges, find_silhouette
 from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
 

@@ -426,9 +426,9 @@ def _play(job: Job) -> dict[str, Any]:
     """Break a printer that exists only here, scan its test print, learn, and mend a part that nobody learned from."""
     from dataclasses import replace
 
+    from printmend.measure.image import write_image
     from printmend.measure.measurement import measure_scans
     from printmend.path import Trace
-    from printmend.picture.image import write_image
     from printmend.repair import mend_gcode
     from printmend.repair.learned import learn_model
     from printmend.repair.update import update

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
-from printmend.picture.sheet import DICTIONARY, tag_corners_mm
+from printmend.measure.sheet import DICTIONARY, tag_corners_mm
 
 SEARCH_PX = 2200  # longer side of the picture in which tags are looked for; their corners are refined at full size
 LEAST_TAGS = 4  # tags of the sheet that must be seen

@@ -14,12 +14,12 @@ import numpy as np
 from PIL import Image
 
 from printmend.errors import ScanError
+from printmend.measure.fiducials import LEAST_TAGS, Lens, Tags, find_tags, fit_lens, is_flat, rectify
+from printmend.measure.image import read_image
+from printmend.measure.paper import FILM_DIAGONAL_MM, PAPER, USUAL_FOCAL_MM, Sheet, find_sheet
+from printmend.measure.sheet import BORDER_MM, TAG_MM, WINDOW_EDGE_MM, window_mm
 from printmend.messages import say
 from printmend.path import FLATBED, Instrument
-from printmend.picture.fiducials import LEAST_TAGS, Lens, Tags, find_tags, fit_lens, is_flat, rectify
-from printmend.picture.image import read_image
-from printmend.picture.paper import FILM_DIAGONAL_MM, PAPER, USUAL_FOCAL_MM, Sheet, find_sheet
-from printmend.picture.sheet import BORDER_MM, TAG_MM, WINDOW_EDGE_MM, window_mm
 from printmend.units import MM_PER_INCH
 
 USUAL_DPI = 600.0  # resolution that is taken where neither the owner nor the file states it

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
+from printmend.measure.fiducials import Lens, PictureFrame
 from printmend.path import Instrument
-from printmend.picture.fiducials import Lens, PictureFrame
 from printmend.units import A4_MM, LETTER_MM
 
 SHEETS_MM = {"A4": A4_MM, "letter": LETTER_MM}
