@@ -480,6 +480,10 @@ def test_its_card_names_every_file_and_column(data: Path, tmp_path: Path) -> Non
     assert text.split("---")[1].count('data_files: "') == 2
     assert CliRunner().invoke(group, [*asked, "--doi", "10.1/2"]).exit_code == 0  # a card of before is replaced
     assert "https://doi.org/10.1/2" in (copy / "croissant.json").read_text()
+    record = json.loads((copy / "datacite.json").read_text())
+    # what DataCite 4.5 requires of everything that has a DOI
+    assert {"doi", "creators", "titles", "publisher", "publicationYear", "types"} <= record.keys()
+    assert (record["doi"], record["rightsList"]) == ("10.1/2", [{"rights": "CC0-1.0"}])
     (copy / "README.md").write_text("mine")
     assert "another README" in str(CliRunner().invoke(group, asked).exception)
     assert (copy / "README.md").read_text() == "mine"

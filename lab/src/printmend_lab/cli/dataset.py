@@ -8,12 +8,16 @@ from typing import Any
 import click
 
 from printmend.errors import InputError
+from printmend_lab.cli.dataset_episodes import episodes_command
 from printmend_lab.cli.where import with_executor
 
 
 @click.group(epilog="Example: printmend dataset export-reference data --bodies models/ --corruptions 50 --layers 3")
 def command() -> None:
     """Build, check and fetch data sets; exchange them with the paper's published code."""
+
+
+command.add_command(episodes_command)
 
 
 # Its many parameters are its options.
@@ -149,7 +153,7 @@ def fetch(source: str, out: Path) -> None:
 @click.option("--description", default="", help="In a sentence or two; without it, what it holds.")
 @click.option("--doi", default="", help="Its identifier, once there is one: 10.5281/zenodo.123.")
 def card(folder: Path, name: str, creators: tuple[str, ...], url: str, description: str, doi: str) -> None:
-    """Write its card: Croissant for machines, a README."""
+    """Write its card: Croissant for machines, a README, and DataCite's metadata for a DOI."""
     from printmend_lab.dataset.card import write_card
 
     for path in write_card(folder, name=name, url=url, creators=creators, description=description, doi=doi):

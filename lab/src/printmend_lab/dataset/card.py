@@ -1,5 +1,7 @@
-"""The card of a data set: Croissant's JSON-LD for machines, and a README with the header that Hugging Face reads."""
+"""The card of a data set: Croissant's JSON-LD for machines, a README with the header that Hugging Face reads, and what
+an archive asks for before it gives a DOI."""
 
+import datetime
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +12,7 @@ from printmend.files import replacing
 from printmend_lab.dataset.parquet import BODY_COLUMNS, PRINT_COLUMNS
 from printmend_lab.dataset.verify import Contents, contents
 
-CROISSANT, README = "croissant.json", "README.md"
+CROISSANT, README, DATACITE = "croissant.json", "README.md", "datacite.json"
 _CITATION = "Utilizing a Malfunctioning 3D Printer by Modeling Its Dynamics with Machine Learning"
 # Croissant's own context, version 1.0.
 _CONTEXT = {
@@ -26,6 +28,7 @@ _CONTEXT = {
     "replace": "cr:replace", "sc": "https://schema.org/", "separator": "cr:separator", "source": "cr:source",
     "subField": "cr:subField", "transform": "cr:transform",
 }  # fmt: skip
+_TAGS = ("3d-printing", "hysteresis", "world-models")
 _TYPES = {"string": "sc:Text", "int8": "sc:Integer", "int32": "sc:Integer", "float32": "sc:Float", "bool": "sc:Boolean"}
 _PLACES = {"bodies": ("bodies/*.parquet", BODY_COLUMNS), "prints": ("prints/*/*.parquet", PRINT_COLUMNS)}
 _SIZES = ((1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K"), (1e6, "100K<n<1M"), (1e7, "1M<n<10M"),
@@ -33,11 +36,13 @@ _SIZES = ((1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K"), (1e6, "100K<n<1
 
 
 def write_card(
-    root: Path, *, name: str, url: str, creators: Sequence[str], description: str = "", doi: str = ""
-) -> tuple[Path, Path]:
-    """Write croissant.json and README.md into a data set's folder, with what it holds; return their paths.
+    root: Path, *, name: str, url: str, creators: Sequence[str], description: str = "", doi: str = "",
+    year: int | None = None,
+) -> tuple[Path, ...]:  # fmt: skip
+    """Write croissant.json, README.md and datacite.json into a data set's folder, with what it holds; return the paths.
 
-    ``url`` is where it is published, ``creators`` are the names to be cited, ``doi`` is noted where there is one.
+    ``url`` is where it is published, ``creators`` are the names to be cited, ``doi`` is noted where there is one, and
+    ``year`` is that of its publication, this one where none is given.
     Raises `InputError` for a folder that holds no data set, or a README that is not this one's.
     """
     root, found = Path(root), contents(root)
@@ -50,7 +55,33 @@ def write_card(
         file.write(json.dumps(card, indent=1, ensure_ascii=False) + "\n")
     with replacing(readme) as file:
         file.write(_readme(found, name=name, description=said, doi=doi))
-    return root / CROISSANT, readme
+    with replacing(root / DATACITE) as file:
+        when = year or datetime.date.today().year
+        record = datacite(found, name=name, url=url, creators=creators, description=said, doi=doi, year=when)
+        file.write(json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+    return root / CROISSANT, readme, root / DATACITE
+
+
+def datacite(
+    found: Contents, *, name: str, url: str, creators: Sequence[str], description: str, doi: str, year: int
+) -> dict[str, Any]:
+    """Return a data set's metadata in DataCite's schema 4.5, as an archive takes them to register a DOI."""
+    return {
+        "schemaVersion": "http://datacite.org/schema/kernel-4",
+        **({"doi": doi, "identifiers": [{"identifier": doi, "identifierType": "DOI"}]} if doi else {}),
+        "creators": [{"name": creator} for creator in creators],
+        "titles": [{"title": name}],
+        "publisher": {"name": creators[0]},
+        "publicationYear": str(year),
+        "types": {"resourceTypeGeneral": "Dataset", "resourceType": "Simulated prints"},
+        "subjects": [{"subject": word} for word in _TAGS],
+        "descriptions": [{"description": description, "descriptionType": "Abstract"}],
+        "rightsList": [{"rights": licence} for licence in found.licences],
+        "formats": ["application/x-parquet"],
+        "sizes": [f"{found.size_bytes} bytes", f"{found.prints} prints"],
+        "version": f"{found.recipe.schema}.0.0",
+        "url": url,
+    }
 
 
 def croissant(
@@ -116,6 +147,7 @@ def _readme(found: Contents, *, name: str, description: str, doi: str) -> str:
         for what, (_, listed) in _PLACES.items()
         for column, (kind, words) in listed.items()
     )
+    tags = "\n".join(f"- {tag}" for tag in _TAGS)
     configs = "\n".join(
         f"- config_name: {what}\n  data_files: {json.dumps(pattern)}" for what, (pattern, _) in _PLACES.items()
     )
@@ -127,9 +159,7 @@ task_categories:
 - tabular-regression
 - reinforcement-learning
 tags:
-- 3d-printing
-- hysteresis
-- world-models
+{tags}
 size_categories:
 - {size}
 configs:
