@@ -13,7 +13,13 @@ from printmend.errors import InputError, TraceError
 from printmend.protocols import WorldModel
 from printmend_lab.bench.measured import forms
 from printmend_lab.bench.measured.axis import bench_of
-from printmend_lab.bench.measured.measured import MeasuredRow, MeasuredStand, measured_cases, measured_table
+from printmend_lab.bench.measured.measured import (
+    MeasuredRow,
+    MeasuredStand,
+    content_digest,
+    measured_cases,
+    measured_table,
+)
 from printmend_lab.bench.measured.sources import SOURCES, source
 from printmend_lab.bench.measured.tracks import MeasuredSet, Track, less_free, span
 from printmend_lab.cli.bench import command
@@ -21,7 +27,7 @@ from printmend_lab.cli.bench import command
 # Of the words of every split, fixed before any learner was judged: a change makes another benchmark.
 SPLITS = "dea612cca01ddff8"
 CORPUS = {
-    "pulleys": "e2d85545918c4673",
+    "pulleys": "29096af59b4c808c",
     "encoder": "4a31ded6fa3ab1e0",
 }  # of what is learned from and judged of the files themselves
 
@@ -120,6 +126,30 @@ def test_an_encoders_turn_is_unwrapped(tmp_path: Path) -> None:
     assert set(only.learned[0].commanded) & set(only.judged[0].commanded) == set()
 
 
+def test_an_encoder_is_the_same_from_a_table_and_from_firmware(tmp_path: Path) -> None:
+    table = write_encoder(tmp_path / "a_lookup.csv")
+    values = [line.split(",")[1] for line in table.read_text().splitlines()[1:]]
+    firmware = tmp_path / "Firmware" / "lookup_table.cpp"
+    firmware.parent.mkdir()
+    old = ", ".join(["7"] * 16384)
+    firmware.write_text(f"/* old {{{old}}} */\nconst int lookup[] = {{{', '.join(values)}}}; // {{1, 2}}\n")
+    (by_table,), (by_firmware,) = forms.read_encoder(table), forms.read_encoder(tmp_path)
+    assert content_digest(by_table) == content_digest(by_firmware)
+    firmware.unlink()
+    assert content_digest(forms.read_encoder(tmp_path)[0]) == content_digest(by_table)
+    table.unlink()
+    with pytest.raises(TraceError, match="neither"):
+        forms.read_encoder(tmp_path)
+
+
+def test_a_digest_is_of_content_not_of_units(tmp_path: Path) -> None:
+    x = np.linspace(0, 9, 50)
+    item = MeasuredSet("a", (Track(x, np.sin(x)),), (Track(x, np.cos(x)),))
+    same = MeasuredSet("a", (Track(x * 25.4, np.sin(x) * (1 + 1e-13)),), (Track(x, np.cos(x)),))
+    other = MeasuredSet("a", (Track(x, np.sin(x) * np.where(x > 5, 1.001, 1.0)),), (Track(x, np.cos(x)),))
+    assert content_digest(item) == content_digest(same) != content_digest(other)
+
+
 def test_dimensions_are_split_within_each_axis(tmp_path: Path) -> None:
     sets = forms.read_dimensions(write_dimensions(tmp_path / "d.csv"))
     assert [item.name for item in sets] == ["dimensions x", "dimensions y"]
@@ -158,7 +188,8 @@ def make_folder(root: Path) -> Path:
     """All forms at their places, but for the pulleys, which `tests/test_bench_real.py` makes."""
     for item in SOURCES:
         (root / item.place).parent.mkdir(parents=True, exist_ok=True)
-    write_encoder(root / source("encoder").place)
+    (root / source("encoder").place).mkdir()
+    write_encoder(root / source("encoder").place / "made_lookup.csv")
     write_servo(root / source("servo").place)
     write_damper(root / source("damper").place)
     write_tanks(root / source("tanks").place)

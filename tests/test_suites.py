@@ -2,6 +2,7 @@
 
 import copy
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from printmend.errors import ConfigError, InputError
 from printmend_lab.bench import suites
 from printmend_lab.bench.submission import check_submission, leaderboard, write_result
 from printmend_lab.bench.suites import SUITES, Suite, checksum, frozen_cases, metrics, run_suite
+from tests.test_bench_measured import write_encoder
+from tests.test_mocap import write_clone
 
 DOCS = Path(__file__).parents[1] / "docs"
 FEW = 4
@@ -129,6 +132,55 @@ def test_failures_count_and_a_suite_that_is_not_there_is_named() -> None:
     with pytest.raises(ConfigError, match="printmend/TableI-v1"):
         suites.suite("printmend/None-v1")
     assert "printmend/Families-v1" in CliRunner().invoke(group, ["bench", "suite"]).stdout
+
+
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Suite:
+    """The suite of measured data, frozen on small files of the same form."""
+    data = tmp_path / "data"
+    (data / "noncircular_pulleys_mocap").mkdir(parents=True)
+    (data / "stepper_encoder_lut").mkdir()
+    write_clone(data / "noncircular_pulleys_mocap", np.random.default_rng(0))
+    write_encoder(data / "stepper_encoder_lut" / "made_lookup.csv")
+    whole = SUITES["printmend/Measured-v1"]
+    found = replace(whole, count=2, checksum=checksum(whole.draw(data)))
+    monkeypatch.setitem(SUITES, found.name, found)
+    return found
+
+
+def test_a_measured_row_is_a_learner_beside_a_straight_line(seen: Suite, tmp_path: Path) -> None:
+    out, data = tmp_path / "out", tmp_path / "data"
+    asked = ["bench", "suite", seen.name, "--rows", "naive,bilateral", "-o", str(out)]
+    done = CliRunner().invoke(group, [*asked, "--data", str(data)])
+    assert done.exit_code == 0, done.output
+    naive, table = (check_submission(out / "Measured-v1" / f"{name}.json") for name in ("naive", "bilateral"))
+    assert naive["metrics"] == {"share": 1.0, "median": 1.0, "worst": 1.0, "failures": 0}
+    assert table["metrics"]["share"] < 0.9
+    assert table["cost"]["learn_s"] > 0
+    page = leaderboard(out)
+    assert page.index("| `bilateral` |") < page.index("| `naive` |")
+    wrong = json.loads((out / "Measured-v1" / "bilateral.json").read_text())
+    wrong["metrics"]["worst"] = 0.1
+    (tmp_path / "wrong.json").write_text(json.dumps(wrong))
+    with pytest.raises(InputError, match="wanted a worst of"):
+        check_submission(tmp_path / "wrong.json")
+    for more, said in (([], "add --data"), (["--data", str(out)], "git clone"), (["--rows", "naive+optimal"], "naive")):
+        failed = CliRunner().invoke(group, [*asked, *(["--data", str(data)] if "--rows" in more else []), *more])
+        assert said in str(failed.exception)
+
+
+def test_other_measured_data_are_refused(seen: Suite, tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    write_clone(data / "noncircular_pulleys_mocap" / "more", np.random.default_rng(1))
+    with pytest.raises(InputError, match="wanted cases with the checksum"):
+        frozen_cases(seen, data)
+    with pytest.raises(InputError, match="leave --data out"):
+        raise CliRunner().invoke(group, ["bench", "suite", "printmend/Families-v1", "--data", str(data)]).exception  # type: ignore[misc]
+
+
+def test_the_measured_suite_is_the_one_that_was_frozen(corpus: Path) -> None:
+    chosen = SUITES["printmend/Measured-v1"]
+    assert len(frozen_cases(chosen, corpus / "measured")) == chosen.count
 
 
 def test_the_page_is_made_of_the_files_beside_it() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from printmend.errors import InputError
 from printmend.files import read_text, replacing
 from printmend_lab.bench.report import markdown_table
-from printmend_lab.bench.suites import METRICS, SUITES, metrics, suite
+from printmend_lab.bench.suites import SUITES, Suite, suite
 
 _FIELDS = {
     "suite": str, "checksum": str, "row": str, "metrics": dict, "cost": dict, "versions": dict, "cases": dict,
@@ -60,7 +60,7 @@ def check_submission(path: Path) -> dict[str, Any]:
         raise InputError(path, wanted="versions of printmend, python and numpy", came="fewer", todo=todo)
     if not all(value is None or _is_number(value) for value in record["cost"].values()):
         raise InputError(path, wanted="costs in seconds", came=repr(record["cost"])[:60], todo=todo)
-    for name, value in metrics(record["cases"]).items():
+    for name, value in chosen.figures(record["cases"]).items():
         said = record["metrics"].get(name)
         if value != said and (value is None or not _is_number(said) or abs(value - said) > _ALIKE * abs(value)):
             raise InputError(path, wanted=f"a {name} of {value}, as its cases say", came=f"{said}", todo=todo)
@@ -81,18 +81,25 @@ def leaderboard(folder: Path) -> str:
     texts = [_HEAD]
     for chosen in SUITES.values():
         mine = [record for record in records if record["suite"] == chosen.name]
-        mine.sort(key=lambda record: (record["metrics"]["mean"] is None, record["metrics"]["mean"], record["row"]))
+        mine.sort(key=lambda record: _rank(record, chosen.metrics[0]))
         texts.append(f"## {chosen.name}\n\n{chosen.about} {chosen.count} cases, checksum `{chosen.checksum[:16]}`.\n")
-        texts.append(markdown_table(_COLUMNS, [_line(record) for record in mine]) if mine else "No row yet.\n")
+        columns = ("row", *(_TITLES.get(name, name) for name in chosen.metrics), "learn s", "plan s", "printmend")
+        texts.append(markdown_table(columns, [_line(record, chosen) for record in mine]) if mine else "No row yet.\n")
     return "\n".join(texts)
 
 
-_COLUMNS = ("row", "mean, steps", "median", "p95", "÷ optimum", "failed", "learn s", "plan s", "printmend")
+def _rank(record: dict[str, Any], name: str) -> tuple[bool, float, str]:
+    figure = record["metrics"][name]
+    return figure is None or record["metrics"]["failures"] > 0, figure or 0.0, record["row"]
+
+
+_TITLES = {"mean": "mean, steps", "ratio": "÷ optimum", "failures": "failed"}
 _HEAD = """# Leaderboard
 
-RMSE in full steps of 0.2 mm over the cases of suites that do not change. A row is LEARNER or LEARNER+CONTROLLER, as in
-[the tables](researchers.md). `printmend bench suite` writes a row's file, `printmend bench submit-check` checks it.
-This page is made of the files in `docs/leaderboard`, each with its versions and every case.
+Rows on suites that do not change: RMSE in full steps of 0.2 mm on simulated printers, and on measured data the error
+that is left of a straight line's. A row is LEARNER or LEARNER+CONTROLLER, as in [the tables](researchers.md).
+`printmend bench suite` writes a row's file, `printmend bench submit-check` checks it. This page is made of the files in
+`docs/leaderboard`, each with its versions and every case. Rows with a failed case stand last.
 
 ```sh
 printmend bench suite printmend/Families-v1 --rows greybox+optimal -o results
@@ -101,12 +108,12 @@ printmend bench submit-check results/Families-v1/greybox+optimal.json
 """
 
 
-def _line(record: dict[str, Any]) -> tuple[str, ...]:
+def _line(record: dict[str, Any], chosen: Suite) -> tuple[str, ...]:
     def text(value: float | None, digits: int = 3) -> str:
         return "–" if value is None else f"{value:.{digits}f}"
 
     figures, cost = record["metrics"], record["cost"]
-    numbers = [text(figures[name]) for name in METRICS[:-1]]
+    numbers = [text(figures[name]) for name in chosen.metrics[:-1]]
     return (
         f"`{record['row'].replace('|', ' ')}`", *numbers, str(figures["failures"]), text(cost.get("learn_s")),
         text(cost.get("plan_s")), record["versions"]["printmend"].replace("|", " "),

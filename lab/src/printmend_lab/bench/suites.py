@@ -1,7 +1,8 @@
 """Suites with names and versions: cases that never change, so that rows of different papers can stand in one table.
 
-A suite is frozen by a checksum over its cases, the faults drawn for them, the bodies and the metrics. What changes any
-of these needs a new version; a program that draws something else refuses to run the old one.
+A suite is frozen by a checksum over its cases and the metrics. Cases are faults and bodies that a seed draws, or
+measured data and their split. What changes any of these needs a new version; a program that draws something else
+refuses to run the old one.
 """
 
 import hashlib
@@ -22,12 +23,15 @@ from printmend.machine import Mechanism
 from printmend.printer import read_printer
 from printmend_lab.bench import families, table1
 from printmend_lab.bench.case import Case, Result
+from printmend_lab.bench.measured import measured
 from printmend_lab.bench.rows import OPTIMUM, row
 from printmend_lab.bench.run import run
 from printmend_lab.dataset.bodies import body_files
 
 METRICS = ("mean", "median", "p95", "ratio", "failures")
+MEASURED_METRICS = ("share", "median", "worst", "failures")  # of what a straight line misses; share is a geometric mean
 _LIBRARIES = ("numpy", "numba", "lightgbm", "scikit-learn", "scipy")
+_LEAST_SHARE = 1e-9  # of a prediction that misses nothing
 # Tables are compared to this many mm, at every so manyth entry: machines differ in the last digits of a sine.
 _TABLE_MM, _TABLE_STRIDE, _OFF_ROUND = 1e-3, 37, 0.3717
 
@@ -36,7 +40,8 @@ _TABLE_MM, _TABLE_STRIDE, _OFF_ROUND = 1e-3, 37, 0.3717
 class Suite:
     """``count`` cases that ``draw`` makes, with a folder for bodies; ``checksum`` is theirs when they were frozen.
 
-    A row that measures has noise of ``noise_mm`` a coordinate.
+    A row that measures has noise of ``noise_mm`` a coordinate. Where ``measured``, the folder holds measured data and
+    a row is a learner alone: nothing is planned, and a straight line takes the place of the optimum.
     """
 
     name: str
@@ -45,10 +50,30 @@ class Suite:
     noise_mm: float
     count: int
     checksum: str
+    measured: bool = False
 
     def label(self, name: str) -> str:
-        """Return a row's name with the suite's noise, where it measures."""
-        return f"{name}@{self.noise_mm:g}" if self.noise_mm and families.measures(name) else name
+        """Return a row's name with the suite's noise, where it measures. Raise `InputError` for one that is none."""
+        if self.measured:
+            measured.read_row(name)
+            return name
+        label = f"{name}@{self.noise_mm:g}" if self.noise_mm and families.measures(name) else name
+        row(label)
+        return label
+
+    @property
+    def beside(self) -> str:
+        """The row that every other is compared with."""
+        return measured.NAIVE if self.measured else self.label(OPTIMUM)
+
+    @property
+    def metrics(self) -> tuple[str, ...]:
+        """The names of a row's figures, the first of which ranks it."""
+        return MEASURED_METRICS if self.measured else METRICS
+
+    def figures(self, values: dict[str, list[float | None]]) -> dict[str, float | int | None]:
+        """Return a row's figures over its cases {key: [its error, that of the row beside it]}; None failed."""
+        return (shares if self.measured else metrics)(values)
 
 
 def _table1(folder: Path) -> list[Case]:
@@ -63,6 +88,20 @@ def _families(folder: Path) -> list[Case]:
     return families.draw_family_cases(names, coverages=(1.0,), samples=2, seed=families.TEST_SEED)
 
 
+def _measured(folder: Path) -> list[Case]:
+    cases, absent = measured.measured_cases(folder, _MEASURED)
+    if absent:
+        one = absent[0]
+        raise InputError(
+            folder, wanted=f"the measured set {one.name} at {one.place} ({one.licence})", came="none",
+            todo=f"in that folder: {one.fetch}",
+        )  # fmt: skip
+    return [case for case in cases if case.body not in _UNSEALED]
+
+
+_MEASURED = ("pulleys", "encoder")
+_UNSEALED = {f"{shape} {speed}" for shape in ("rec", "tri") for speed in (40, 80, 120)}  # in a clone of the pulleys
+
 SUITES = {
     suite.name: suite
     for suite in (
@@ -75,6 +114,12 @@ SUITES = {
             "printmend/Families-v1",
             "Every planar family, damaged and realistic, two faults of each, a body one turn across, 0.05 mm of noise.",
             _families, 0.05, 104, "a348de9ae1b61aff9db1819408b946e42f602c3a4576347173fb3a4c47c20990",
+        ),
+        Suite(
+            "printmend/Measured-v1",
+            "Nine runs of a belt printer with printed pulleys and a stepper's encoder: what a learner misses of the"
+            " part that it did not see, as a share of what a straight line misses.",
+            _measured, 0.0, 10, "7773f89cc7e7e4545b4edb687f11270fc750d99d053a90a8e54a5673cba0c83e", measured=True,
         ),
     )
 }  # fmt: skip
@@ -99,11 +144,15 @@ def frozen_cases(chosen: Suite, folder: Path) -> dict[str, Case]:
 
 
 def checksum(cases: Sequence[Case]) -> str:
-    """Return a SHA-256 over cases, the faults and bodies that are drawn for them, and the metrics."""
-    total = hashlib.sha256(json.dumps(METRICS).encode())
+    """Return a SHA-256 over cases, the faults and bodies that are drawn for them, and the metrics.
+
+    The key of a measured case is over its data and the words of its split already.
+    """
+    seen = bool(cases) and cases[0].table == measured.TABLE
+    total = hashlib.sha256(json.dumps(MEASURED_METRICS if seen else METRICS).encode())
     for case in cases:
         total.update(case.key("case").encode())
-        for part in _drawn(case):
+        for part in () if seen else _drawn(case):
             total.update(part)
     return total.hexdigest()
 
@@ -127,13 +176,15 @@ def _drawn(case: Case) -> list[bytes]:
 
 
 def run_suite(
-    chosen: Suite, name: str, folder: Path, *, executor: Executor = HERE,
+    chosen: Suite, name: str, folder: Path, *, data: Path | None = None, executor: Executor = HERE,
     tick: Callable[[str], None] = lambda case: None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Run a row on a suite; return what `submission.check_submission` wants: figures, cost, versions, every case."""
-    row(chosen.label(name))
-    cases = frozen_cases(chosen, folder)
-    names = [chosen.label(name), chosen.label(OPTIMUM)]
+    """Run a row on a suite; return what `submission.check_submission` wants: figures, cost, versions, every case.
+
+    ``folder`` keeps results and bodies; ``data`` holds measured sets, where the suite wants them.
+    """
+    names = [chosen.label(name), chosen.beside]
+    cases = frozen_cases(chosen, folder if data is None else data)
     results = run(list(cases.values()), names, folder, executor, tick=tick)
     found = {(item.case, item.row): item for item in results}
     mine = {key: found[case, names[0]] for key, case in cases.items()}
@@ -143,7 +194,7 @@ def run_suite(
         "suite": chosen.name,
         "checksum": chosen.checksum,
         "row": name,
-        "metrics": metrics(values),
+        "metrics": chosen.figures(values),
         "cost": {"learn_s": _median(mine, "learn_s"), "plan_s": _median(mine, "plan_s")},
         "versions": versions(),
         "cases": values,
@@ -163,6 +214,18 @@ def metrics(values: dict[str, list[float | None]]) -> dict[str, float | int | No
     return dict(zip(METRICS, numbers, strict=True))
 
 
+def shares(values: dict[str, list[float | None]]) -> dict[str, float | int | None]:
+    """Return the figures of a row over measured sets {key: [missed, missed by a straight line]}; None failed."""
+    pairs = [(mine, line) for mine, line in values.values() if mine is not None and line]
+    failures = len(values) - len(pairs)
+    if not pairs:
+        return dict.fromkeys(MEASURED_METRICS[:-1]) | {"failures": failures}
+    found = np.array([mine / line for mine, line in pairs])
+    mean = float(np.exp(np.log(np.maximum(found, _LEAST_SHARE)).mean()))
+    numbers = (mean, float(np.median(found)), float(found.max()), failures)
+    return dict(zip(MEASURED_METRICS, numbers, strict=True))
+
+
 def versions() -> dict[str, str]:
     """Return what made a result: the program, Python, libraries that are installed, and the machine."""
     found = {"printmend": program_version(), "python": platform.python_version(), "machine": platform.machine()}
@@ -175,7 +238,8 @@ def versions() -> dict[str, str]:
 
 
 def _error(result: Result) -> float | None:
-    return None if result.error is not None else float(result.values["rmse_steps"])
+    name = "missed" if result.case.table == measured.TABLE else "rmse_steps"
+    return None if result.error is not None else float(result.values[name])
 
 
 def _median(results: dict[str, Result], name: str) -> float | None:

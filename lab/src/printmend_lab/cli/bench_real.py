@@ -22,16 +22,16 @@ from printmend_lab.cli.where import with_executor
 def real(data: Path, protocol: Any, executor: Any, out: Path, as_json: bool) -> None:
     """Learn from the first measured traverse of each direction, predict the later ones.
 
-    DATA is a CSV of traverses (motion capture of real pulleys). --protocol pooled learns a shape from the first
-    traverses of all its speeds. The floor is the scatter of the later traverses about their own mean. Results go to
-    OUT/real.jsonl; an interrupted run goes on where it was.
+    DATA is a CSV of traverses, or a clone of RenzoCab/Non-Circular-Pulleys with motion capture of real pulleys.
+    --protocol pooled learns a shape from the first traverses of all its speeds. The floor is the scatter of the later
+    traverses about their own mean. Results go to OUT/real.jsonl; an interrupted run goes on where it was.
     """
     from printmend.cli.progress import progress
+    from printmend_lab.bench.real.mocap import read_runs
     from printmend_lab.bench.real.real import HEADER, cells, real_cases, real_table
-    from printmend_lab.bench.real.traverse import read_traverses
     from printmend_lab.cli.table import show_failures, show_table
 
-    cases = real_cases(data, read_traverses(data), protocol)
+    cases = real_cases(data, read_runs(data), protocol)
     with progress("pulleys and speeds", len(cases)) as tick:
         lines, results = real_table(cases, out, executor=executor, tick=tick)
     if as_json:

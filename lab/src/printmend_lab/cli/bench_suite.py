@@ -12,17 +12,20 @@ from printmend_lab.cli.where import with_executor
 @click.command(epilog="Example: printmend bench suite printmend/Families-v1 --rows greybox+optimal -o results")
 @click.argument("name", metavar="SUITE", required=False)
 @click.option("--rows", default="naive,greybox+optimal,meta+optimal", show_default=True, help="With commas.")
+@click.option("--data", type=click.Path(path_type=Path, exists=True, file_okay=False), help="Folder of measured sets.")
 @with_executor
 @click.option("--out", "-o", type=click.Path(path_type=Path), default="printmend-suite", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The results as JSON lines on stdout.")
-def suite(name: str | None, rows: str, executor: Any, out: Path, as_json: bool) -> None:
+def suite(name: str | None, rows: str, data: Path | None, executor: Any, out: Path, as_json: bool) -> None:
     """Run rows on a suite that never changes.
 
-    Its seed, bodies, splits and metrics are frozen. Without a SUITE, all are listed.
+    Its seed, bodies, splits and metrics are frozen. Without a SUITE, all are listed. Measured-v1 wants the --data that
+    `printmend bench measured` reads, and says how to fetch what is missing. Its rows are learners without a planner.
     Each row becomes a file OUT/SUITE/ROW.json with its figures, cost, versions and every case. An interrupted run goes
     on where it was.
     """
     from printmend.cli.progress import progress
+    from printmend.errors import InputError
     from printmend_lab.bench.submission import write_result
     from printmend_lab.bench.suites import SUITES, run_suite
     from printmend_lab.bench.suites import suite as suite_of
@@ -32,13 +35,17 @@ def suite(name: str | None, rows: str, executor: Any, out: Path, as_json: bool) 
             click.echo(f"{one.name}  {one.count} cases  {one.about}")
         return
     chosen = suite_of(name)
+    if chosen.measured != (data is not None):
+        todo = "add --data FOLDER" if chosen.measured else "leave --data out"
+        raise InputError(chosen.name, wanted="--data" if chosen.measured else "no --data",
+                         came="none" if chosen.measured else f"{data}", todo=todo)  # fmt: skip
     for row in dict.fromkeys(rows.split(",")):
         with progress("cases", chosen.count) as tick:
-            record = run_suite(chosen, row, out / "work", executor=executor, tick=tick)
+            record = run_suite(chosen, row, out / "work", data=data, executor=executor, tick=tick)
         path = write_result(record, out)
-        found = record["metrics"]
-        mean = "–" if found["mean"] is None else f"{found['mean']:.3f}"
-        said = f"{chosen.name} {row}: mean {mean} steps, {found['failures']} failed; wrote {path}"
+        found, first = record["metrics"], chosen.metrics[0]
+        figure = "–" if found[first] is None else f"{found[first]:.3f}{'' if chosen.measured else ' steps'}"
+        said = f"{chosen.name} {row}: {first} {figure}, {found['failures']} failed; wrote {path}"
         click.echo(json.dumps(record) if as_json else said)
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,7 +11,8 @@ import numpy as np
 from printmend.errors import InputError, TraceError, reason
 from printmend.files import read_text
 from printmend_lab.bench.measured.tracks import MeasuredSet, Track
-from printmend_lab.bench.real.traverse import middles_mm, read_traverses
+from printmend_lab.bench.real.mocap import read_runs
+from printmend_lab.bench.real.traverse import middles_mm
 
 _RUN_UP_MM = 10.0  # a carriage had sped up over this way before a traverse's first sample, or more
 _BEHIND_MM = 2.0  # traverses came without their own line: any distance keeps the way back behind the way out
@@ -24,7 +26,7 @@ _DIMENSIONS = ("axis", "nominal_mm", "measured_mm")
 
 def read_pulleys(path: Path) -> list[MeasuredSet]:
     """Return a set for each shape and speed of the traverses that `bench real` reads, places from the bed's middle."""
-    items, sets = read_traverses(path), []
+    items, sets = read_runs(path), []
     for key in dict.fromkeys((item.shape, item.speed_mm_s) for item in items):
         mine = [item for item in items if (item.shape, item.speed_mm_s) == key]
         tracks = []
@@ -42,9 +44,16 @@ def read_pulleys(path: Path) -> list[MeasuredSet]:
 
 
 def read_encoder(path: Path) -> list[MeasuredSet]:
-    """Return the set of a table index,value: the count of an encoder, and the true angle in hundredths of a degree."""
-    table = _columns(path, ("index", "value"))
-    count, angle = (np.array([_number(path, row[name]) for row in table]) for name in ("index", "value"))
+    """Return the set of an encoder: the true angle at every count, in hundredths of a degree.
+
+    ``path`` is a CSV index,value, or a folder that holds one, or the firmware's lookup_table.cpp.
+    """
+    if path.is_dir():
+        files = sorted(path.rglob("lookup_table.cpp")) or sorted(path.glob("*_lookup.csv"))
+        if not files:
+            raise _wrong(path, "a lookup_table.cpp or *_lookup.csv", "neither")
+        path = files[0]
+    count, angle = _array(path) if path.suffix == ".cpp" else _counts(path)
     if len(count) != _COUNTS or not np.array_equal(count, np.arange(_COUNTS)):
         raise _wrong(path, f"counts 0 to {_COUNTS - 1}", f"{len(count)} rows")
     turned = np.unwrap(angle * (2 * np.pi / _CENTIDEGREES)) * (_COUNTS / (2 * np.pi))
@@ -53,6 +62,23 @@ def read_encoder(path: Path) -> list[MeasuredSet]:
     return [
         MeasuredSet("stepper encoder", (learned,), (Track(count[half], turned[half]),), mm_per_unit=_TURN_MM / _COUNTS)
     ]
+
+
+def _counts(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return counts and angles [N] of a CSV."""
+    table = _columns(path, ("index", "value"))
+    count, angle = (np.array([_number(path, row[name]) for row in table]) for name in ("index", "value"))
+    return count, angle
+
+
+def _array(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return counts and angles [N] of the longest array in a C++ source, comments left out."""
+    text = re.sub(
+        r"/\*.*?\*/|//[^\n]*", "", read_text(path, wanted="a C++ source", todo="fetch it again"), flags=re.DOTALL
+    )
+    longest = max(re.findall(r"\{([^{}]*)\}", text), key=len, default="")
+    angle = np.array([_number(path, word) for word in longest.split(",") if word.strip()])
+    return np.arange(len(angle)), angle
 
 
 def read_servo(path: Path) -> list[MeasuredSet]:

@@ -23,9 +23,9 @@ from printmend_lab.bench.measured.sources import SOURCES, Source, source
 from printmend_lab.bench.measured.tracks import MeasuredSet
 from printmend_lab.bench.report import grouped
 from printmend_lab.bench.run import run
-from printmend_lab.dataset.bodies import digest
 
 TABLE, NAIVE = "measured", "naive"
+_PARTS, _OFF_ROUND = 1e6, 0.3717  # of a span, in a digest; away from round numbers, which fall on either side
 ROWS = (
     NAIVE, "affine", "backlash", "bilateral", "prandtl-ishlinskii", "bouc-wen", "gaussian-process",
     "printmend_lab.peers.narx:NARX", "printmend_lab.peers.network:TCN", "printmend_lab.peers.network:ENSEMBLE",
@@ -71,8 +71,9 @@ class MeasuredStand:
                                       rng=np.random.default_rng(0)), self.item.judged, self.item.free)  # fmt: skip
         rms = [float(np.sqrt((values**2).mean())) for values in (missed, plain)]
         learned = sum(int(np.isfinite(track.measured).sum()) for track in self.item.learned)
-        units = rms[0] / abs(self.bench.output_scale)
-        return {"missed": units, "share": rms[0] / rms[1], "learned": learned, "judged": len(missed)}
+        units, line = (value / abs(self.bench.output_scale) for value in rms)
+        share = {"missed": units, "line": line, "share": rms[0] / rms[1]}
+        return {**share, "learned": learned, "judged": len(missed)}
 
 
 def set_up(case: Case) -> MeasuredStand:
@@ -97,20 +98,24 @@ def measured_cases(folder: Path, names: Sequence[str] = ()) -> tuple[list[Case],
         if not path.exists():
             absent.append(item)
             continue
-        content = _digest(path)
+        place = str(path.absolute())
         cases += [
-            Case(
-                TABLE, one.name, f"{content} {one.name}", item.name, "", item.split, 0, "", source=str(path.absolute())
-            )
+            Case(TABLE, one.name, content_digest(one), item.name, "", item.split, 0, "", source=place)
             for one in item.read(path)
         ]
     return cases, absent
 
 
-def _digest(path: Path) -> str:
-    if path.is_file():
-        return digest(path)
-    return hashlib.sha256("".join(digest(file) for file in sorted(path.glob("*.mat"))).encode()).hexdigest()
+def content_digest(item: MeasuredSet) -> str:
+    """Return a SHA-256 of what is learned from and judged, to a millionth of each signal's span: the same on every
+    machine, and for every form that the data come in."""
+    total = hashlib.sha256(f"{item.name} {item.free} {item.mm_per_unit} {item.joined}".encode())
+    for track in (*item.learned, *item.judged):
+        for values in (track.commanded, track.measured):
+            low, high = np.nanmin(values), np.nanmax(values)
+            parts = np.nan_to_num((values - low) / ((high - low) or 1.0), nan=-1.0)
+            total.update(np.floor(parts * _PARTS + _OFF_ROUND).astype(np.int64).tobytes())
+    return total.hexdigest()
 
 
 def measured_table(

@@ -32,17 +32,17 @@ class Source:
 
 SOURCES = (
     Source(
-        "pulleys", "noncircular_pulleys_mocap/position_error_by_travel.csv", "MIT",
+        "pulleys", "noncircular_pulleys_mocap", "MIT",
         "RenzoCab/Non-Circular-Pulleys: motion capture of a belt printer with printed non-circular pulleys",
-        "git clone https://github.com/RenzoCab/Non-Circular-Pulleys, then make the CSV from its dudt_*.mat: integrate"
-        " the gradient, cut it at constant speed, take each traverse's line off",
+        "git clone https://github.com/RenzoCab/Non-Circular-Pulleys noncircular_pulleys_mocap",
         "each shape and speed: the first traverse of either direction is learned from, the later ones are judged",
         forms.read_pulleys,
     ),
     Source(
-        "encoder", "stepper_encoder_lut/Kaiwol1990_lookup.csv", "CC-BY-SA-4.0",
+        "encoder", "stepper_encoder_lut", "CC-BY-SA-4.0",
         "Kaiwol1990/Mechaduino: the calibration of one real stepper motor's magnetic encoder",
-        "git clone https://github.com/Kaiwol1990/Mechaduino (the array of Firmware/Mechaduino/lookup_table.cpp)",
+        "git clone https://github.com/Kaiwol1990/Mechaduino stepper_encoder_lut"
+        " && git -C stepper_encoder_lut checkout 6907156ce7fb9cb83bddf756bd1a21a9b9e1e544",
         "every 64th count is learned from, the counts half-way between are judged",
         forms.read_encoder,
     ),

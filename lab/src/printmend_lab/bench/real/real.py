@@ -24,12 +24,12 @@ from printmend.errors import TraceError
 from printmend.executor import HERE, Executor
 from printmend_lab.bench.case import Case, Result
 from printmend_lab.bench.real.evidence import Trace1d, turns_mm
+from printmend_lab.bench.real.mocap import read_runs, runs_digest
 from printmend_lab.bench.real.periodic import Periodic, fit
 from printmend_lab.bench.real.shipped import shipped_fit
-from printmend_lab.bench.real.traverse import Traverse, detrended, middles_mm, read_traverses
+from printmend_lab.bench.real.traverse import Traverse, detrended, middles_mm
 from printmend_lab.bench.report import grouped
 from printmend_lab.bench.run import run
-from printmend_lab.dataset.bodies import digest
 
 RealProtocol = Literal["first", "pooled"]
 Guess = Callable[[int, np.ndarray], np.ndarray]
@@ -94,8 +94,8 @@ class _File:
 
 
 def real_cases(data: Path, traverses: Sequence[Traverse], protocol: RealProtocol) -> list[Case]:
-    """Return a case for each shape and speed of a CSV that `read_traverses` has read."""
-    content, place = digest(data), str(data.absolute())  # workers may run elsewhere
+    """Return a case for each shape and speed of what `read_runs` has read."""
+    content, place = runs_digest(data), str(data.absolute())  # workers may run elsewhere
     return [
         Case(TABLE, f"{shape} {speed:g}", f"{content} {shape} {speed:g}", "", "", protocol, 0, "", source=place)
         for shape, speed in dict.fromkeys((item.shape, item.speed_mm_s) for item in traverses)
@@ -194,7 +194,7 @@ def set_up(case: Case) -> RealStand:
 @lru_cache(maxsize=1)
 def _learned(source: str, shape: str, speed: str) -> _Learned:
     """Learn a shape at one speed, or at all; kept, because the speeds of a pooled shape come one after the other."""
-    items = [item for item in read_traverses(source) if item.shape == shape]
+    items = [item for item in read_runs(Path(source)) if item.shape == shape]
     files = [_file(number, items, at) for number, at in enumerate(dict.fromkeys(item.speed_mm_s for item in items))
              if not speed or f"{at:g}" == speed]  # fmt: skip
     numbered = tuple(_File(number, file.items, file.middles) for number, file in enumerate(files))
