@@ -117,8 +117,8 @@ SUITES = {
         ),
         Suite(
             "printmend/Measured-v1",
-            "Nine runs of a belt printer with printed pulleys and a stepper's encoder: what a learner misses of the"
-            " part that it did not see, as a share of what a straight line misses.",
+            "Nine runs of a belt printer with printed pulleys, and a stepper's encoder. A figure is what a learner"
+            " misses of the part that it did not see, as a share of what a straight line misses.",
             _measured, 0.0, 10, "7773f89cc7e7e4545b4edb687f11270fc750d99d053a90a8e54a5673cba0c83e", measured=True,
         ),
     )
