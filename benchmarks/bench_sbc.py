@@ -20,7 +20,8 @@ from printmend.effects import EFFECTS, Of, Scene, columns_of, scene_of
 from printmend.effects.effect import LONG_MOVE_MM, Places
 from printmend.effects.sized import Sized
 from printmend.infer.fit import HOME_SD_MM, fitted
-from printmend.infer.posterior import Part, posterior_of
+from printmend.infer.part import Part
+from printmend.infer.posterior import posterior_of
 from printmend.infer.simulate import drawn_parts, measured
 from printmend.learn.greybox import Greybox
 from printmend.path import Trace

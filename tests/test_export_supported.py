@@ -6,7 +6,7 @@ import pytest
 from printmend.errors import RefusedError
 from printmend.export.supported import export_supported
 from printmend.infer.machine import machine_of
-from printmend.infer.posterior import DRAWS, Part
+from printmend.infer.part import DRAWS, Part
 from printmend.promise.belief import belief_section, parse_belief
 from printmend.saved import SavedModel, saved_model
 from tests.believed import SCENES, part

@@ -14,7 +14,8 @@ from printmend.effects.sized import Sized
 from printmend.infer.fit import HOME_SD_MM, fitted
 from printmend.infer.machine import machine_of
 from printmend.infer.normal import log_below
-from printmend.infer.posterior import DRAWS, posterior_of
+from printmend.infer.part import DRAWS
+from printmend.infer.posterior import posterior_of
 from printmend.infer.simulate import drawn_parts, measured
 from printmend.machine import healthy_mechanism, print_from_home
 from printmend.path import FLATBED, Trace

@@ -10,7 +10,8 @@ from printmend.effects import EFFECTS, Scene, places_of, scene_of
 from printmend.effects.uneven import COUNT
 from printmend.infer.fit import Fit, fitted
 from printmend.infer.known import directions, rebased, turned
-from printmend.infer.posterior import DRAWS, Part, Posterior, posterior_of
+from printmend.infer.part import DRAWS, Part
+from printmend.infer.posterior import Posterior, posterior_of
 from printmend.infer.update import Renewed, both_seen, renewed
 from printmend.machine import healthy_mechanism
 from printmend.path import Trace

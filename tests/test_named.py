@@ -10,7 +10,7 @@ from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import diagnose, faults_of, misfits_of
 from printmend.effects import EFFECTS, Acts, Scene
 from printmend.effects.words import Message
-from printmend.infer.posterior import DRAWS
+from printmend.infer.part import DRAWS
 from printmend.machine import healthy_mechanism
 from printmend.printer import read_printer
 from printmend.promise.misfit import NOTE, WARNING

@@ -15,7 +15,7 @@ from printmend.errors import ModelError, RefusedError
 from printmend.export.firmware import remainder
 from printmend.export.supported import export_supported
 from printmend.gcode.container import open_gcode
-from printmend.infer.posterior import DRAWS
+from printmend.infer.part import DRAWS
 from printmend.path import FLATBED, Trace
 from printmend.printer import read_printer
 from printmend.promise.belief import belief_section, parse_belief

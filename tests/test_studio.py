@@ -36,7 +36,7 @@ from printmend.gcode.container import open_gcode
 from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode, starting_state
 from printmend.gcode.write import follow
-from printmend.infer.posterior import DRAWS
+from printmend.infer.part import DRAWS
 from printmend.invert import start
 from printmend.machine import Mechanism
 from printmend.measure import write_trace

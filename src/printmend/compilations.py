@@ -1,9 +1,6 @@
 """What was compiled since the program began."""
 
-import logging
 import time
-
-log = logging.getLogger(__name__)
 
 
 class Compilations:
@@ -18,7 +15,11 @@ class Compilations:
 
     def begin(self) -> None:
         if not self.entries and not self._began:
-            log.info("compiling for this machine, this one time: up to 30 s (`printmend warm` does it beforehand)")
+            import logging
+
+            logging.getLogger(__name__).info(
+                "compiling for this machine, this one time: up to 30 s (`printmend warm` does it beforehand)"
+            )
         self._began.append(time.perf_counter())
 
     def end(self) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from printmend.cli.model import ModelType
+from printmend.cli.model import ModelType, read_model_in
 
 
 @click.command(epilog="Example: printmend check part.gcode -m printer.mend.json --against part.mended.gcode")
@@ -24,10 +24,8 @@ def command(source: Path, model_path: Path, filament: str | None, against: Path 
 
     from printmend.cli.mend_output import progress
     from printmend.repair import check_gcode
-    from printmend.repair.filament import printed_in
-    from printmend.saved import read_model
 
-    model = printed_in(read_model(model_path), filament)
+    model = read_model_in(model_path, filament)
     with progress(source) as tick:
         prediction = check_gcode(source, model, progress=tick)
     if against is not None:

@@ -71,7 +71,7 @@ class LazyGroup(click.Group):
         return list(homes())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if (home := homes().get(cmd_name)) is None:
+        if (home := home_of(cmd_name)) is None:
             if cmd_name in LAB:
                 raise MissingToolError(
                     f"printmend {cmd_name}", wanted="the package printmend-lab", came="an installation without it",
@@ -110,6 +110,11 @@ def homes() -> dict[str, str]:
     }
 
 
+def home_of(name: str) -> str | None:
+    """Return a command's package, None where there is no such command; for ours no other package is looked for."""
+    return "printmend" if any(name in commands for commands in GROUPS.values()) else homes().get(name)
+
+
 @click.group(
     cls=LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
@@ -120,10 +125,10 @@ def homes() -> dict[str, str]:
 def group(ctx: click.Context) -> None:
     """Print straight on a broken 3-D printer: learn its fault from one print, rewrite the G-code."""
     name = ctx.invoked_subcommand
-    if name in homes():
+    if name is not None and home_of(name) is not None:
         from printmend.cli.settings import settings_of
 
-        settings = settings_of([*homes(), *LAB], lambda: ctx.command.get_command(ctx, name), name)  # type: ignore[attr-defined]
+        settings = settings_of(lambda: [*homes(), *LAB], lambda: ctx.command.get_command(ctx, name), name)  # type: ignore[attr-defined]
         ctx.default_map = {name: settings}
 
 

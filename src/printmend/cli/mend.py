@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from printmend.cli.model import ModelType
+from printmend.cli.model import ModelType, read_model_in
 from printmend.cli.number import Finite, Percent
 from printmend.cli.outcome import tell
 
@@ -61,14 +61,12 @@ def command(
     Of several files the others are written all the same, and it ends with the worst of theirs: 1, then 2, then 3.
     """
     from printmend.invert.fineness import Fineness
-    from printmend.repair.filament import printed_in
-    from printmend.saved import read_model
 
     fineness = Fineness(tolerance_mm, firmware, slower, crossing_mm_s2)
     if len(sources) > 1 or sources[0].is_dir() or as_json:
         if str(output) == "-" or any(str(source) == "-" for source in sources) or report is not None:
             raise click.UsageError("standard input or output and --report go with one file, without --json")
-        model = printed_in(read_model(model_path), filament)
+        model = read_model_in(model_path, filament)
         _mend_many(ctx, sources, model, output, in_place, overwrite, force, fineness, jobs, as_json, quiet)
         return
     _mend_one(sources[0], model_path, filament, output, in_place, overwrite, report, force, fineness, quiet)
@@ -83,17 +81,15 @@ def _mend_one(
     from printmend.cli.mend_output import output_path, progress
     from printmend.cli.outputs import spare
     from printmend.repair import mend_gcode
-    from printmend.repair.filament import printed_in
     from printmend.repair.many import refuse_overwriting
     from printmend.report.part import check_report_name, write_report
-    from printmend.saved import read_model
 
     check_report_name(report)
     target = output_path(source, output, in_place=in_place)
     spare((target, report), (model_path, None if in_place else source))
     if not overwrite:
         refuse_overwriting(target, source)
-    model = printed_in(read_model(model_path), filament)
+    model = read_model_in(model_path, filament)
     with progress(source) as tick:
         done = mend_gcode(source, model, target, force=force, fineness=fineness, progress=tick)
     if report is not None:

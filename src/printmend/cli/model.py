@@ -2,10 +2,13 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
+
+if TYPE_CHECKING:
+    from printmend.saved import SavedModel
 
 SUFFIX = ".mend.json"
 
@@ -38,3 +41,15 @@ class ModelType(click.ParamType):
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         names = [CompletionItem(name) for name, _ in models() if name.startswith(incomplete)]
         return [*names, CompletionItem(incomplete, type="file")]
+
+
+def read_model_in(path: Path, filament: str | None) -> "SavedModel":
+    """Read a model, as it prints parts in a filament where one is named."""
+    from printmend.saved import read_model
+
+    model = read_model(path)
+    if filament is None:
+        return model
+    from printmend.repair.filament import printed_in  # and with it all that learns
+
+    return printed_in(model, filament)

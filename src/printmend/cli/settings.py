@@ -27,10 +27,12 @@ def user_file() -> Path:
     return Path(click.get_app_dir("printmend")) / "config.toml"
 
 
-def settings_of(names: list[str], command: Callable[[], click.Command | None], name: str) -> dict[str, Any]:
+def settings_of(
+    names: Callable[[], list[str]], command: Callable[[], click.Command | None], name: str
+) -> dict[str, Any]:
     """Return the values that the settings give to the parameters of the command ``name``.
 
-    ``names`` are all commands. Raises `ConfigError` for a section that is no command, or a key that is no option.
+    ``names`` returns all commands. Raises `ConfigError` for a section that is no command, or a key that is no option.
     """
     values: dict[str, Any] = {}
     for path in (user_file(), PROJECT):
@@ -47,7 +49,7 @@ def settings_of(names: list[str], command: Callable[[], click.Command | None], n
     return values
 
 
-def _section(path: Path, names: list[str], name: str) -> dict[str, Any]:
+def _section(path: Path, names: Callable[[], list[str]], name: str) -> dict[str, Any]:
     """Return a section of a settings file; nothing where there is no such file."""
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -56,7 +58,7 @@ def _section(path: Path, names: list[str], name: str) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError) as error:
         raise ConfigError(path, wanted="settings in TOML", came=str(error), todo="correct it") from None
     for section, values in table.items():
-        if section not in names or not isinstance(values, dict):
+        if section not in names() or not isinstance(values, dict):
             raise ConfigError(
                 path, wanted="sections that are commands, like [mend]", came=repr(section), todo="correct or remove it"
             )

@@ -36,8 +36,10 @@ def command(
     """
     from printmend.repair.watch import Watch, watch
 
-    job = Watch(source, target, model_path, force=force, told=lambda words: click.echo(f"printmend: {words}", err=True))
     try:
+        job = Watch(
+            source, target, model_path, force=force, told=lambda words: click.echo(f"printmend: {words}", err=True)
+        )
         worst = watch(job, every_s=every_s, once=once, tell=partial(tell, as_json=as_json, quiet=quiet))
     except KeyboardInterrupt:
         click.echo("stopped; the same command goes on where it was", err=True)

@@ -15,7 +15,7 @@ from printmend.effects.homing import lasting
 from printmend.effects.pulley import shape_words
 from printmend.effects.sample import drawn_places
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Told, carrier_name
-from printmend.infer.posterior import Part
+from printmend.infer.part import Part
 from printmend.promise.misfit import NOTE, SEVERITIES, WARNING, Misfit
 
 CERTAIN = 0.95  # share of the drawn machines from which on an effect is certain

@@ -12,7 +12,7 @@ from printmend.effects.elastic import HARMONICS as ELASTIC
 from printmend.effects.pulley import is_loose, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Found
 from printmend.infer.fit import Fit
-from printmend.infer.posterior import Part
+from printmend.infer.part import Part
 from printmend.learn.greybox import LearnedDrive
 from printmend.path import Trace
 from printmend.units import TURN_RAD

@@ -9,7 +9,7 @@ from printmend.effects.effect import SCALE_MM
 from printmend.effects.sample import drawn_places
 from printmend.errors import RefusedError
 from printmend.export.firmware import EXPORTS, NO_BACKLASH, Export, Simple, simple_part
-from printmend.infer.posterior import DRAWS
+from printmend.infer.part import DRAWS
 from printmend.promise.belief import Belief, parse_belief
 from printmend.promise.filament import UNTOLD
 from printmend.promise.misfit import refusals

@@ -13,7 +13,8 @@ from printmend.effects.sample import drawn_places
 from printmend.infer.few import SWEEPS, Few, drawn_sizes
 from printmend.infer.gram import Block, Rows, dictionary_of
 from printmend.infer.known import Key
-from printmend.infer.posterior import DRAWS, MOST_WORSE_SHARE, Part
+from printmend.infer.part import DRAWS, Part
+from printmend.infer.posterior import MOST_WORSE_SHARE
 from printmend.machine import contacts_of, healthy_mechanism
 from printmend.measure.callipers import MOST_DISTANCES, READING_SD_MM, Distances, distances_of, measurable_pairs
 from printmend.measure.plan import ProbePlan

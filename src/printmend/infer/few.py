@@ -13,7 +13,7 @@ import numpy as np
 from printmend.infer.fit import DEGREES
 from printmend.infer.gram import Block
 from printmend.infer.normal import log_below
-from printmend.infer.posterior import DRAWS
+from printmend.infer.part import DRAWS
 
 OFFERED = 4  # states drawn from the prior that each place chooses among, beside its own
 # Factors on the noise, sweep by sweep: what is far from every machine is approached from afar.

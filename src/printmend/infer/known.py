@@ -13,7 +13,7 @@ from printmend.effects.homing import drawn_shifts_mm, shifted, spread_mm, waves_
 from printmend.effects.prior import wear_share
 from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.infer.gram import Dictionary, Gram
-from printmend.infer.posterior import DRAWS, Part
+from printmend.infer.part import DRAWS, Part
 
 STEP_MM = 0.01  # shift of a motor by which the direction of shifts is taken
 FAR_RAD = 0.3  # angle of a wave up to which that direction serves

@@ -8,7 +8,7 @@ from printmend.effects.breathing import HARMONICS as BREATHS
 from printmend.effects.elastic import HARMONICS as STRETCHES
 from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.effects.uneven import COUNT
-from printmend.infer.posterior import Part
+from printmend.infer.part import Part
 from printmend.saved import SCALE_MM, Design
 
 

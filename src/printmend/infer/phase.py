@@ -15,7 +15,7 @@ from printmend.infer.fit import _measured_mm, rows_of
 from printmend.infer.gram import dictionary_of, seen
 from printmend.infer.known import Key, key_of, rebased
 from printmend.infer.machine import machine_of
-from printmend.infer.posterior import Part
+from printmend.infer.part import Part
 from printmend.machine import Mechanism
 from printmend.machine.contacts import contacts_of
 from printmend.path import Trace

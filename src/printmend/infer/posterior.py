@@ -12,44 +12,13 @@ import numpy as np
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of
 from printmend.effects.homing import lasting
 from printmend.effects.sample import drawn_places
-from printmend.effects.sized import Sized
 from printmend.infer.fit import Fit
+from printmend.infer.part import DRAWS, Part
 from printmend.infer.search import Gains, Set
 
-DRAWS = 96  # machines that are drawn
 LEAST_LOG_WEIGHT = -7.0  # sets less likely than e^−7 of the likeliest are left out
 MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better with what acts
 MOST_SETS = 24  # neighbours that are weighed at most
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """One effect at one place with one shape, as it is believed.
-
-    ``acts_mm`` [P] are the sizes that the model has: their mean in the likeliest set, 0 where that has none.
-    ``draws_mm`` [P, D] are those of the drawn machines; ``chance`` is the share of them that have it.
-    """
-
-    effect: str
-    where: int
-    shape: tuple[float, ...]
-    acts_mm: np.ndarray
-    draws_mm: np.ndarray
-
-    @property
-    def chance(self) -> float:
-        return float(self.draws_mm.any(axis=0).mean())
-
-    @property
-    def mean_mm(self) -> np.ndarray:
-        return np.asarray(self.draws_mm.mean(axis=1))
-
-    @property
-    def sd_mm(self) -> np.ndarray:
-        return np.asarray(self.draws_mm.std(axis=1))
-
-    def acting(self) -> Sized:
-        return Sized(self.effect, self.where, self.shape, self.acts_mm)
 
 
 @dataclass(frozen=True, eq=False)

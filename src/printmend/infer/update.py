@@ -40,7 +40,8 @@ from printmend.infer.known import (
     turned,
 )
 from printmend.infer.machine import machine_of
-from printmend.infer.posterior import DRAWS, Part, Posterior, after_homing, posterior_here
+from printmend.infer.part import DRAWS, Part
+from printmend.infer.posterior import Posterior, after_homing, posterior_here
 from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
 from printmend.machine import Contacts, Mechanism, contacts_of
 from printmend.path import Trace

@@ -11,7 +11,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
 from printmend.errors import ModelError
-from printmend.infer.posterior import DRAWS, Part
+from printmend.infer.part import DRAWS, Part
 from printmend.promise.filament import known_filaments
 from printmend.saved import SavedModel, ScrewSeries, screw_of
 from printmend.saved.values import number, numbers, refuse, section_of

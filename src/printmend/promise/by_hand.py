@@ -13,7 +13,7 @@ from printmend.effects.pulley import HARMONICS
 from printmend.errors import TraceError
 from printmend.infer.distances import machines_by_hand, printer_of
 from printmend.infer.machine import machine_of
-from printmend.infer.posterior import DRAWS, Part
+from printmend.infer.part import DRAWS, Part
 from printmend.measure.callipers import Distances
 from printmend.printer import Printer
 from printmend.promise.belief import belief_section

@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import SCALE_MM
 from printmend.filament import Entry, material_of
-from printmend.infer.posterior import DRAWS, Part
+from printmend.infer.part import DRAWS, Part
 from printmend.saved import SavedModel
 from printmend.saved.values import number, numbers, refuse, section_of
 

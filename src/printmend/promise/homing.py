@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from printmend.effects.homing import drawn_shifts_mm, shifted, waves_of
-from printmend.infer.posterior import DRAWS
+from printmend.infer.part import DRAWS
 from printmend.promise.belief import Belief
 
 SEED = 17  # the same model always gets the same homings

@@ -10,7 +10,7 @@ import numpy as np
 from printmend.effects import Scene
 from printmend.effects.aspect import SHARES
 from printmend.effects.effect import SCALE_MM
-from printmend.infer.posterior import Part
+from printmend.infer.part import Part
 from printmend.measure.table import TOGETHER
 from printmend.promise.belief import parse_belief
 from printmend.saved import SavedModel

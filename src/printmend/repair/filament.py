@@ -15,7 +15,7 @@ from printmend.diagnosis.named import diagnose
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError
 from printmend.filament import CLAIM_SD, Entry, Split, material_of, split
-from printmend.infer.posterior import DRAWS, Part
+from printmend.infer.part import DRAWS, Part
 from printmend.machine import Frame, Mechanism
 from printmend.path import Instrument, Trace
 from printmend.printer import Printer

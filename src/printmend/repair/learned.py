@@ -19,8 +19,9 @@ from printmend.errors import ConfigError
 from printmend.identify.drive import ALL_SEEN
 from printmend.infer.fit import Fit, fitted
 from printmend.infer.machine import frame_from_home, machine_of
+from printmend.infer.part import DRAWS, Part
 from printmend.infer.parts import parts_of_drive
-from printmend.infer.posterior import DRAWS, Part, posterior_of
+from printmend.infer.posterior import posterior_of
 from printmend.learn import learner
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive
 from printmend.learn.hybrid import HybridModel

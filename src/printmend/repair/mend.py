@@ -22,7 +22,7 @@ from printmend.gcode.write import Plan, TimePlace, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
 from printmend.promise.misfit import PHASE_TODO, REFITTED, refusals, said_of
 from printmend.promise.words import in_words
-from printmend.provenance import seal_key, sealed
+from printmend.provenance import sealed
 from printmend.repair.meant import refuse_contradiction, refuse_other_printer
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt
 from printmend.repair.program import Progress, Read, begun, counted, plan_file
@@ -83,7 +83,7 @@ def mend_gcode(
             read = []
             folder = None if output is None else output.parent
             # Only a text can end with a seal: in a container the programs are compressed, each by itself.
-            key = seal_key(model.document) if file.container == "plain" else None
+            key = model.seal_key if file.container == "plain" else None
 
             def texts(part: Part) -> Iterator[Text]:
                 text = _mended_text(part, planner, model, fineness, progress, read, watch, folder)

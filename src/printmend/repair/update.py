@@ -17,7 +17,7 @@ from printmend.effects.pulley import HARMONICS
 from printmend.effects.words import NAMED_SIGMAS, Fault
 from printmend.errors import ModelError, TraceError
 from printmend.infer.machine import machine_of
-from printmend.infer.posterior import DRAWS, Part
+from printmend.infer.part import DRAWS, Part
 from printmend.infer.update import Renewed, both_seen, renewed
 from printmend.learn.walls import with_walls
 from printmend.measure.once import counted_once, digest_of

@@ -15,7 +15,7 @@ from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ModelError, TraceError
 from printmend.infer.gram import seen
-from printmend.infer.posterior import DRAWS
+from printmend.infer.part import DRAWS
 from printmend.infer.update import Renewed
 from printmend.learn.walls import with_walls
 from printmend.machine import print_from_home

@@ -38,6 +38,7 @@ MAX_ENTRIES = 1_000_000  # entries of one table that a file may have; 500 mm by 
 # Entries of one table that are written: of a printer with finer or more micro-steps every n-th, for four tables are a
 # file of 17 MB then.
 MOST_WRITTEN = 250_000
+DIGITS = 16  # of a document's digest
 MAX_HARMONICS = 1024  # harmonics of a wave that a file may have
 
 
@@ -46,15 +47,20 @@ class SavedModel:
     """A learned machine and its document.
 
     ``mechanism`` is absolute: its tables give bed positions, so never anchor it again with `Mechanism.homed`.
-    ``document`` is the JSON as written, without the digest; ``digest`` is 16 hexadecimal digits over it. With a
+    ``document`` is the JSON as written, without the digest, and ``seal_key`` the hexadecimal digits over it. With a
     ``filament`` the mechanism prints what is left once parts in it have shrunk; the document is the machine's alone.
     """
 
     mechanism: Mechanism
     learner: str
-    digest: str
+    seal_key: str
     document: Mapping[str, Any] = field(repr=False)
     filament: str | None = None
+
+    @property
+    def digest(self) -> str:
+        """The 16 digits by which a model is named."""
+        return self.seal_key[:DIGITS]
 
     @property
     def printer(self) -> Printer:
@@ -170,9 +176,10 @@ def parse_model(text: str, *, subject: str) -> SavedModel:
             todo="update printmend, or learn the model again with this one",
         )
     digest = document.pop("digest", None)
-    if digest != _digest(document):
+    key = seal_key(document)
+    if digest != key[:DIGITS]:
         refuse(subject, "a digest that fits the content", "a file that was changed or damaged")
-    return _read(document, digest, subject)
+    return _read(document, key, subject)
 
 
 def _through_text(document: Mapping[str, Any]) -> SavedModel:
@@ -181,11 +188,11 @@ def _through_text(document: Mapping[str, Any]) -> SavedModel:
     if messages := messages_of(document):
         document["messages"] = messages
     document = json.loads(json.dumps(document, allow_nan=False))
-    return _read(document, _digest(document), "the model")
+    return _read(document, seal_key(document), "the model")
 
 
-def _read(document: Mapping[str, Any], digest: str, subject: str) -> SavedModel:
-    """Check all of a document, whose ``digest`` fits it, and build the model; raise `ModelError` for what is not so."""
+def _read(document: Mapping[str, Any], key: str, subject: str) -> SavedModel:
+    """Check all of a document, with its seals' ``key``, and build the model; raise `ModelError` for what is not so."""
     printer = _printer(section_of(document, "printer", dict, subject), subject)
     sections = section_of(document, "motors", dict, subject)
     if sorted(sections) != sorted(printer.motors):
@@ -201,7 +208,7 @@ def _read(document: Mapping[str, Any], digest: str, subject: str) -> SavedModel:
         refuse(subject, "noise_mm ≥ 0 and findings as text", "something else")
     check_notes(document, subject)
     messages = document.get("messages")
-    return SavedModel(mechanism, learner, digest, restored(document, messages if isinstance(messages, dict) else {}))
+    return SavedModel(mechanism, learner, key, restored(document, messages if isinstance(messages, dict) else {}))
 
 
 def branches_of(model: SavedModel, motor: int) -> Branches | None:
@@ -251,7 +258,7 @@ def _laid_out(value: Any, line: str) -> str:
 
 
 def _digest(document: Mapping[str, Any]) -> str:
-    return seal_key(document)[:16]
+    return seal_key(document)[:DIGITS]
 
 
 def _table_section(mechanism: Mechanism, motor: int) -> dict[str, Any]:
