@@ -63,13 +63,14 @@ def _take(value: Any, flat: list[Any]) -> Any:
         flat.append(value)
         return "i8" if -_MOST_INT <= value <= _MOST_INT else "int"
     if isinstance(value, np.ndarray):
-        interface, flags = value.__array_interface__["data"], value.flags.num
-        flat += (None, None, value.size, value.itemsize, interface[0], *value.shape, *value.strides)
+        # not `__array_interface__`: of a structured array it describes each field, every time
+        address, flags = value.ctypes.data, value.flags.num
+        flat += (None, None, value.size, value.itemsize, address, *value.shape, *value.strides)
         order = _ORDERS[flags & 3] if value.ndim else "C"
         aligned = "" if flags & 0x100 else "u"
         return f"{value.ndim}{order}{'' if flags & _WRITEABLE else 'r'}{aligned} {_name_of(value.dtype)}"
     if isinstance(value, np.void):
-        flat.append(value.__array_interface__["data"][0])
+        flat.append(np.frombuffer(value, np.uint8).ctypes.data)
         return f"@{_name_of(value.dtype)}"
     if isinstance(value, tuple):
         return (what.__qualname__, *[_take(each, flat) for each in value])
