@@ -1,7 +1,9 @@
 """Times that a file tells: told anew for the mended print, everything else byte for byte."""
 
 import re
+import struct
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ from hypothesis import strategies as st
 
 from printmend.clock.told import Moment, told_anew
 from printmend.gcode import write
+from printmend.gcode.bgcode import GCODE, MAGIC, THUMBNAIL, Block, block_text, gcode_blocks, read_blocks, read_header
 from printmend.gcode.read import read_gcode
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judged
@@ -172,3 +175,50 @@ def test_of_very_many_times_the_first_are_told(tmp_path: Path, monkeypatch: pyte
     assert len(old) == len(new)
     assert new[0] != old[0]
     assert new[1020:] == old[1020:]
+
+
+def in_blocks(text: bytes, metadata: bytes, *, compressed: int) -> bytes:
+    """Return a binary G-code file: metadata that states the time, a thumbnail, the program, metadata again."""
+    like = Block(GCODE, 1, 0, 0, b"", b"")
+    data = zlib.compress(metadata) if compressed else metadata
+    size = len(data).to_bytes(4, "little") if compressed else b""
+    block = struct.pack("<HHI", 4, compressed, len(metadata)) + size + b"\0\0" + data
+    picture = struct.pack("<HHI", THUMBNAIL, 0, 3) + b"\0" * 6 + b"png"
+    block, picture = (each + zlib.crc32(each).to_bytes(4, "little") for each in (block, picture))
+    return MAGIC + struct.pack("<IH", 1, 1) + block + picture + gcode_blocks(text, like, checked=True) + block
+
+
+@pytest.mark.parametrize("compressed", [0, 1])
+def test_the_metadata_of_a_binary_file_state_the_mended_time(tmp_path: Path, compressed: int) -> None:
+    source, output = tmp_path / "part.bgcode", tmp_path / "out.bgcode"
+    old = b"filament used [mm]=1.5\nestimated printing time (normal mode)=16m 40s\nobjects_info={}\n"
+    source.write_bytes(in_blocks(timed_part(), old, compressed=compressed))
+    duration = mend_gcode(source, exactly(BENT), output).prediction.duration
+    assert duration is not None
+    minutes, seconds = divmod(round(1000 * duration.after_s / duration.before_s), 60)
+    with output.open("rb") as handle:
+        _, checked = read_header(handle, "out")
+        blocks = list(read_blocks(handle, "out", checked=checked))
+    assert [block.kind for block in blocks if block.kind != GCODE] == [4, THUMBNAIL, 4]
+    for block in (blocks[0], blocks[-1]):
+        assert block_text(block, "out") == old.replace(b"16m 40s", b"%dm %ds" % (minutes, seconds))
+        assert block.compression == compressed
+
+
+def test_the_plates_of_a_project_state_their_own_mended_times(tmp_path: Path) -> None:
+    source, output = tmp_path / "part.gcode.3mf", tmp_path / "out.gcode.3mf"
+    plate = b'<plate>\n<metadata key="index" value="%d"/>\n<metadata key="prediction" value="1000"/>\n</plate>\n'
+    info = b"<config>" + plate % 1 + plate % 2 + plate % 7 + b"</config>"
+    with zipfile.ZipFile(source, "w") as archive:
+        archive.writestr("Metadata/plate_1.gcode", timed_part())
+        archive.writestr("Metadata/plate_2.gcode", timed_part().replace(b"F3000", b"F600"))
+        archive.writestr("Metadata/slice_info.config", info)
+    mend_gcode(source, exactly(BENT), output)
+    with zipfile.ZipFile(output) as archive:
+        texts = [archive.read(f"Metadata/plate_{number}.gcode") for number in (1, 2)]
+        told = archive.read("Metadata/slice_info.config")
+    times = [re.findall(rb"^;TIME:(\d+)", text, re.MULTILINE)[0] for text in texts]
+    assert len({*times, b"1000"}) == 3
+    for number, time in zip((1, 2), times, strict=True):
+        info = info.replace(plate % number, (plate % number).replace(b"1000", time))
+    assert told == info  # there is no plate 7

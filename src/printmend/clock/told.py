@@ -69,6 +69,11 @@ def told_anew(text: bytes, moment: Moment) -> bytes:
     return head + colon + _NUMBER.sub(lambda found: _like(found[0], change(float(found[0]))), value, count=1)
 
 
+def told_as_a_whole(text: bytes, watch: Stopwatch) -> bytes:
+    """Return a line beside a program that tells its printing time; both clocks of ``watch`` are through."""
+    return told_anew(text, Moment(0.0, 0.0, watch.before.seconds, watch.after.seconds))
+
+
 def with_times(
     texts: Iterable[memoryview], places: Sequence[TimePlace], watch: Stopwatch, folder: Path | None
 ) -> Iterator[bytes | memoryview]:

@@ -5,9 +5,12 @@ type u16, compression u16, uncompressed size u32, compressed size u32 (absent wi
 (6 bytes for thumbnails, else the encoding u16), data, CRC-32 of all of it. All little-endian.
 """
 
+import re
+import shutil
 import struct
+import tempfile
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -27,6 +30,7 @@ _WINDOWS = {2: 11, 3: 12}  # heatshrink: compression → window bits; the look-a
 _MAX_BLOCK_BYTES = 64 << 20  # thumbnails are the largest blocks, and far below
 _MAX_RATIO, _RATIO_MATTERS_BYTES = 300, 32 << 20  # deflate cannot reach 1100; real files stay below 20
 _TEXT_BYTES = 65535  # of G-code in a block: slicers write as much
+_TIMES = re.compile(rb"^estimated (?:first layer )?printing time[^=\r\n]*=[^\r\n]*", re.IGNORECASE | re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -122,31 +126,41 @@ def gcode_blocks(text: bytes, like: Block, *, checked: bool) -> bytes:
     return b"".join(blocks)
 
 
-def write_like(source: Path, handle: IO[bytes], texts: Iterable[bytes | memoryview]) -> None:
-    """Write ``source`` again with other G-code: its first blocks, the new text in whole lines, its last blocks."""
+def write_like(
+    source: Path, handle: IO[bytes], texts: Iterable[bytes | memoryview],
+    told: Callable[[bytes], bytes], folder: Path | None = None,
+) -> None:  # fmt: skip
+    """Write ``source`` again with other G-code: its first blocks, the new text in whole lines, its last blocks.
+
+    Metadata states the printing time before the G-code. ``told`` gets such a line once ``texts`` are through, and
+    returns it anew; the G-code waits in a temporary file in ``folder`` until then.
+    """
     name = str(source)
     with source.open("rb") as original:
         raw, checked = read_header(original, name)
         handle.write(raw)
-        like, after = None, []
+        like, before, after = None, list[Block](), list[Block]()
         for block in read_blocks(original, name, checked=checked):
             if block.kind == GCODE:
                 like = like or block
-            elif like is None:
-                handle.write(block.raw)
             else:
-                after.append(block.raw)
+                (before if like is None else after).append(block)
     if like is None:
         raise no_gcode(name)
-    pending = bytearray()
-    for text in texts:
-        pending += text
-        if len(pending) > 16 * _TEXT_BYTES and (line_end := pending.rfind(b"\n")) >= 0:
-            handle.write(gcode_blocks(bytes(pending[: line_end + 1]), like, checked=checked))
-            del pending[: line_end + 1]
-    handle.write(gcode_blocks(bytes(pending), like, checked=checked))
-    for raw in after:
-        handle.write(raw)
+    with tempfile.TemporaryFile(dir=folder) as spool:
+        pending = bytearray()
+        for text in texts:
+            pending += text
+            if len(pending) > 16 * _TEXT_BYTES and (line_end := pending.rfind(b"\n")) >= 0:
+                spool.write(gcode_blocks(bytes(pending[: line_end + 1]), like, checked=checked))
+                del pending[: line_end + 1]
+        spool.write(gcode_blocks(bytes(pending), like, checked=checked))
+        for block in before:
+            handle.write(_retold(block, told, name, checked))
+        spool.seek(0)
+        shutil.copyfileobj(spool, handle, 1 << 20)
+    for block in after:
+        handle.write(_retold(block, told, name, checked))
 
 
 def no_gcode(name: str) -> GcodeError:
@@ -158,6 +172,15 @@ def _cut_off(name: str) -> GcodeError:
     return GcodeError(name, wanted=say("whole-bgcode-block"), came=say("end-file"), todo=say("slice-copy-file-again"))
 
 
+def _retold(block: Block, told: Callable[[bytes], bytes], name: str, checked: bool) -> bytes:
+    """Return a block of metadata, or a thumbnail, with the printing times that it states told anew."""
+    if block.kind == THUMBNAIL:
+        return block.raw
+    old = block_text(block, name)
+    text = _TIMES.sub(lambda found: told(found[0]), old)
+    return block.raw if text == old else _packed(block.kind, text, block, checked)
+
+
 def _gcode_block(text: bytes, like: Block, checked: bool) -> bytes:
     data = text
     if like.encoding:
@@ -166,6 +189,11 @@ def _gcode_block(text: bytes, like: Block, checked: bool) -> bytes:
             raise GcodeError("bgcode", wanted=say("text-meatpack-can-hold"), came=came, todo=say("export-plain-g-code"))
         out = np.empty(2 * len(text) + 6 * text.count(b"\n") + 16, np.uint8)
         data = out[: k.pack(np.frombuffer(text, np.uint8), True, out)].tobytes()
+    return _packed(GCODE, data, like, checked)
+
+
+def _packed(kind: int, data: bytes, like: Block, checked: bool) -> bytes:
+    """Return a whole block that holds encoded ``data``, compressed as ``like`` is."""
     size = len(data)
     if like.compression == 1:
         data = zlib.compress(data, 9)
@@ -173,7 +201,7 @@ def _gcode_block(text: bytes, like: Block, checked: bool) -> bytes:
         import heatshrink2
 
         data = heatshrink2.compress(data, window_sz2=_WINDOWS[like.compression], lookahead_sz2=4)
-    head = _BLOCK.pack(GCODE, like.compression, size)
+    head = _BLOCK.pack(kind, like.compression, size)
     if like.compression:
         head += len(data).to_bytes(4, "little")
     block = head + like.encoding.to_bytes(2, "little") + data

@@ -81,6 +81,15 @@ class Part:
                     raise threemf.broken(self.name, error) from None
 
 
+Told = Callable[[Part, bytes], bytes]
+"""(program, a line that states its printing time) → that line anew."""
+
+
+def as_told(_part: Part, line: bytes) -> bytes:
+    """Return a line that states a printing time as it is."""
+    return line
+
+
 @dataclass(frozen=True)
 class GcodeFile:
     """A file that holds G-code: its ``name`` for messages, where it lies, and what contains the text."""
@@ -90,17 +99,28 @@ class GcodeFile:
     container: Literal["plain", "bgcode", "3mf"]
     parts: tuple[Part, ...] = ()
 
-    def write(self, handle: IO[bytes], texts: Callable[[Part], Iterable[Text]]) -> None:
-        """Write the same container with ``texts(part)`` in place of each program; all else is kept byte for byte."""
+    def write(
+        self, handle: IO[bytes], texts: Callable[[Part], Iterable[Text]], told: Told = as_told,
+        folder: Path | None = None,
+    ) -> None:  # fmt: skip
+        """Write the same container with ``texts(part)`` in place of each program; all else is kept byte for byte.
+
+        So are the lines beside a program that state its printing time, but for what ``told`` makes of them after that
+        program is written. Until then it may wait in a temporary file in ``folder``.
+        """
         if self.container == "plain":
             for text in texts(self.parts[0]):
                 handle.write(text)
         elif self.container == "bgcode":
-            bgcode.write_like(self.path, handle, texts(self.parts[0]))
+            part = self.parts[0]
+            bgcode.write_like(self.path, handle, texts(part), lambda line: told(part, line), folder)
         else:
             by_member = {part.member: part for part in self.parts}
             with self.path.open("rb") as source:
-                threemf.write_like(source, self.name, handle, lambda member: texts(by_member[member]))
+                threemf.write_like(
+                    source, self.name, handle, lambda member: texts(by_member[member]),
+                    lambda member, line: told(by_member[member], line),
+                )  # fmt: skip
 
 
 @contextmanager

@@ -16,6 +16,10 @@ _MAX_OTHER_BYTES = 1 << 30  # of any other member, unpacked
 _MAX_WHOLE_BYTES = 32 << 30  # of all members, unpacked
 _MAX_RATIO = 300  # deflate cannot reach 1100; real G-code stays below 20
 _RATIO_MATTERS_BYTES = 32 << 20  # smaller members may be packed as tightly as they like
+_SLICE_INFO = "Metadata/slice_info.config"  # states the printing time of each plate, in XML
+_PLATE_INFO = re.compile(rb"<plate>.*?</plate>", re.DOTALL)
+_INDEX = re.compile(rb'key="index"\s+value="(\d+)"')
+_TIME = re.compile(rb'(key="(?:prediction|first_layer_time)"\s+value=")([0-9.]+)(?=")')
 _COPY_BYTES = 1 << 20  # at once
 _SETTINGS_BYTES = 4 << 20  # of a settings file that are read
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError)
@@ -76,9 +80,13 @@ def settings(archive: zipfile.ZipFile) -> bytes:
 
 
 def write_like(
-    source: IO[bytes], name: str, handle: IO[bytes], texts: Callable[[str], Iterable[bytes | memoryview]]
-) -> None:
-    """Write the project again with ``texts(member)`` as the G-code of each plate, and the MD5s that go with them."""
+    source: IO[bytes], name: str, handle: IO[bytes], texts: Callable[[str], Iterable[bytes | memoryview]],
+    told: Callable[[str, bytes], bytes],
+) -> None:  # fmt: skip
+    """Write the project again with ``texts(member)`` as the G-code of each plate, and the MD5s that go with them.
+
+    ``told(member, line)`` returns a line that states a plate's printing time anew, once all plates are written.
+    """
     with open_zip(source, name) as archive, zipfile.ZipFile(handle, "w") as copy:
         sums = {}
         for path in plates(archive, name):
@@ -93,12 +101,29 @@ def write_like(
             if _PLATE.fullmatch(info.filename):
                 continue
             if info.filename in sums:
-                old = _member(archive, info, name)
-                copy.writestr(_entry(info), _same_style(b"".join(old), sums[info.filename]))
+                old = b"".join(_member(archive, info, name))
+                copy.writestr(_entry(info), _same_style(old, sums[info.filename]))
+                continue
+            if info.filename == _SLICE_INFO and info.file_size <= _SETTINGS_BYTES:
+                old = b"".join(_member(archive, info, name))
+                copy.writestr(_entry(info), _retold(old, frozenset(plates(archive, name)), told))
                 continue
             with copy.open(_entry(info), "w") as member:
                 for data in _member(archive, info, name):
                     member.write(data)
+
+
+def _retold(text: bytes, members: frozenset[str], told: Callable[[str, bytes], bytes]) -> bytes:
+    """Return the slicer's account of the plates with their printing times told anew."""
+
+    def plate(found: re.Match[bytes]) -> bytes:
+        index = _INDEX.search(found[0])
+        member = f"Metadata/plate_{int(index[1])}.gcode" if index else ""
+        if member not in members:
+            return found[0]
+        return _TIME.sub(lambda time: time[1] + told(member, b"time=" + time[2]).partition(b"=")[2], found[0])
+
+    return _PLATE_INFO.sub(plate, text)
 
 
 def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str) -> Iterator[bytes]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
-from printmend.clock import Duration, with_times
+from printmend.clock import Duration, told_as_a_whole, with_times
 from printmend.effects import EFFECTS
 from printmend.errors import GcodeError, RefusedError
 from printmend.files import replacing
@@ -89,7 +89,10 @@ def mend_gcode(
                 text = _mended_text(part, planner, model, fineness, progress, read, watch, folder)
                 return text if key is None else sealed(text, key)
 
-            file.write(handle, texts)
+            def told(part: Part, line: bytes) -> bytes:
+                return told_as_a_whole(line, read[file.parts.index(part)].watch)
+
+            file.write(handle, texts, told, folder)
             prediction = _predicted(planner, model, read, marks=1)
             said = (slower, _crossing_words(planner, fineness))
             prediction = replace(prediction, warnings=(*prediction.warnings, *filter(None, said)))
