@@ -43,6 +43,8 @@ def bead_deviation(planned: Planned, track: Track, wanted: Wanted) -> float:
         kept = (np.diff(along[at]) > _BIN_MM / 2) & (path > _BIN_MM / 2) & (rate > 1e-4)
         off.append(np.abs(plastic / path / np.maximum(rate, 1e-9) - 1.0)[kept])
         weight.append(path[kept])
+    if not off:
+        return float("nan")  # no line is long enough
     found, weights = np.concatenate(off), np.concatenate(weight)
     order = np.argsort(found)
     share = np.cumsum(weights[order]) / weights.sum()
