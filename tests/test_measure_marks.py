@@ -29,12 +29,18 @@ def small() -> ProbePlan:
 
 
 def seen(
-    plan: ProbePlan, printed: np.ndarray, rng: np.random.Generator, *, lost: float, dust: int, mirrored: bool
+    plan: ProbePlan,
+    printed: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    lost: float | np.ndarray,
+    dust: int,
+    mirrored: bool,
 ) -> tuple[Marks | None, np.ndarray]:
     """Lay the print on the glass at any angle; return what is read and which dot each mark really is (−1: lost)."""
     angle = rng.uniform(0, 2 * np.pi)
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    kept = np.flatnonzero(rng.random(len(plan)) >= lost)
+    kept = np.flatnonzero(rng.random(len(plan)) >= lost) if isinstance(lost, float) else np.flatnonzero(~lost)
     dots = (printed * [-1.0 if mirrored else 1.0, -1.0] @ turn)[kept] + rng.normal(0, 0.02, (len(kept), 2))
     specks = rng.uniform(dots.min(axis=0), dots.max(axis=0), (dust, 2))
     sizes = np.concatenate([plan.diameter_mm[kept] * (1 + rng.normal(0, 0.06, len(kept))), rng.uniform(0.6, 1.6, dust)])
@@ -67,6 +73,35 @@ def test_no_mark_is_taken_for_another(plan, small, family, severity):
     if family not in VIOLENT:
         assert marks.found.sum() >= 0.98 * (truth >= 0).sum()
         assert marks.match.mirrored == mirrored
+
+
+def lost_marks(kind: str, plan: ProbePlan, rng: np.random.Generator) -> np.ndarray:
+    """Return which three tenths of the marks [M] came off: any of them, one corner, or a stripe across the plate."""
+    if kind == "any":
+        return rng.random(len(plan)) < 0.3
+    from_corner = np.abs(plan.marks_mm - plan.marks_mm.max(axis=0))
+    if kind == "corner":
+        return from_corner.max(axis=1) < np.quantile(from_corner.max(axis=1), 0.3)
+    low, high = np.quantile(plan.marks_mm[:, 0], (0.35, 0.65))
+    return (plan.marks_mm[:, 0] > low) & (plan.marks_mm[:, 0] < high)
+
+
+@pytest.mark.parametrize(("kind", "family"), [("any", "frame"), ("corner", "pulley-play"), ("stripe", "pulley-play")])
+def test_where_three_tenths_of_the_marks_came_off_the_others_are_told(plan, kind, family):
+    rng = np.random.default_rng([len(kind), len(family)])
+    printed = Twin.of(sample(family, rng, severity="damaged"), PRINTER).follow(plan.waypoints_mm)[plan.rows]
+    marks, truth = seen(plan, printed, rng, lost=lost_marks(kind, plan, rng), dust=10, mirrored=False)
+    assert marks is not None
+    claimed = marks.found & (marks.match.dot != truth)
+    assert not np.isin(marks.match.dot[claimed], truth[truth >= 0]).any()
+    assert marks.found.sum() > 0.93 * (truth >= 0).sum()
+
+
+@pytest.mark.parametrize("size_mm", [40, 70, 120])
+def test_a_piece_of_another_plate_is_none_of_ours(plan, size_mm):
+    other = design_probe(PRINTER, marks=590)
+    near = np.abs(other.marks_mm - other.marks_mm.mean(axis=0)).max(axis=1) < size_mm / 2
+    assert read_marks(other.marks_mm[near] * [1.0, -1.0], other.diameter_mm[near], plan) is None
 
 
 def test_spare_dots_beside_a_whole_print_do_no_harm(plan):

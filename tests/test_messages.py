@@ -74,7 +74,7 @@ def test_the_page_names_no_option_of_the_command_line() -> None:
 
 
 def test_an_english_sentence_may_be_reworded_without_its_german(monkeypatch: pytest.MonkeyPatch) -> None:
-    name = "scan-whole-print-free-margin"
+    name = "flat-scan"
     german = page_messages()[name]["de"]
     reworded = {**catalogue(), name: ("Scan all of the print", german)}
     monkeypatch.setattr("printmend.messages.catalogue", lambda: reworded)
@@ -85,12 +85,12 @@ def test_an_english_sentence_may_be_reworded_without_its_german(monkeypatch: pyt
 
 
 def test_a_message_is_its_english_text_and_remembers_itself() -> None:
-    text = say("least-marks", "50%", 12)
+    text = say("marks-mm-apart-dpi", "50", 12)
     assert isinstance(text, str)
-    assert text == "at least 50% of the 12 marks"
-    assert (text.id, text.values) == ("least-marks", {"a": "50%", "b": "12"})
+    assert text == "marks 50 mm apart at 12 dpi"
+    assert (text.id, text.values) == ("marks-mm-apart-dpi", {"a": "50", "b": "12"})
     moved = text.replace("12", "13")
-    assert (moved, moved.id, moved.values["b"]) == ("at least 50% of the 13 marks", "least-marks", "13")
+    assert (moved, moved.id, moved.values["b"]) == ("marks 50 mm apart at 13 dpi", "marks-mm-apart-dpi", "13")
     again = pickle.loads(pickle.dumps(text))  # noqa: S301 - our own, as a worker sends it
     assert (again, again.id, again.values) == (text, text.id, text.values)
     with pytest.raises(KeyError):

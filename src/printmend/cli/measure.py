@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from printmend.measure.callipers import Distances
     from printmend.printer import Printer
 
+MOST_NAMED = 40  # missing marks that are named one by one
+
 
 # Its many parameters are its options.
 @click.command(
@@ -106,7 +108,7 @@ def _measure_probe(
     for note in measurement.notes:
         if note not in asked:
             click.echo(note)
-    if len(missing := measurement.missing):
+    if 0 < len(missing := measurement.missing) <= MOST_NAMED:
         click.echo(f"not found: {', '.join(map(str, missing.tolist()))} (numbers of the marks in {plan_path})")
     found = int(np.isfinite(measurement.measured_mm).all(axis=1).sum())
     click.echo(f"{output}: {found} measured marks")

@@ -23,6 +23,7 @@ NET_SHARE = 0.7  # plastic thinner than this share of a small dot is a thread of
 BACKGROUND_MM = 5.0  # side of the window whose median is the plate's own colour
 RAYS, RADII = 72, 40  # rays from the centre of a dot, and places along each
 REACH_RADII = 1.9  # how far a ray goes, in radii of the dot
+CUT_RADII = 1.3  # a dot that lies nearer to the edge of the image than this, in its radii, may be cut by it
 MOST_DOTS = 6000  # dots of an image that are looked at: those nearest to the wanted diameter
 LEAST_CONTRAST = 6.0  # grey levels between plastic and plate
 SIGMA_FLOOR_MM = 0.005  # standard deviation of a dot itself about the nozzle that made it
@@ -52,7 +53,14 @@ def find_dots(image: np.ndarray, px_per_mm: float, plan: ProbePlan, *, subject: 
     colour, seeds, diameters = _coarse(image, px_per_mm, plan, subject)
     if not len(seeds):
         return Dots(np.empty((0, 2)), np.empty(0), np.empty(0))
-    return _centred(image, colour, seeds, diameters, px_per_mm)
+    return _whole(_centred(image, colour, seeds, diameters, px_per_mm), image)
+
+
+def _whole(dots: Dots, image: np.ndarray) -> Dots:
+    """Leave out dots that the edge of the image may have cut: the middle of what is left is not theirs."""
+    room_px = np.minimum(dots.centre_px, np.array(image.shape[1::-1]) - 1 - dots.centre_px).min(axis=1)
+    kept = room_px > CUT_RADII * dots.diameter_px / 2
+    return Dots(dots.centre_px[kept], dots.diameter_px[kept], dots.sigma_px[kept])
 
 
 def _coarse(

@@ -21,6 +21,8 @@ SEEDS = 12  # dots from which a lattice is grown, one after the other
 LATTICE_SHARE = 0.93  # of the dots: a lattice that holds more of them is the one, and the rest is dust
 REACH_PITCHES = 2.6  # how far the neighbours lie that predict a dot, in pitches of the lattice
 LEAST_DOTS = 9  # of a lattice
+PIECE_SHARE = 0.85  # of a further piece's sizes that agree with the code, as of a whole print
+PIECE_PITCHES = 2.0  # how far a further piece may lie from where the first one puts it, in pitches of the lattice
 Classes = Callable[[int, int], int]  # which class a cell (i, j) is of: dots of one class are shifted alike
 # The eight symmetries of a square lattice, as [2, 2] integer matrices; those with determinant −1 are mirrored.
 SYMMETRIES = tuple(
@@ -68,15 +70,51 @@ def identify(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> 
     if best is None:
         return None
     agreement, symmetry, shift = best
-    where = {tuple(site): mark for mark, site in enumerate(plan.site.tolist())}
-    dot = np.full(len(plan), -1)
-    for site, member in zip((sites @ symmetry.T + shift).tolist(), members, strict=True):
-        mark = where.get(tuple(site))
-        if mark is not None:
-            dot[mark] = member
+    dot = _matched(sites @ symmetry.T + shift, members, plan)
+    dot = _with_pieces(dot, members, dots_mm, diameters_mm, pitch, plan)
     dot = _without_strangers(dot, dots_mm, diameters_mm, plan)
     # Growth numbers its cells counter-clockwise in image coordinates, whose y axis points down.
     return Match(dot, pitch, bool(np.linalg.det(symmetry) > 0), agreement)
+
+
+def _matched(sites: np.ndarray, members: np.ndarray, plan: ProbePlan) -> np.ndarray:
+    """Return the dot [M] of each mark, −1 for none, from the sites [K, 2] of dots ``members`` [K]."""
+    where = {tuple(site): mark for mark, site in enumerate(plan.site.tolist())}
+    dot = np.full(len(plan), -1)
+    for site, member in zip(sites.tolist(), members, strict=True):
+        mark = where.get(tuple(site))
+        if mark is not None:
+            dot[mark] = member
+    return dot
+
+
+def _with_pieces(
+    dot: np.ndarray, used: np.ndarray, dots: np.ndarray, diameters: np.ndarray, pitch: float, plan: ProbePlan
+) -> np.ndarray:
+    """Take up the pieces of a print that lie apart from the first, as beyond a stripe that came off.
+
+    A piece is one only where its own sizes spell the code, near the place where the first piece puts it.
+    """
+    dot, free = dot.copy(), np.setdiff1d(np.arange(len(dots)), used)
+    found = dot >= 0
+    if found.sum() < LEAST_DOTS:
+        return dot
+    table = np.hstack([plan.marks_mm, np.ones((len(plan), 1))])
+    expected = table @ np.linalg.lstsq(table[found], dots[dot[found]], rcond=None)[0]
+    while len(free) >= LEAST_DOTS:
+        cells = _grow(dots[free], diameters[free], pitch)
+        if len(cells) < LEAST_DOTS:
+            break
+        sites, own = np.array(list(cells), np.int64), np.fromiter(cells.values(), np.int64, len(cells))
+        members, free = free[own], np.delete(free, own)
+        best = _place(sites, _is_big(diameters[members], plan), plan)
+        if best is None or best[0] < PIECE_SHARE:
+            continue
+        more = _matched(sites @ best[1].T + best[2], members, plan)
+        new = (more >= 0) & (dot < 0)
+        if new.any() and np.median(np.hypot(*(dots[more[new]] - expected[new]).T)) < PIECE_PITCHES * pitch:
+            dot[new] = more[new]
+    return dot
 
 
 def lattice_pitch(dots: np.ndarray) -> float:

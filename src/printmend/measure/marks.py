@@ -17,7 +17,7 @@ GROWING_ROUNDS = 3  # rounds after which it goes on only while more marks are fo
 MOST_TOLERANCE_MM = 1.2  # a mark whose place is known less well than this is left until its neighbours are known
 LEAST_MARKS = 9  # that must be found
 SUPPORT_REACH = 5  # marks printed before a mark, and as many after, that support it
-LEAST_SUPPORT = 0.5  # share of them that must be found
+LEAST_SUPPORT = 0.5  # share of them that must be found, beside the share of all marks that are
 LEAST_RUN, LONGEST_RUN = 8, 20  # marks of a run that a jump shifted together; a longer one is cut
 RUN_SHARE = 0.8  # share of a run that must lie under its shift
 RUN_REACH = 12  # marks before and after one that may be of its run
@@ -118,7 +118,7 @@ def _vouched_for(
     """
     window = np.ones(2 * SUPPORT_REACH + 1)
     beside = np.convolve(dot >= 0, window, "same") - (dot >= 0)
-    total = np.convolve(np.ones(len(dot)), window, "same") - 1
+    total = (np.convolve(np.ones(len(dot)), window, "same") - 1) * (dot >= 0).mean()
     far = (np.abs(np.nan_to_num(expected.left_out_mm)) > pitch_mm / 4).any(axis=1)
     shifted = (np.abs(expected.shared_mm) > APART_MM).any(axis=1)
     with np.errstate(invalid="ignore"):

@@ -17,13 +17,13 @@ from printmend.measure.image import with_legend, write_image
 from printmend.measure.join import aligned, check_sheets, joined, mean_of, scanner_axes, shared_number
 from printmend.measure.plan import ProbePlan, read_plan
 from printmend.measure.register import find_pose
-from printmend.measure.scan import Reading, check_whole, read_scan
+from printmend.measure.scan import Reading, read_scan
 from printmend.messages import say
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.units import MM_PER_INCH
 
 SETTLED_AXES_SD = 1e-4  # standard deviation (share) of the scanner's axes once two turns of the plate show them
-WHOLE_SHARE = 0.85  # of the marks: where a scan shows fewer, each scan shows a part of the print
+WHOLE_SHARE = 0.85  # of the marks: a scan that shows fewer shows a part of the print
 MOST_APART_SIGMAS = 6.0  # a mark that two scans see farther apart than this is left out: one of them saw dirt
 SAME_PICTURE_PX = 5e-3  # two pictures whose dots differ by less (RMS) are one
 LEAST_MARKS = 10  # that both show; fewer do not tell
@@ -128,7 +128,7 @@ def _readings(
     readings: list[Reading] = []
     notes: list[str] = []
     for path in paths:
-        reading = read_scan(path, plan, dpi=dpi, whole=len(paths) == 1)
+        reading = read_scan(path, plan, dpi=dpi)
         if (same := next((one for one in readings if is_same_picture(one, reading)), None)) is not None:
             notes.append(say("same-picture-counted-once-lay-print", path, same.path))
             continue
@@ -180,7 +180,7 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     check_sheets(readings, plan)
     seen = [own & np.isfinite(place[number, 0]) for place, own in zip(places, mine, strict=True)]
     together = np.any(seen, axis=0)
-    check_whole(readings[0].path, together, plan)
+    notes += missing_said(together, plan)
     pose = find_pose(
         np.where(mine[0][:, None], places[0][number], np.nan), plan, mirrored=readings[0].marks.match.mirrored
     )
@@ -202,6 +202,16 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     rulers = [(one.stretched(stretch), reading.marks.pose.matrix) for reading in readings for one in reading.rulers]
     measured, instrument, said = scaled_by_rulers(rulers, measured, instrument)
     return measured, sigma, instrument, [*notes, *said]
+
+
+def missing_said(found: np.ndarray, plan: ProbePlan) -> list[str]:
+    """Return a note where many of the marks [M] were not found: how many, and on which side of the bed."""
+    if found.mean() >= WHOLE_SHARE:
+        return []
+    gone, middle = plan.marks_mm[~found].mean(axis=0), plan.marks_mm.mean(axis=0)
+    axis = int(np.argmax(np.abs(gone - middle)))
+    side = (("left", "right"), ("front", "back"))[axis][int(gone[axis] > middle[axis])]
+    return [say("marks-missing-at-side", int((~found).sum()), len(plan), side)]
 
 
 def _among_all(values: np.ndarray, own: np.ndarray) -> np.ndarray:

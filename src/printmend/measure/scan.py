@@ -44,7 +44,6 @@ from printmend.units import MM_PER_INCH
 MOST_SCALE_FACTOR = (
     1.22  # where spacing and size of the dots are both off by more, the resolution is wrong, not the printer
 )
-LEAST_FOUND_SHARE = 0.85  # of the marks; with fewer the printer skipped steps, and marks beyond a skip could be others
 LEAST_TAG_SPREAD_MM = 60.0  # tags that spread less than this along either axis give a scale, but no axes
 
 
@@ -81,23 +80,23 @@ class Reading:
         return places
 
 
-def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None, whole: bool = True) -> Reading:
+def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None) -> Reading:
     """Read the marks of ``plan``, or of the one of its sheets that is shown, from an image file.
 
-    ``dpi`` overrides what the file says, and that it may be a photo; without either it is 600. ``whole`` refuses an
-    image of a part of the print. Raises `ScanError` for an image that is none, a page without dots, another plate, a
-    wrong resolution (which is named), a photo without tags and a scan that shows only a part.
+    ``dpi`` overrides what the file says, and that it may be a photo; without either it is 600. Marks that are not
+    there are missing; the others count. Raises `ScanError` for an image that is none, a page without dots, another
+    plate or one of which too little is left to tell, a wrong resolution (which is named) and a photo without tags.
     """
     image, stated = read_image(path)
     tags = find_tags(image)
     if len(tags) >= LEAST_TAGS:
         lens, error_mm = fit_lens(tags, image.shape)
         if not is_flat(tags, error_mm):
-            return _read_photo(path, image, lens, tagged_mm(), PHOTO, tags_said(tags, error_mm), plan, whole=whole)
+            return _read_photo(path, image, lens, tagged_mm(), PHOTO, tags_said(tags, error_mm), plan)
     camera = dpi is None and len(tags) < LEAST_TAGS and exposure(path)[0]
     if dpi is None and (camera or stated is None) and (paper := find_sheet(image)) is not None:
         shown = inside_mm(paper)
-        return _read_photo(path, image, paper.lens, shown, PAPER, sheet_said(paper), plan, whole=whole)
+        return _read_photo(path, image, paper.lens, shown, PAPER, sheet_said(paper), plan)
     refuse_bare_photo(path, tags, camera=camera)
     said_dpi, dpi = dpi, dpi or stated or USUAL_DPI
     dots = find_dots(image, dpi / MM_PER_INCH, plan, subject=str(path))
@@ -112,8 +111,6 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None, wh
             path, wanted=say("flat-scan"), came=say("picture-narrows-one-side-photo-does", f"{share:.1%}"),
             todo=say("photo-or-say-dpi"),
         )  # fmt: skip
-    if whole:
-        check_whole(path, marks.found, plan.sheets[sheet])
     return _reading(path, image, dots, dots_mm, sheet, plan, marks, MM_PER_INCH / dpi, scale, instrument)
 
 
@@ -138,7 +135,7 @@ def _reading(
 
 def _read_photo(
     path: str | Path, image: np.ndarray, lens: Lens, shown_mm: tuple[np.ndarray, np.ndarray], instrument: Instrument,
-    scale: str, plan: ProbePlan, *, whole: bool,
+    scale: str, plan: ProbePlan,
 ) -> Reading:  # fmt: skip
     flat, corner_mm, px_per_mm = rectify(image, lens, *shown_mm)
     dots = find_dots(flat, px_per_mm, plan, subject=str(path))
@@ -148,8 +145,6 @@ def _read_photo(
         raise _unknown_dots(path, dots, plan)
     if instrument is PHOTO:
         check_sheet(path, _scales(dots_mm, marks, plan.sheets[sheet]))
-    if whole:
-        check_whole(path, marks.found, plan.sheets[sheet])
     return _reading(path, flat, dots, dots_mm, sheet, plan, marks, 1 / px_per_mm, scale, instrument)
 
 
@@ -218,19 +213,4 @@ def _unknown_dots(path: str | Path, dots: Dots, plan: ProbePlan) -> ScanError:
         wanted=say("marks-probe-json", len(plan)),
         came=say("dots-not-they", len(dots), spacing),
         todo=say("give-print-s-own-probe-json"),
-    )
-
-
-def check_whole(path: str | Path, found: np.ndarray, plan: ProbePlan) -> None:
-    """Raise `ScanError` where too few of the marks [M] were found, and say on which side."""
-    if found.mean() >= LEAST_FOUND_SHARE:
-        return
-    gone, middle = plan.marks_mm[~found].mean(axis=0), plan.marks_mm.mean(axis=0)
-    axis = int(np.argmax(np.abs(gone - middle)))
-    side = (("left", "right"), ("front", "back"))[axis][int(gone[axis] > middle[axis])]
-    raise ScanError(
-        path,
-        wanted=say("least-marks", f"{LEAST_FOUND_SHARE:.0%}", len(plan)),
-        came=say("most-missing-bed", int(found.sum()), side),
-        todo=say("scan-whole-print-free-margin"),
     )
