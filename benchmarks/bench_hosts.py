@@ -58,19 +58,6 @@ def octoprint_s(text: bytes, times: int, folder: Path) -> tuple[float, float]:
     return min(answered[1:]), min(copied[1:])
 
 
-class Recorder:
-    """The end of Klipper's chain of transforms, without Klipper: it remembers where it was sent."""
-
-    def __init__(self) -> None:
-        self.place = [0.0] * 4
-
-    def get_position(self) -> list[float]:
-        return list(self.place)
-
-    def move(self, to: list[float], speed: float) -> None:
-        self.place = list(to)
-
-
 def live_us(folder: Path) -> float:
     path = folder / "printer.mend.json"
     fault = sample("pulley-loose", np.random.default_rng(2))
@@ -78,15 +65,19 @@ def live_us(folder: Path) -> float:
     spec = importlib.util.spec_from_file_location("printmend_live", INTEGRATIONS / "klipper/printmend.py")
     live = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(live)
-    chain = live.Printmend.__new__(live.Printmend)
-    chain.machine, chain.next, chain.segment_mm = live.Machine(live.read_model(path)), Recorder(), 1.0
-    chain.active, chain.known = True, False
-    times = []
-    for k in range(20):
+    planner, times, place = live.planner.Planner(live.read_model(path)), [], [20.0, 30.0, 0.2, 0.0]
+    planner.home(7)
+    made: list = []
+    for _ in range(20):
+        made.clear()
         begin = time.process_time()
-        for i in range(10):
-            chain.move([20.0 + 150 * (i % 2), 30.0 + 10 * i, 0.2, 1.0 * (10 * k + i)], 50.0)
-        times.append((time.process_time() - begin) / 1500)
+        for i in range(300):
+            x, y = 100 + 60 * np.cos(i / 20), 100 + 60 * np.sin(i / 20)
+            to = [float(x), float(y), 0.2, place[3] + (0.1 if i else 0.0)]
+            planner.add(place, to, 50.0)
+            place = to
+        planner.plan(300, lambda wanted, moves: made.extend(moves))
+        times.append((time.process_time() - begin) / len(made))
     return 1e6 * min(times)
 
 
@@ -97,7 +88,7 @@ def main() -> None:
     text = part(SIZE_BYTES // len(part(1)) + 1)
     print(f"{len(text) / 1e6:.1f} MB, {len(text.splitlines())} lines")
     with tempfile.TemporaryDirectory() as name:
-        print(f"live transform      {live_us(Path(name)):8.1f} µs a segment", flush=True)
+        print(f"live transform      {live_us(Path(name)):8.1f} µs a command", flush=True)
         print(f"Moonraker ready     {moonraker_s(text, options.times):8.2f} s", flush=True)
         (folder := Path(name) / "octoprint").mkdir()
         answered, copied = octoprint_s(text, options.times, folder)

@@ -3,52 +3,55 @@
 
 [printmend]
 model: ~/printer_data/config/printer.mend.json
-#segment: 1.0         longest piece of a corrected move [mm]
 #if_foreign: hold     (or print) a file that was mended with another model
 #if_forged: hold      (or print) a file that was changed after it was mended
 #phase_x: 17          the motor's phase at zero when the test print was made: PRINTMEND_PHASE SAVE=1 notes it
 #phase_y: 3
 
-What is wanted goes through the inverse of the frame and of each motor's drive: u ← min(max(u, lower(m)), upper(m)) is
-the belt under a motor at m, so m = lower⁻¹(u) going forwards and upper⁻¹(u) going back. Where a motor turns, a move
-that extrudes nothing takes up the slack first. Pure Python: no numpy, and of printmend only the file that knows seals.
+Moves wait here until the path that they belong to is whole. Then they are planned as `printmend mend` plans a file, by
+the same kernels (live/), and handed on. Whoever asks the tool head for its time or its place has them handed on first.
+Pure Python: no numpy, and of printmend only its kernels and the file that knows seals.
 """
 
-import bisect
 import importlib.util
 import json
-import math
 import os
+import sys
 
-PLACE = os.path.join(os.path.dirname(os.path.realpath(__file__)), "../../src/printmend/provenance.py")
+HERE = os.path.dirname(os.path.realpath(__file__))
+PLACE = os.path.join(HERE, "../../src/printmend/provenance.py")
 NEWEST = 2
-PITCH_MM = 0.05  # of the tables, and at least 24 places a wave
-EXPONENTS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 STILL_MM = 1e-7
-LEFT_MM = 0.02  # what corrected pieces may leave
+WAIT_S = 0.1  # without a further move, those that wait are planned
 DRIVERS = ("tmc2130", "tmc2208", "tmc2209", "tmc2240", "tmc2660", "tmc5160")  # those that tell their phase
 STEPS_A_TURN = 4  # full steps of an electrical turn
+LIMITS = ("max_velocity", "max_accel", "square_corner_velocity", "min_cruise_ratio", "junction_deviation",
+          "max_accel_to_decel")  # fmt: skip
+# What of the tool head others call that needs to know of all moves before it:
+ASKED = ("get_last_move_time", "wait_moves", "flush_step_generation", "dwell", "drip_move", "manual_move", "move",
+         "set_position", "get_position", "set_extruder")  # fmt: skip
 
 
-def load_provenance():
-    """Return printmend's module of marks and seals, from the folder that this file was linked from."""
-    if not os.path.isfile(PLACE):
-        raise ImportError(f"there is no {PLACE}: link printmend.py out of printmend's folder, do not copy it")
-    spec = importlib.util.spec_from_file_location("printmend_provenance", PLACE)
+def load_beside(name, path):
+    """Return a module of printmend, from the folder that this file was linked from."""
+    if not os.path.isfile(path):
+        raise ImportError(f"there is no {path}: link printmend.py out of printmend's folder, do not copy it")
+    spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-provenance = load_provenance()
+provenance = load_beside("printmend_provenance", PLACE)
+planner = load_beside("printmend_live_planner", os.path.join(HERE, "live/planner.py"))
 
 
 class ModelRefused(Exception):
-    """The model is none, or holds what a live transform cannot do; the text says which."""
+    """The model is none, or is of another printer; the text says which."""
 
 
 def read_model(path):
-    """Read printer.mend.json; refuse what was changed, is newer, or needs more than x and y."""
+    """Read printer.mend.json; refuse what was changed or is newer."""
     try:
         with open(path, encoding="utf-8") as file:
             document = json.load(file)
@@ -62,8 +65,6 @@ def read_model(path):
     document["key"] = provenance.seal_key(document)
     if digest != document["key"][:16]:
         raise ModelRefused(f"{path} was changed or damaged: copy it again")
-    if document.get("screw") is not None:
-        raise ModelRefused("the model has a bad Z screw, which a live transform cannot correct: use `printmend mend`")
     for section in document["motors"].values():
         if section["kind"] not in ("healthy", "series", "table"):
             raise ModelRefused(
@@ -72,198 +73,46 @@ def read_model(path):
     return document
 
 
-class Drive:
-    """One motor: its two tables over the motor's position, and where motor and belt are."""
+class Printer:
+    """What of Klipper's configuration a model must fit: its tables count from the end stops, in turns of the motors."""
 
-    def __init__(self, section, low_mm, high_mm, homes_forwards):
-        self.homes_forwards = homes_forwards
-        span = high_mm - low_mm
-        self.curved = section["kind"] != "healthy"
-        if section["kind"] == "table":
-            grid, lower, upper = self._table(section)
-        else:
-            grid, lower, upper = self._series(section, low_mm - span, high_mm + span)
-        middle = len(grid) // 2
-        self.grid, self.lower, self.upper = grid, rising(lower, middle), rising(upper, middle)
-        self.m = self.u = 0.0
+    def __init__(self, config):
+        self.kinematics = config.getsection("printer").get("kinematics")
+        self.turns, self.homes = {}, {}
+        for name in "xyz":
+            if not config.has_section("stepper_" + name):
+                continue
+            stepper = config.getsection("stepper_" + name)
+            if stepper.get("gear_ratio", None, note_valid=False) is None:
+                self.turns[name] = stepper.getfloat("rotation_distance", note_valid=False)
+            if name != "z":
+                self.homes[name] = stepper.getfloat("position_endstop", None, note_valid=False)
 
-    @staticmethod
-    def _table(section):
-        lower = section["lower_error_mm"]
-        upper = section.get("upper_error_mm", lower)
-        grid = [section["first_mm"] + section["pitch_mm"] * i for i in range(len(lower))]
-        return grid, [m + e for m, e in zip(grid, lower)], [m + e for m, e in zip(grid, upper)]
-
-    @staticmethod
-    def _series(section, low_mm, high_mm):
-        if section["kind"] == "healthy":
-            return [low_mm, high_mm], [low_mm, high_mm], [low_mm, high_mm]
-        turn, middle, reach = section["period_mm"], section["middle_mm"], section["reach_mm"]
-        waves = {name: section.get(name) for name in ("mean", "play", "elastic")}
-        highest = max([1] + [k for wave in waves.values() if wave for k in wave["harmonics"]])
-        count = math.ceil(turn / min(PITCH_MM, turn / highest / 24))
-        pitch, first = turn / count, math.floor(low_mm / turn) * count
-        grid = [(first + i) * pitch for i in range(int((high_mm - low_mm) / pitch) + 2 * count)]
-        rounds = {name: fourier(wave, count) for name, wave in waves.items()}
-        warp = section.get("warp")
-        lower, upper = [], []
-        for i, m in enumerate(grid):
-            x = (m - middle) / 100.0
-            seen = min(max(m, reach[0]), reach[1])
-            mean = powers(waves["mean"], x, reach, middle) + rounds["mean"][i % count]
-            if warp:
-                place = min(max((seen - warp["first_mm"]) / (warp["last_mm"] - warp["first_mm"]), 0.0), 1.0)
-                mean += sum(c * math.cos(math.pi * k * place) for k, c in enumerate(warp["cos_mm"], 1))
-                at = round(seen / pitch) % count
-                mean += (seen - middle) / 100.0 * rounds["elastic"][at]
-            else:
-                mean += x * rounds["elastic"][i % count]
-            play = max(powers(waves["play"], x, reach, middle) + rounds["play"][i % count], 0.0)
-            lower.append(m + mean - play / 2)
-            upper.append(m + mean + play / 2)
-        return grid, lower, upper
-
-    def at(self, table, m):
-        """Return the belt's place on a branch."""
-        grid = self.grid
-        if m <= grid[0]:
-            return table[0] + m - grid[0]
-        if m >= grid[-1]:
-            return table[-1] + m - grid[-1]
-        i = min(int((m - grid[0]) / (grid[-1] - grid[0]) * (len(grid) - 1)), len(grid) - 2)
-        return table[i] + (table[i + 1] - table[i]) * (m - grid[i]) / (grid[i + 1] - grid[i])
-
-    def inverse(self, table, u):
-        """Return the motor's place that puts a branch at u."""
-        grid = self.grid
-        if u <= table[0]:
-            return grid[0] + u - table[0]
-        if u >= table[-1]:
-            return grid[-1] + u - table[-1]
-        i = bisect.bisect_right(table, u) - 1
-        rise = table[i + 1] - table[i]
-        return grid[i] + (grid[i + 1] - grid[i]) * ((u - table[i]) / rise if rise > 0.0 else 0.0)
-
-    def left_mm(self, low_mm, high_mm, segment_mm):
-        """Return what straight pieces of a length leave of the tables' waves."""
-        half, most = segment_mm / 2, 0.0
-        for i in range(int((high_mm - low_mm) / segment_mm * 3.3)):
-            m = low_mm + i * segment_mm / 3.3
-            for table in (self.lower, self.upper):
-                chord = (self.at(table, m - half) + self.at(table, m + half)) / 2
-                most = max(most, abs(self.at(table, m) - chord))
-        return most
-
-    def home(self, m):
-        """The end stop was just met here: the branch of the homing direction is engaged."""
-        self.m, self.u = m, self.at(self.lower if self.homes_forwards else self.upper, m)
-
-    def drag(self, m):
-        """Somebody else moved the motor: the belt follows."""
-        self.u = max(self.u, self.at(self.lower, m)) if m > self.m else min(self.u, self.at(self.upper, m))
-        self.m = m
-
-    def aim(self, u):
-        """Return the motor's place for the belt at u; a belt that stays needs no move."""
-        if abs(u - self.u) < STILL_MM:
-            return self.m
-        return self.inverse(self.lower if u > self.u else self.upper, u)
-
-    def engage(self, u):
-        """Return where the motor touches the belt that is to move to u, with the belt still at rest."""
-        if abs(u - self.u) < STILL_MM:
-            return self.m
-        if u > self.u:
-            return max(self.m, self.inverse(self.lower, self.u))
-        return min(self.m, self.inverse(self.upper, self.u))
-
-
-def rising(table, first):
-    """Make a table non-decreasing from the middle outwards."""
-    for i in range(first + 1, len(table)):
-        table[i] = max(table[i], table[i - 1])
-    for i in range(first - 1, -1, -1):
-        table[i] = min(table[i], table[i + 1])
-    return table
-
-
-def fourier(wave, count):
-    """Return one turn of a wave's harmonics."""
-    turn = [0.0] * count
-    if not wave:
-        return turn
-    for k, a, b in zip(wave["harmonics"], wave["cos_mm"], wave["sin_mm"]):
-        for i in range(count):
-            phase = 2 * math.pi * k * i / count
-            turn[i] += a * math.cos(phase) + b * math.sin(phase)
-    return turn
-
-
-def powers(wave, x, reach, middle):
-    """Return a wave's polynomial; of the second degree and more it goes on as a straight line beyond what was seen."""
-    if not wave or not wave["powers_mm"]:
-        return 0.0
-    c = wave["powers_mm"]
-    inside = x if len(c) < 3 else min(max(x, (reach[0] - middle) / 100.0), (reach[1] - middle) / 100.0)
-    value = sum(a * inside**k for k, a in enumerate(c))
-    return value + (x - inside) * sum(k * a * inside ** (k - 1) for k, a in enumerate(c) if k)
-
-
-class Machine:
-    """The whole printer: a place on the bed to its motors and back."""
-
-    def __init__(self, document):
+    def check(self, document):
+        """Refuse the model of another machine."""
         printer = document["printer"]
-        x, y = printer["x"], printer["y"]
-        self.kinematics = printer["kinematics"]
-        self.corexy = self.kinematics == "corexy"
-        self.frame = document.get("frame")
-        corners = [self.motors((a, b)) for a in (x["min_mm"], x["max_mm"]) for b in (y["min_mm"], y["max_mm"])]
-        up = [axis["home_side"] == "max" for axis in (x, y)]
-        if self.corexy:  # the axis that homes last, y, moves both motors
-            up = [up[1], not up[1]]
-        self.drives, self.ranges = [], []
-        for k, name in enumerate(("a", "b") if self.corexy else ("x", "y")):
-            ends = [corner[k] for corner in corners]
-            self.ranges.append((min(ends), max(ends)))
-            self.drives.append(Drive(document["motors"][name], *self.ranges[k], up[k]))
-        self.curved = self.frame is not None or any(drive.curved for drive in self.drives)
+        if self.kinematics != printer["kinematics"]:
+            raise ModelRefused("the model is for {}, not {}".format(printer["kinematics"], self.kinematics))
+        for name in "xyz" if document.get("screw") is not None else "xy":
+            axis, turn, home = printer[name], self.turns.get(name), self.homes.get(name)
+            if turn is not None and abs(turn - axis["mm_per_turn"]) > 1e-3 * axis["mm_per_turn"]:
+                raise ModelRefused("stepper_{}: the model was learned with rotation_distance {:g}, not {:g}: learn "
+                                   "again".format(name, axis["mm_per_turn"], turn))  # fmt: skip
+            if home is not None and abs(home - axis["home_mm"]) > 0.5:
+                raise ModelRefused("stepper_{}: the model's end stop is at {:g} mm, not at {:g} mm: learn with this "
+                                   "printer's geometry".format(name, axis["home_mm"], home))  # fmt: skip
 
-    def left_mm(self, segment_mm):
-        return max(drive.left_mm(*ends, segment_mm) for drive, ends in zip(self.drives, self.ranges))
 
-    def motors(self, xy):
-        return (xy[0] + xy[1], xy[0] - xy[1]) if self.corexy else (xy[0], xy[1])
-
-    def places(self, motors):
-        a, b = motors
-        return ((a + b) / 2.0, (a - b) / 2.0) if self.corexy else (a, b)
-
-    def framed(self, xy):
-        """Return where belts at xy put the nozzle: the identity and the frame's polynomial, its constant included."""
-        if self.frame is None:
-            return xy
-        s = self.frame["scale_mm"]
-        x, y = xy[0] / s, xy[1] / s
-        terms = [x**p * y**q for p, q in EXPONENTS]
-        return tuple(at + sum(c * t for c, t in zip(self.frame[row], terms))
-                     for at, row in zip(xy, ("x_mm", "y_mm")))  # fmt: skip
-
-    def unframed(self, xy):
-        if self.frame is None:
-            return xy
-        belt = xy
-        for _ in range(60):
-            got = self.framed(belt)
-            off = (xy[0] - got[0], xy[1] - got[1])
-            belt = (belt[0] + off[0], belt[1] + off[1])
-            if abs(off[0]) + abs(off[1]) < 1e-7:
-                break
-        return belt
-
-    def wanted(self):
-        """Return where the nozzle is."""
-        return self.framed(self.places([drive.u for drive in self.drives]))
+def parts_of(document):
+    """Return in words what a model corrects, one part of the printer each."""
+    said = []
+    for name, section in document["motors"].items():
+        if section["kind"] != "healthy":
+            said.append(f"motor {name.upper()}")
+    frame = document.get("frame")
+    if frame is not None:
+        said.append("frame and rails" if frame.get("waves") else "frame")
+    return said + (["Z screw"] if document.get("screw") is not None else [])
 
 
 class Printmend:
@@ -271,63 +120,80 @@ class Printmend:
 
     def __init__(self, config):
         self.printer = config.get_printer()
-        self.segment_mm = config.getfloat("segment", 1.0, above=0.0)
-        path = os.path.expanduser(config.get("model"))
-        try:
-            document = read_model(path)
-        except ModelRefused as refused:
-            raise config.error(f"[printmend] {refused}") from None
-        self._compare(config, document["printer"])
-        self.key = document["key"]
+        config.getfloat("segment", None)  # of earlier versions: pieces are now as long as the model lets them be
+        self.fits, self.folder = Printer(config), os.path.dirname(os.path.expanduser(config.get("model")))
         choices = {"hold": "hold", "print": "print"}
         self.chosen = {state: config.getchoice("if_" + state, choices, "hold") for state in ("foreign", "forged")}
-        self.machine = Machine(document)
-        left_mm = self.machine.left_mm(self.segment_mm)
-        if left_mm > LEFT_MM:
-            raise config.error(
-                f"[printmend] the model has waves that are too short for pieces of {self.segment_mm:g} mm: up to "
-                f"{left_mm:.3f} mm would remain; make segment smaller, or use `printmend mend`"
-            )
-        self.name = "{}, model {}".format(document["printer"].get("name"), os.path.basename(path))
-        self.active, self.known, self.next = True, False, None
+        try:
+            self._load(os.path.basename(config.get("model")))
+        except ModelRefused as refused:
+            raise config.error(f"[printmend] {refused}") from None
+        self.active, self.homed, self.next = True, 7, None
         self.phases = [config.getint("phase_" + name, None, minval=0) for name in "xy"]
         self.microsteps = [config.getsection("stepper_" + name).getint("microsteps", note_valid=False) for name in "xy"]
-        self.shift = [0.0, 0.0]
+        self.shift, self.at, self.limits = [0.0, 0.0], None, None
+        self.handing_on, self.failed, self.timer = False, None, None
         events = {"klippy:connect": self._connect, "homing:home_rails_end": self._homed,
                   "virtual_sdcard:load_file": self._loaded, "virtual_sdcard:reset_file": self._unloaded}  # fmt: skip
         for event, handler in events.items():
             self.printer.register_event_handler(event, handler)
         gcode = self.printer.lookup_object("gcode")
-        gcode.register_command(
-            "PRINTMEND", self.cmd_PRINTMEND, desc="Say whether moves are corrected; ENABLE=0|1 switches"
-        )
-        gcode.register_command(
-            "PRINTMEND_PHASE", self.cmd_PRINTMEND_PHASE, desc="Say the motors' phases at zero; SAVE=1 notes them"
-        )
+        for command, said in (("PRINTMEND", "Switch the correction: ENABLE=0|1, MODEL=name"),
+                              ("PRINTMEND_STATUS", "Say what is corrected, and with which model"),
+                              ("PRINTMEND_PHASE", "Say the motors' phases at zero; SAVE=1 notes them")):  # fmt: skip
+            gcode.register_command(command, getattr(self, "cmd_" + command), desc=said)
 
-    def _compare(self, config, printer):
-        """Refuse the model of another machine: the tables count from the end stops, in turns of the motors."""
-        kinematics = config.getsection("printer").get("kinematics")
-        if kinematics != printer["kinematics"]:
-            raise config.error("[printmend] the model is for {}, not {}".format(printer["kinematics"], kinematics))
-        for name in ("x", "y"):
-            stepper, axis = config.getsection("stepper_" + name), printer[name]
-            turn = stepper.getfloat("rotation_distance", note_valid=False)
-            gears = stepper.get("gear_ratio", None, note_valid=False)
-            if gears is None and abs(turn - axis["mm_per_turn"]) > 1e-3 * axis["mm_per_turn"]:
-                raise config.error("[printmend] stepper_{}: the model was learned with rotation_distance {:g}, not "
-                                   "{:g}: learn again".format(name, axis["mm_per_turn"], turn))  # fmt: skip
-            home = stepper.getfloat("position_endstop", axis["home_mm"], note_valid=False)
-            if abs(home - axis["home_mm"]) > 0.5:
-                raise config.error("[printmend] stepper_{}: the model's end stop is at {:g} mm, not at {:g} mm: learn "
-                                   "with this printer's geometry".format(name, axis["home_mm"], home))  # fmt: skip
+    def _load(self, name):
+        """Take the model of a name, with or without its ending, in the folder of the one that was configured."""
+        if os.path.basename(name) != name:
+            raise ModelRefused(f"{name} is no name of a model in {self.folder}")
+        path = os.path.join(self.folder, name)
+        if not os.path.isfile(path) and os.path.isfile(path + ".mend.json"):
+            path += ".mend.json"
+        document = read_model(path)
+        self.fits.check(document)
+        self.planner, self.key, self.parts = planner.Planner(document), document["key"], parts_of(document)
+        self.name = "{}, model {}".format(document["printer"].get("name"), os.path.basename(path))
 
     def _connect(self):
         self.gcode_move = self.printer.lookup_object("gcode_move")
         self.next = self.gcode_move.set_move_transform(self, force=True)
+        self.toolhead = self.printer.lookup_object("toolhead")
+        for name in ASKED:
+            if hasattr(self.toolhead, name):
+                setattr(self.toolhead, name, self._after_waiting(getattr(self.toolhead, name)))
+        self.planned = sys.modules[type(self.toolhead).__module__].Move
+        self.call_later = self.toolhead.register_lookahead_callback
+        self.toolhead.register_lookahead_callback = self._call_in_turn
+        if self.printer.get_start_args().get("debugoutput") is None:
+            self.timer = self.printer.get_reactor().register_timer(self._waited)
+
+    def _after_waiting(self, asked):
+        def after(*given, **named):
+            self._hand_on()
+            return asked(*given, **named)
+
+        return after
+
+    def _call_in_turn(self, callback):
+        """Call somebody back as the last move begins that was wanted before, though it may still wait."""
+        waiting = self.planner.waiting
+        if waiting and not self.handing_on:
+            waiting[-1].note[1].append(callback)
+        else:
+            self.call_later(callback)
+
+    def _waited(self, eventtime):
+        try:
+            self._hand_on()
+        except self.printer.command_error as error:
+            self.failed = error  # whoever moves next gets it
+        return self.printer.get_reactor().NEVER
 
     def _homed(self, state, rails):
-        self.known = False
+        self._hand_on()
+        for axis in state.get_axes():
+            self.homed |= 1 << axis
 
     def _zero_phase(self, k):
         """Return the micro-step of its electrical turn at which motor k is where Klipper counts zero, the micro-steps
@@ -361,58 +227,86 @@ class Printmend:
             shifts.append(off * step)
         return shifts
 
-    def _commanded(self, motors):
-        """Return the chain's place for motors as the model counts them."""
-        return list(self.machine.places([m - by for m, by in zip(motors, self.shift)]))
-
     def _sync(self):
         """Return the chain's position; where somebody else moved the motors, find the belts again."""
+        self._hand_on()
         position = self.next.get_position()
         self.shift = self._shifts()
-        motors = [m + by for m, by in zip(self.machine.motors(position), self.shift)]
-        for drive, m in zip(self.machine.drives, motors):
-            if not self.known:
-                drive.home(m)
-            elif abs(m - drive.m) > STILL_MM:
-                drive.drag(m)
-        self.known = True
-        return position
+        if self.homed:
+            self.planner.home(self.homed)
+            self.homed = 0
+        self.planner.drag(*self._shifted(position, 1.0))
+        return list(position)
+
+    def _shifted(self, place, way):
+        """Return a place of the chain as the model counts it, or with ``way`` −1 the other way round."""
+        look, model = self.planner.look, self.planner.model
+        motors = look.to_motors(model, place[0], place[1])
+        x, y = look.from_motors(model, *(m + way * by for m, by in zip(motors, self.shift)))
+        return x, y, place[2]
 
     def get_position(self):
+        """Return where the nozzle is wanted: behind the last move, though it may still wait."""
+        if self.planner.waiting or self.handing_on:
+            return list(self.at)
         position = self._sync()
-        return list(self.machine.wanted()) + position[2:] if self.active else position
+        return [*self.planner.place(position[2]), *position[3:]] if self.active else position
 
     def move(self, to, speed):
-        """Make a wanted move [x y z e] out of corrected pieces."""
+        """Let a wanted move [x y z e] wait for those that belong to it."""
+        failed, self.failed = self.failed, None
+        if failed is not None:
+            raise failed
         if not self.active:
             self.next.move(to, speed)
             return
         start = self.get_position()
-        way = math.hypot(to[0] - start[0], to[1] - start[1])
-        if way < STILL_MM:
-            self.next.move(self._commanded([drive.m for drive in self.machine.drives]) + to[2:], speed)
-            return
-        count = math.ceil(way / self.segment_mm - 1e-9) if self.machine.curved else 1
-        for i in range(1, count + 1):
-            share = i / count
-            self._piece([a + (b - a) * share for a, b in zip(start, to)], way / count, speed)
+        self._check(start, to, speed)
+        self.at = list(to)
+        limits = {name: getattr(self.toolhead, name) for name in LIMITS if hasattr(self.toolhead, name)}
+        count = self.planner.add(start, to, speed, (limits, []))
+        if count:
+            self._hand_on(count)
+        if self.timer is not None and self.planner.waiting:
+            reactor = self.printer.get_reactor()
+            reactor.update_timer(self.timer, reactor.monotonic() + WAIT_S)
 
-    def _piece(self, to, way_mm, speed):
-        """Make one short piece: take up slack, then go, at the speed at which the nozzle is to go."""
-        machine = self.machine
-        goals = machine.motors(machine.unframed((to[0], to[1])))
-        engaged = [drive.engage(u) for drive, u in zip(machine.drives, goals)]
-        before = [drive.m for drive in machine.drives]
-        if any(abs(a - b) > 1e-4 for a, b in zip(engaged, before)):
-            here = self.next.get_position()
-            self.next.move(self._commanded(engaged) + here[2:], max(speed, 50.0))
-            before = engaged
-        motors = [drive.aim(u) for drive, u in zip(machine.drives, goals)]
-        for drive, m, u in zip(machine.drives, motors, goals):
-            drive.m, drive.u = m, u
-        place, last = self._commanded(motors), self._commanded(before)
-        length = math.hypot(place[0] - last[0], place[1] - last[1])
-        self.next.move(place + to[2:], speed * (length / way_mm) if length > STILL_MM else speed)
+    def _check(self, start, to, speed):
+        """Refuse at once what Klipper would: a move off the bed, of an axis that is not homed, of a cold tool."""
+        move = self.planned(self.toolhead, list(start), list(to), speed)
+        if move.is_kinematic_move:
+            self.toolhead.get_kinematics().check_move(move)
+        axes = getattr(self.toolhead, "extra_axes", None)
+        if axes is None and move.axes_d[3]:  # Klipper of before 2025
+            self.toolhead.get_extruder().check_move(move)
+        for index, axis in enumerate(axes or (), 3):
+            if move.axes_d[index]:
+                axis.check_move(move, index)
+
+    def _hand_on(self, count=None):
+        """Plan moves that wait, all of them where no count is given."""
+        if self.handing_on or not self.planner.waiting:
+            return
+        self.handing_on = True
+        now = {name: getattr(self.toolhead, name) for name in LIMITS if hasattr(self.toolhead, name)}
+        try:
+            self.planner.plan(len(self.planner.waiting) if count is None else count, self._put)
+        finally:
+            self.handing_on = False
+            self._set(now)
+
+    def _set(self, limits):
+        for name, value in limits.items():
+            setattr(self.toolhead, name, value)
+
+    def _put(self, wanted, moves):
+        """Make a wanted move out of commanded ones, under the limits that held when it was wanted."""
+        limits, callbacks = wanted.note
+        self._set(limits)
+        for to, speed in moves:
+            self.next.move([*self._shifted(to, -1.0), *to[3:]], speed)
+        for callback in callbacks:
+            self.call_later(callback)
 
     def _switch(self, active):
         if active != self.active:
@@ -453,10 +347,30 @@ class Printmend:
         self._switch(True)
 
     def cmd_PRINTMEND(self, gcmd):
+        name = gcmd.get("MODEL", None)
+        if name is not None:
+            self._hand_on()
+            try:
+                self._load(name)
+            except ModelRefused as refused:
+                raise gcmd.error(f"printmend: {refused}") from None
+            self.homed = 7
+            self._sync()
+            self.gcode_move.reset_last_position()
         self._switch(bool(gcmd.get_int("ENABLE", int(self.active), minval=0, maxval=1)))
         gcmd.respond_info(
             "printmend: moves are {} ({})".format("corrected" if self.active else "left alone", self.name)
         )
+
+    def cmd_PRINTMEND_STATUS(self, gcmd):
+        counts, phases = self.planner.counts, [zero is not None for zero in self.phases]
+        gcmd.respond_info("\n".join([
+            "printmend: moves are {}".format("corrected" if self.active else "left alone"),
+            f"model: {self.name}, digest {self.key[:16]}",
+            "corrects: {}".format(", ".join(self.parts) or "nothing, the printer is healthy"),
+            "locked to the motors' phase: {}".format("yes" if all(phases) else "no" if not any(phases) else "in part"),
+            f"slack taken up {counts.takeups} times, {counts.stops} of them with the nozzle standing on its line",
+        ]))  # fmt: skip
 
     def cmd_PRINTMEND_PHASE(self, gcmd):
         said = []
@@ -472,7 +386,9 @@ class Printmend:
         gcmd.respond_info("printmend: phases at zero are {}{}".format(", ".join(said), kept))
 
     def get_status(self, eventtime=None):
-        return {"active": self.active, "model": self.name}
+        counts = self.planner.counts
+        return {"active": self.active, "model": self.name, "digest": self.key[:16], "corrects": self.parts,
+                "takeups": counts.takeups, "stops": counts.stops, "waiting": len(self.planner.waiting)}  # fmt: skip
 
 
 def load_config(config):
