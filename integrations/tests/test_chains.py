@@ -29,10 +29,10 @@ from printmend.corruption import Corruption, Drive, Play, corruption_toml, sampl
 from printmend.errors import ScanError
 from printmend.learn import learner
 from printmend.measure import read_plan, write_trace
+from printmend.measure.image import read_image
 from printmend.measure.measurement import measure_scans
+from printmend.measure.paper import find_sheet
 from printmend.path import Trace
-from printmend.picture.image import read_image
-from printmend.picture.paper import find_sheet
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.protocols import WorldModel

@@ -18,8 +18,8 @@ from studio_server import CHROMIUM, Server, Watched, chromium, drawn_finely, unt
 from printmend.client import Studio
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
 from printmend.measure import read_plan
+from printmend.measure.image import read_image, write_image
 from printmend.path import Trace
-from printmend.picture.image import read_image, write_image
 from printmend.printer import read_printer
 from printmend.repair.against import judge_gcode
 from printmend.saved.model import exact_model, write_model
