@@ -14,7 +14,7 @@ HOSTS := .venv-hosts
 # Bytecode is kept, in folders that git ignores: else each worker of the tests would compile all sources anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo begun paper test setup kernels lint types layers docs site wheel dist notebook check hosts integrations studio-vendor lock clean
+.PHONY: demo begun paper test setup kernels lint types layers docs report site wheel dist notebook check hosts integrations studio-vendor lock clean
 
 # While the rest is being installed, both cores compile what both demonstrations would.
 demo:
@@ -87,9 +87,13 @@ layers: $(STAMP)
 	$(BIN)/lint-imports
 
 # Builds build/site; a dead link or a public name without documentation stops it.
-docs: $(STAMP)
+docs: report
 	$(BIN)/python tools/leaderboard.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+
+# The technical report, docs/report/printmend.pdf, which the site links. Every figure comes from a results file.
+report: $(STAMP)
+	$(BIN)/python tools/report.py
 
 # Do the wheels work where the lock and the extras are not?
 wheel: kernels
