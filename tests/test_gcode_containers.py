@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from printmend.errors import GcodeError
 from printmend.gcode import bgcode
 from printmend.gcode import kernels as k
-from printmend.gcode.container import CHUNK_BYTES, MAX_LINE_BYTES, open_gcode
+from printmend.gcode.container import CHUNK_BYTES, MAX_LINE_BYTES, _without_moves, open_gcode
 from printmend.gcode.mark import find_mark, marked
 from printmend.gcode.read import read_gcode
 
@@ -272,3 +272,17 @@ def test_the_mark_follows_the_header_and_is_found(text, before):
     kept = re.sub(rb"; mended by printmend \S+ model=1a2b(\r?\n)?", b"", output)
     assert kept.rstrip(b"\n") == text.rstrip(b"\n")
     assert output.count(b"\r\n") in (0, output.count(b"\n"))
+
+
+@given(
+    st.lists(st.sampled_from([b"G1 X1", b"G1 X1 ; a", b"; b", b"", b"M104 S200", b'G"', b"T0\r"]), max_size=12),
+    st.booleans(),
+)
+def test_hints_are_a_text_without_the_lines_that_only_move(lines: list[bytes], closed: bool) -> None:
+    text = b"\n".join(lines) + (b"\n" if closed else b"")
+    said = [
+        line
+        for line in re.findall(rb"[^\n]*\n|[^\n]+", text)
+        if line[:1] != b"G" or any(byte in line for byte in b';("')
+    ]
+    assert _without_moves(text) == b"".join(said)

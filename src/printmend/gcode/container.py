@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import IO, Literal
 
@@ -42,7 +43,15 @@ class Part:
         """Return the pieces of text where slicers write what they are: the first and last MiB, and the metadata.
 
         Of a plate it is the first MiB and the project's settings, and the last MiB where neither names a firmware.
+        Lines that only move are left out.
         """
+        return self._hints
+
+    @cached_property
+    def _hints(self) -> tuple[bytes, ...]:
+        return tuple(map(_without_moves, self._ends()))
+
+    def _ends(self) -> tuple[bytes, ...]:
         path = self.source.path
         if self.source.container == "plain":
             with path.open("rb") as handle:
@@ -206,6 +215,17 @@ def _bgcode_texts(path: Path, name: str) -> Iterator[bytes]:
                 yield bgcode.block_text(block, name)
     if not found:
         raise bgcode.no_gcode(name)
+
+
+def _without_moves(text: bytes) -> bytes:
+    """Return a text without the lines that begin with G and have no remark: they are most of a file."""
+    data = np.frombuffer(text, np.uint8)
+    ends = np.append(np.flatnonzero(data == ord(b"\n")), len(data) - 1) if len(data) else np.empty(0, np.int64)
+    starts = np.concatenate([[0], ends[:-1] + 1])[: len(ends)]
+    kept = data[np.minimum(starts, len(data) - 1)] != ord(b"G")
+    for remark in b';("':
+        kept[np.searchsorted(ends, np.flatnonzero(data == remark))] = True
+    return data[np.repeat(kept, ends - starts + 1)].tobytes()
 
 
 def _bgcode_hints(path: Path, name: str) -> Iterator[bytes]:
