@@ -146,7 +146,7 @@ def test_the_first_layer_is_a_print_of_its_own(tmp_path):
     assert set(alone.moves.layer[alone.moves.extruding]) == {0}
     first = whole.moves.extruding & (whole.moves.layer == 0)
     assert np.array_equal(alone.moves.end_mm[alone.moves.extruding], whole.moves.end_mm[first])
-    assert alone.text.tobytes().endswith(b"M104 S0\nM140 S0\nM107\n")
+    assert b"M104 S0\nM140 S0\nM107\n; sealed by printmend " in alone.text.tobytes()
     assert b"the first layer of a part" in (tmp_path / "first-how-to.pdf").read_bytes()
     # what `measure` would refuse is not printed first
     square = "G1 X90 Y50 E2\nG1 X90 Y90 E2\nG1 X50 Y90 E2\nG1 X50 Y50 E2\n"

@@ -158,8 +158,25 @@ def test_without_a_model_here_the_latest_record_says_which_is_in_use(host, model
 
 
 def test_a_test_print_is_none_of_the_five(host, models, mended) -> None:
-    assert host.judge(b"; printmend probe: 3 dots\n" + SQUARE, models["new"]).state == "test print"
+    probe = provenance.sealed_test_print(b"; printmend probe: 3 dots\n" + SQUARE)
+    assert host.judge(probe, models["new"]).state == "test print"
+    assert host.judge(probe, None).state == "test print"
     assert provenance.action("test print", {}) == "print"
+
+
+def test_a_file_that_only_says_it_is_a_test_print_is_forged(host, models) -> None:
+    says = b"; printmend probe: 3 dots\n" + SQUARE
+    probe = provenance.sealed_test_print(says)
+    own_seal = b"".join(provenance.sealed([says], models["new"].key))
+    changed, longer = probe.replace(b"X", b"X1", 1), probe + b"G1 X1\n"
+    other = SQUARE + probe[probe.index(b"; sealed by") :]
+    for text in (says, own_seal, changed, longer, b"G1 X5\n" + probe):
+        verdict = host.judge(text, models["new"])
+        assert verdict.state == "forged"
+        assert "says that it is a test print" in verdict.sentence
+    assert host.judge(other, models["new"]).state == "unmended"
+    first = provenance.sealed_test_print(b"; printmend first layer: of a part\n" + SQUARE)
+    assert host.judge(first, models["new"]).state == "test print"
 
 
 def test_the_owner_chooses_once_and_nonsense_is_no_choice() -> None:

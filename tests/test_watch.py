@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.errors import InputError
 from printmend.gcode import mark
+from printmend.provenance import sealed_test_print
 from printmend.repair.watch import JOURNAL, Watch
 from printmend.saved import write_model
 from tests.mending import BENT, PLAY, SQUARE, exactly
@@ -92,7 +93,7 @@ def test_a_file_that_changes_while_it_is_read_is_taken_later(job: Watch, monkeyp
 
 
 def test_a_test_print_is_copied_as_it_is_and_mended_by_hand_alone(job: Watch) -> None:
-    text = b"; printmend probe: 1 dots on one layer\n" + SQUARE
+    text = sealed_test_print(b"; printmend probe: 1 dots on one layer\n" + SQUARE)
     probe, out, check = job.source / "probe.gcode", job.target / "probe.gcode", job.source / "check.gcode"
     probe.write_bytes(text)
     arguments = ["watch", str(job.source), str(job.target), "-m", str(job.model_path), "--once", "--every", "0.1"]
@@ -105,9 +106,14 @@ def test_a_test_print_is_copied_as_it_is_and_mended_by_hand_alone(job: Watch) ->
     assert b"; printmend probe: " in check.read_bytes()
     assert not mark.is_test_print(check)
     assert "one that was mended" in CliRunner().invoke(group, arguments).stderr
-    probe.write_bytes(text + b"G1 X61 Y60\n")
+    probe.write_bytes(sealed_test_print(b"; printmend probe: 2 dots\n" + SQUARE))
     assert "must show the printer as it is" in CliRunner().invoke(group, arguments).stdout
-    assert out.read_bytes() == probe.read_bytes()
+    assert out.read_bytes() == (before := probe.read_bytes())
+    probe.write_bytes(text + b"G1 X61 Y60\n")
+    done = CliRunner().invoke(group, arguments)
+    assert done.exit_code == 2
+    assert "one that was changed since; write it again" in done.stderr
+    assert out.read_bytes() == before
 
 
 def test_the_command(job: Watch) -> None:

@@ -324,17 +324,26 @@ class Printmend:
         mark = provenance.MARK.search(start)
         if mark is not None:
             self._refuse(mark[2].decode("ascii", "replace"), path)
-        what = "mended" if mark else "a test print" if provenance.TEST_PRINT_MARK.search(start) else ""
+        claim = "" if mark is not None else provenance.claimed_test_print(path or "", start, breathe=self._breathe)
+        if claim == provenance.FORGED and provenance.action(claim, self.chosen) == "hold":
+            raise self.printer.command_error(
+                f"printmend: {os.path.basename(path)} says that it is a test print, but printmend did not write it so; "
+                "write it again, or choose if_forged: print"
+            )
+        what = "mended" if mark else claim and "a test print"
         if what and self.active:
             self._switch(False)
             self.printer.lookup_object("gcode").respond_info(f"printmend: the file is {what}; moves stay as they are")
 
+    def _breathe(self):
+        reactor = self.printer.get_reactor()
+        reactor.pause(reactor.monotonic())
+
     def _refuse(self, digest, path):
         """Raise where a mended file is another model's, or is not what printmend wrote."""
-        reactor = self.printer.get_reactor()
         if digest != self.key[:16]:
             state, words = "foreign", f"was mended with model {digest}, and {self.key[:16]} is in use"
-        elif not provenance.is_sealed(path, self.key, breathe=lambda: reactor.pause(reactor.monotonic())):
+        elif not provenance.is_sealed(path, self.key, breathe=self._breathe):
             state, words = "forged", "was changed after it was mended"
         else:
             return

@@ -19,6 +19,7 @@ from printmend.invert.kernels import height
 from printmend.invert.kernels import lookup as kernels
 from printmend.machine import Frame, healthy_mechanism
 from printmend.printer import read_printer
+from printmend.provenance import sealed_test_print
 from printmend.repair import mend_gcode
 from printmend.saved.branches import Branches, Wave
 from printmend.saved.model import exact_model, read_model, saved_model, with_screw, write_model
@@ -179,6 +180,10 @@ def test_a_file_of_another_model_or_changed_since_is_not_begun(tmp_path: Path) -
         mend_gcode(source, exact_model(who), cards / f"{name}.gcode")
     (cards / "forged.gcode").write_bytes((cards / "own.gcode").read_bytes().replace(b"F1800", b"F1900"))
 
+    says = b"; printmend probe: 1 dots\n" + part(1)
+    (cards / "probe.gcode").write_bytes(sealed_test_print(says))
+    (cards / "says.gcode").write_bytes(says)
+
     def said(name: str, *more: str) -> str:
         lines = "\n".join([f"[printmend]\nmodel: {model}", *more, f"[virtual_sdcard]\npath: {cards}\n"])
         plan(f"SDCARD_PRINT_FILE FILENAME={name}.gcode\n".encode(), ENDER3, tmp_path, extras=lines)
@@ -188,6 +193,9 @@ def test_a_file_of_another_model_or_changed_since_is_not_begun(tmp_path: Path) -
         said("foreign")
     with pytest.raises(RefusedByPlanner, match="was changed after it was mended"):
         said("forged")
+    with pytest.raises(RefusedByPlanner, match="says that it is a test print"):
+        said("says")
+    assert "the file is a test print; moves stay as they are" in said("probe")
     for name, more in (("own", ()), ("foreign", ("if_foreign: print",)), ("forged", ("if_forged: print",))):
         log = said(name, *more)
         assert "the file is mended; moves stay as they are" in log

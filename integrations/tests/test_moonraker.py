@@ -25,7 +25,7 @@ from printmend.client import Studio, pair_file
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.printer import read_printer
-from printmend.provenance import read_model
+from printmend.provenance import read_model, sealed_test_print
 from printmend.repair import mend_gcode
 from printmend.saved.model import exact_model, write_model
 
@@ -191,12 +191,18 @@ def test_what_moonraker_adds_for_the_cancelling_of_objects_is_no_forgery(moonrak
 
 
 def test_a_test_print_is_printed_as_it_is(moonraker: Moonraker) -> None:
-    text, before = b"; printmend probe: 1 dots on one layer\n" + part(1), len(moonraker.announced())
+    says, before = b"; printmend probe: 1 dots on one layer\n" + part(1), len(moonraker.announced())
+    text = sealed_test_print(says)
     assert moonraker.upload("probe.gcode", text, start=True)["print_started"] is True
     assert (moonraker.data / "gcodes/probe.gcode").read_bytes() == text
     assert moonraker.get("/server/files/metadata?filename=probe.gcode")["printmend"]["state"] == "test print"
     wait_for(lambda: moonraker.printing() == "complete", "the print")
     assert len(moonraker.announced()) == before
+    assert moonraker.upload("says.gcode", says, start=True)["print_started"] is False
+    found = moonraker.get("/server/files/metadata?filename=says.gcode")
+    assert found["printmend"]["state"] == "forged"
+    wait_for(lambda: len(moonraker.announced()) == before + 1, "the announcement")
+    assert "says that it is a test print" in moonraker.announced()[0]
 
 
 def test_what_cannot_be_mended_is_not_printed(moonraker: Moonraker) -> None:
@@ -316,7 +322,7 @@ def test_a_paired_printer_gets_the_studios_newer_model_by_itself(moonraker: Moon
 
 
 def test_mending_waits_for_a_print_and_an_ending_may_be_in_capitals(moonraker: Moonraker) -> None:
-    change_unseen(moonraker, "long.gcode", b"; printmend probe: a long one\n" + LONG * 4)
+    change_unseen(moonraker, "long.gcode", sealed_test_print(b"; printmend probe: a long one\n" + LONG * 4))
     assert moonraker.start("long.gcode") == ""
     wait_for(lambda: moonraker.get("/server/printmend/status")["waiting"], "the print to be noticed")
     moonraker.upload("meanwhile.gcode", part(1))

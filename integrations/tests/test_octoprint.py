@@ -20,7 +20,7 @@ from printmend.client import Studio, StudioError, pair_file
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.printer import read_printer
-from printmend.provenance import read_model
+from printmend.provenance import read_model, sealed_test_print
 from printmend.repair import mend_gcode
 from printmend.saved.model import exact_model, write_model
 
@@ -183,7 +183,8 @@ def test_an_upload_is_answered_at_once(octoprint: OctoPrint, hold: Path) -> None
 
 
 def test_a_test_print_is_printed_as_it_is(octoprint: OctoPrint) -> None:
-    text = b"; printmend first layer: of a part\n" + part(1, size_mm=7.0)
+    says = b"; printmend first layer: of a part\n" + part(1, size_mm=7.0)
+    text = sealed_test_print(says)
     before = len(octoprint.sent())
     octoprint.upload("probe.gcode", text, start=True)
     wait_for(lambda: octoprint.told("probe.gcode").get("state") == "test print", "the word for it")
@@ -192,6 +193,9 @@ def test_a_test_print_is_printed_as_it_is(octoprint: OctoPrint) -> None:
     wait_for(lambda: octoprint.state() == "Operational" and lines[-1] in octoprint.sent()[before:], "the print")
     assert set(lines) <= set(octoprint.sent()[before:])
     assert octoprint.told("probe.mended.gcode") == {}
+    octoprint.upload("says.gcode", says)
+    wait_for(lambda: octoprint.told("says.gcode").get("state") == "forged", "the word for it")
+    assert octoprint.refuses("says.gcode", "says that it is a test print")
 
 
 def test_mending_can_be_cancelled(octoprint: OctoPrint, hold: Path) -> None:
@@ -275,7 +279,7 @@ def test_what_the_printer_was_before_is_mended_anew(octoprint: OctoPrint) -> Non
 
 
 def test_mending_waits_for_a_print_and_an_ending_may_be_in_capitals(octoprint: OctoPrint) -> None:
-    octoprint.upload("long.gcode", b"; printmend probe: one that waits\nM0\n" + part(2), start=True)
+    octoprint.upload("long.gcode", sealed_test_print(b"; printmend probe: one that waits\nM0\n" + part(2)), start=True)
     wait_for(lambda: octoprint.state() == "Paused", "the pause")
     octoprint.upload("c.GCODE", part(1, size_mm=6.0))
     wait_for(lambda: octoprint.told("c.GCODE").get("state") == "unmended", "the word for it")

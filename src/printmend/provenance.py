@@ -1,7 +1,8 @@
 """Where a G-code file comes from: what was mended into it, by which model, and whether it is still what was written.
 
 `printmend mend` ends a text file with a *seal*, a keyed hash of all before it; the key is the model's whole digest.
-The mark at the top shows only the digest's first 16 digits, so nobody without the model can write a seal. A host keeps
+The mark at the top shows only the digest's first 16 digits, so nobody without the model can write a seal. `printmend
+probe` seals its test prints, too, with a key that everyone has: it tells that nothing was changed since. A host keeps
 a *record* of each file that it had mended in a `Ledger`, by the hash of the result: renaming, copying and uploading
 again change nothing. From both follows the *state* of a file that is about to be printed.
 
@@ -28,6 +29,7 @@ TAIL_BYTES = 1 << 18  # in which the seal stands: some slicers add their setting
 CHUNK_BYTES = 1 << 20
 
 CURRENT, STALE, FOREIGN, FORGED, UNMENDED = STATES = ("current", "stale", "foreign", "forged", "unmended")
+TEST_PRINT_KEY = "printmend test print"  # of the seals of test prints, which belong to no model
 TEST_PRINT = "test print"  # printed as it is: mended, it would measure the mended printer
 CHOICES = {STALE: ("mend", "hold", "print"), FOREIGN: ("hold", "print"), FORGED: ("hold", "print"),
            UNMENDED: ("mend", "hold", "print")}  # fmt: skip
@@ -143,6 +145,22 @@ def is_sealed(path: str, key: str, *, breathe: Callable[[], object] = lambda: No
     return hmac.compare_digest(code.hexdigest()[:32].encode(), digits)
 
 
+def sealed_test_print(text: bytes) -> bytes:
+    """Return a test print with its seal."""
+    return b"".join(sealed([text], TEST_PRINT_KEY))
+
+
+def claimed_test_print(path: str, head: bytes | None = None, *, breathe: Callable[[], object] = lambda: None) -> str:
+    """Return `TEST_PRINT` for an unmended test print as it was written, `FORGED` for what only says that it is one.
+
+    An empty text for any other file. ``head`` is what `head_of` returns for it.
+    """
+    head = head_of(path) if head is None else head
+    if TEST_PRINT_MARK.search(head) is None or MARK.search(head) is not None:
+        return ""
+    return TEST_PRINT if is_sealed(path, TEST_PRINT_KEY, breathe=breathe) else FORGED
+
+
 def sha256_of(path: str) -> str:
     """Return the SHA-256 of a file."""
     code = hashlib.sha256()
@@ -231,8 +249,12 @@ class Ledger:
             return self._by_record(record, model, original)
         head = head_of(path)
         mark = MARK.search(head)
-        if mark is None and TEST_PRINT_MARK.search(head):
+        claim = claimed_test_print(path, head)
+        if claim == TEST_PRINT:
             return Verdict(TEST_PRINT, "This test print shows the printer as it is, so it is not mended.", sha256)
+        if claim == FORGED:
+            sentence = "This file says that it is a test print, but printmend did not write it so: write it again."
+            return Verdict(FORGED, sentence, sha256)
         if mark is None:
             return Verdict(UNMENDED, "This file was not mended for this printer.", sha256)
         return self._by_mark(path, mark[2].decode("ascii", "replace"), model, sha256)

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 import printmend
-from printmend.gcode.container import HINT_BYTES
-from printmend.provenance import MARK, MENDED, TEST_PRINT_MARK
+from printmend.errors import GcodeError
+from printmend.provenance import FORGED, MARK, MENDED, TEST_PRINT, TEST_PRINT_MARK, claimed_test_print
 
 # Headers that must stay first; the mark follows the line that ends them.
 _HEADERS = (
@@ -50,9 +50,14 @@ def find_test_print(*texts: bytes) -> str | None:
 
 def is_test_print(path: Path) -> bool:
     """Say whether a file is a test print of ours, unmended. What mends every file must leave it as it is: what is
-    measured on it must be the printer, not the mended printer."""
-    with path.open("rb") as file:
-        return find_test_print(file.read(HINT_BYTES)) is not None
+    measured on it must be the printer, not the mended printer. Raises `GcodeError` for one that was changed since."""
+    claim = claimed_test_print(str(path))
+    if claim == FORGED:
+        raise GcodeError(
+            path, wanted="a test print as `printmend probe` wrote it", came="one that was changed since",
+            todo="write it again, or take out the comment that says it is a test print",
+        )  # fmt: skip
+    return claim == TEST_PRINT
 
 
 def with_comment(text: bytes, comment: bytes) -> bytes:

@@ -8,6 +8,7 @@ from printmend.errors import GcodeError
 from printmend.gcode.container import HINT_BYTES
 from printmend.gcode.mark import find_test_print, with_comment
 from printmend.gcode.read import Program
+from printmend.provenance import sealed_test_print
 
 STANDS_IN = "ender3"  # where nobody said which printer: walls do not depend on it, only their history does
 _HEAD = b"; printmend first layer: of a part, to be printed unmended, scanned and measured"
@@ -45,4 +46,4 @@ def first_layer(program: Program) -> bytes:
     head, rest = program.text[:cut].tobytes(), program.text[cut:].tobytes()
     noted = b"".join(line + b"\n" for line in _CONFIG.findall(rest))
     head = with_comment(head, _HEAD)
-    return head.rstrip(b"\n") + b"\n" + _ENDING.encode() + noted
+    return sealed_test_print(head.rstrip(b"\n") + b"\n" + _ENDING.encode() + noted)

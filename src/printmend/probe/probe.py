@@ -21,6 +21,7 @@ from printmend.probe.part_layer import layer_plan, longest_layer_mm
 from printmend.probe.pen import pen_gcode
 from printmend.probe.tiles import chosen_plans
 from printmend.probe.walk import walk
+from printmend.provenance import sealed_test_print
 
 DESIGNS = ("fixed", "layer", "optimal", "active")
 PHASE_MARKS, PHASE_TURNS = 80, 1.6  # of the print that finds where a known printer's motors stand
@@ -134,13 +135,13 @@ def write_probe(
     with ExitStack() as files:
         for number, sheet in enumerate(plan.sheets, start=1):
             said = f"sheet {number} of {len(plan.sheets)}" if len(plan.sheets) > 1 else ""
-            file = files.enter_context(replacing(gcode_of(path, plan)[number - 1]))
+            file = files.enter_context(replacing(gcode_of(path, plan)[number - 1], "wb"))
             paper = papers[number - 1] if papers else None
             if sheet.pen:
-                file.write(pen_gcode(sheet, paper, sheet=said, pause_gcode=pause_gcode))
+                text = pen_gcode(sheet, paper, sheet=said, pause_gcode=pause_gcode)
             else:
                 text = probe_gcode(sheet, extruder=extruder, start_gcode=start_gcode, paper=paper, sheet=said)
-                file.write(text)
+            file.write(sealed_test_print(text.encode("utf-8", "replace")))
             file.flush()  # a full disk shows before the plan is there: both or neither
         write_plan(plan_path, plan)
     return plan_path

@@ -14,6 +14,7 @@ from printmend.messages import say
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.probe.gcode import CLOSING, LIFT_MM_S, PLA_G_PER_MM3, PLAIN_START, TRAVEL_MM_S, filament_mm
+from printmend.provenance import sealed_test_print
 
 SIDE_MM, TURNS = 24.0, 2.2  # two turns of the screw tell its wave, a little more its lead
 BRIM_LOOPS, BEAD_MM, PRINT_MM_S = 4, 0.6, 20.0
@@ -119,6 +120,6 @@ def write_tower(path: Path, tower: Tower, printer: Printer, *, start_gcode: str 
     nothing = np.full(points.shape, np.nan)
     table = path.with_suffix(".csv")
     write_trace(table, Trace(points[:, :2], nothing[:, :2], z_mm=points[:, 2], z_measured_mm=nothing[:, 2]))
-    with replacing(path) as file:
-        file.write(tower_gcode(tower, printer, start_gcode=start_gcode))
+    with replacing(path, "wb") as file:
+        file.write(sealed_test_print(tower_gcode(tower, printer, start_gcode=start_gcode).encode("utf-8", "replace")))
     return table
