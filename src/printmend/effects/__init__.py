@@ -10,6 +10,7 @@ from printmend.effects.bead import Bead
 from printmend.effects.bend import Bend
 from printmend.effects.bent import Bent
 from printmend.effects.breathing import Breathing
+from printmend.effects.bump import Bump
 from printmend.effects.carriage import Carriage
 from printmend.effects.carriage_wave import CarriageWave
 from printmend.effects.creep import Creep
@@ -27,6 +28,7 @@ from printmend.effects.play import Play
 from printmend.effects.pulley import Pulley
 from printmend.effects.racking import Racking
 from printmend.effects.rail import Rail
+from printmend.effects.rub import Rub
 from printmend.effects.scale import Scale
 from printmend.effects.shift import Shift
 from printmend.effects.shrinkage import Shrinkage
@@ -49,9 +51,9 @@ from printmend.plugins import EFFECTS as GROUP
 from printmend.plugins import load_plugin, plugin_names
 
 _ALL: tuple[Effect, ...] = (
-    Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Idler(),
-    Teeth(), Skew(), Aspect(), Bent(), Rail(), Racking(), Tilt(), Lag(), LagWear(), Speed(), TwoMotors(), UnevenPlay(),
-    Drift(), Creep(), Step(), Warmth(), Wear(), Wander(),
+    Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Bump(), Rub(),
+    Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Racking(), Tilt(), Lag(), LagWear(), Speed(), TwoMotors(),
+    UnevenPlay(), Drift(), Creep(), Step(), Warmth(), Wear(), Wander(),
     Origin(), Shift(), Turn(), Stretch(), Carriage(), CarriageWave(), Halves(), Bead(), Shrinkage(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")

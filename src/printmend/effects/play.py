@@ -39,7 +39,7 @@ def play_mm(beside: Sequence[Found], motor: int, scene: Scene) -> tuple[float, f
     side, none = np.ones((PLACES, 2)), np.zeros((PLACES, 2))
     places = Places(at, side, none, none, none, np.ones(PLACES), np.zeros(PLACES), none)
     whole, drawn = np.zeros(PLACES), np.zeros(1)
-    for name in ("play", "wear", "friction", "breathing"):
+    for name in ("play", "wear", "friction", "breathing", "rub"):
         for each in those_of(name, beside, motor):
             moved = each.columns(places, scene)
             belt = 2 * np.asarray(scene.printer.to_motor(np.moveaxis(moved, 2, 1))[:, :, motor])

@@ -24,25 +24,31 @@ class Uneven(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
-            low, high = scene.motor_span_mm[motor]
-            waves_rad = np.pi * np.arange(1, COUNT + 1) / max(high - low, 1.0)
-            profiles = []
-            for length in LENGTHS_MM:
-                power = (
-                    2 * length * np.sqrt(2 * np.pi) / max(high - low, 1.0) * np.exp(-((waves_rad * length) ** 2) / 2)
-                )
-                profiles.append(tuple(np.sqrt(np.maximum(power, 1e-12))))
-            yield from alternatives(self.name, motor, [(low, high)], *profiles)
+            span = scene.motor_span_mm[motor]
+            profiles = (spectrum(span, length, COUNT) for length in LENGTHS_MM)
+            yield from alternatives(self.name, motor, [span], *profiles)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        low, high = shape
-        place = (held(places.motor_mm[:, where], shape) - low) / max(high - low, 1.0)
-        return onto_bed(scene, where, np.cos(np.pi * place[:, None] * np.arange(1, COUNT + 1)))
+        return onto_bed(scene, where, cosines(places.motor_mm[:, where], shape, COUNT))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        place = (along_motor_mm(scene, found.where) - found.shape[0]) / max(found.shape[1] - found.shape[0], 1.0)
-        series = np.cos(np.pi * place[:, None] * np.arange(1, COUNT + 1))
+        series = cosines(along_motor_mm(scene, found.where), found.shape, COUNT)
         size, sd = found.size(lambda sizes: float(np.abs(series @ sizes).max()))
         if size >= LEAST_SHOWN_MM:
             words = f"uneven belt or guide that repeats nothing, up to {size:.2f} mm"
             yield Fault(motor_name(scene, found.where), "warp", size, sd, "mm", words)
+
+
+def cosines(place_mm: np.ndarray, span_mm: tuple[float, ...], count: int) -> np.ndarray:
+    """Return so many cosines over a span [N, K] at places [N]; beyond it they go on as they end."""
+    low, high = span_mm
+    share = (held(place_mm, span_mm) - low) / max(high - low, 1.0)
+    return np.asarray(np.cos(np.pi * share[:, None] * np.arange(1, count + 1)))
+
+
+def spectrum(span_mm: tuple[float, float], length_mm: float, count: int) -> tuple[float, ...]:
+    """Return the sizes [K] of a span's cosines in a smooth process of unit size and some length."""
+    low, high = span_mm
+    waves_rad = np.pi * np.arange(1, count + 1) / max(high - low, 1.0)
+    power = 2 * length_mm * np.sqrt(2 * np.pi) / max(high - low, 1.0) * np.exp(-((waves_rad * length_mm) ** 2) / 2)
+    return tuple(np.sqrt(np.maximum(power, 1e-12)))

@@ -166,7 +166,7 @@ def _width_of(part: Part, scene: Scene) -> int:
     zero = np.zeros((1, 2))
     place = Places(zero, zero, zero, zero, zero, np.zeros(1), np.zeros(1), zero)
     try:
-        with np.errstate(all="raise"):
+        with np.errstate(all="raise", under="ignore"):
             columns = columns_of(part.effect, place, part.where, part.shape, scene)
     except (ArithmeticError, IndexError, TypeError, ValueError):
         return -1

@@ -52,7 +52,7 @@ QUANTITIES = {
     "harmonic-3": "{a} pulley's three corners", "harmonic-4": "{a} pulley's four corners",
     "harmonic": "{a} pulley's unevenness", "period": "{a} idler's or pulley's unevenness",
     "elastic": "{a} belt's stretch", "splice": "{a} belt's joint or dent", "teeth": "{a} belt's ripple",
-    "ripple": "{a} motor's ripple",
+    "ripple": "{a} motor's ripple", "bump": "{a} belt's dent", "rub": "the change of {a} lost motion",
     "warp": "{a} belt's or guide's unevenness", "skew": "the frame's skew", "axes": "the difference of X and Y",
     "bow": "the bend of the guides", "wavy": "the waves of the guides",
 }  # fmt: skip

@@ -1,0 +1,56 @@
+"""Lost motion that changes along the belt by no rule, as where it rubs, or a guide binds: a Gaussian process."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.keys import Whole
+from printmend.effects.prior import alternatives
+from printmend.effects.uneven import cosines, spectrum
+from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Message, along_motor_mm, motor_name
+
+COUNT = 24  # cosines: over 200 mm the shortest is 17 mm long
+LENGTHS_MM = (8.0, 16.0, 32.0, 64.0)
+
+TITLE = Message("{a} binds or rubs at some places", "{a} klemmt oder reibt an manchen Stellen")
+MEANING = Message(
+    "What it loses at a turn changes along the axis, by up to {a} mm.",
+    "Was beim Umkehren verloren geht, ändert sich längs der Achse um bis zu {a} mm.",
+)
+REPAIR = Message(
+    "Move the axis by hand and feel where it binds: clean the guides there, and see that the belt touches no flange.",
+    "Die Achse von Hand bewegen: Wo sie klemmt, die Führung reinigen; der Riemen darf nirgends streifen.",
+)
+
+
+class Rub(Usual):
+    """Cosines over the span that was seen, of one motor's play."""
+
+    name = "rub"
+    of = Of.MACHINE
+    acts = Acts.DRIVE
+    fate = STAYS
+    keys = Whole()
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for motor in range(2):
+            span = scene.motor_span_mm[motor]
+            yield from alternatives(self.name, motor, [span], *(spectrum(span, each, COUNT) for each in LENGTHS_MM))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        lag = 0.5 * places.side[:, [where]] * cosines(places.motor_mm[:, where], shape, COUNT)
+        return onto_bed(scene, where, lag)
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        series = cosines(along_motor_mm(scene, found.where), found.shape, COUNT)
+        size, sd = found.size(lambda sizes: float(np.ptp(series @ sizes)))
+        if size >= LEAST_SHOWN_MM:
+            words = f"lost motion that changes along the axis, by up to {size:.2f} mm"
+            yield Fault(motor_name(scene, found.where), "rub", size, sd, "mm", words)
+
+    def advice(self, fault: Fault, where: str) -> Care | None:
+        """Say what lost motion that changes from place to place does, and where to look."""
+        if fault.kind != "rub":
+            return None
+        return Care(TITLE(where), MEANING(f"{fault.value:.2f}"), fault.value, REPAIR())

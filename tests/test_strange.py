@@ -1,0 +1,63 @@
+"""Faults written down without any effect's columns: what is learned of them mends a print, and the promise holds."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from printmend.path import Trace, last_way
+from printmend.printer import read_printer
+from printmend.promise.predict import Promise
+from printmend.repair.learned import learn_model
+from printmend.repair.verify import expectation, made
+
+NOISE_MM = 0.02
+Law = Callable[[np.ndarray, np.random.Generator], np.ndarray]  # commanded [N, 2] → by how much they print elsewhere
+
+
+def walk(count: int, rng: np.random.Generator) -> np.ndarray:
+    """Return way-points from home over an Ender's bed: each other one is a dot, reached by a short move."""
+    dots = rng.uniform(15, 205, (count, 2))
+    return np.vstack([[0.0, 0.0], np.stack([dots + rng.uniform(-4, 4, (count, 2)), dots], axis=1).reshape(-1, 2)])
+
+
+def mended(law: Law) -> tuple[float, Promise]:
+    """Return how far the dots of a mended walk lie off, root mean square, and what was promised of them."""
+    rng = np.random.default_rng(3)
+    path, is_dot = walk(450, rng), np.arange(901) % 2 == 0
+    off_mm = law(path, rng) + rng.normal(0, NOISE_MM, path.shape)
+    trace = Trace(path, np.where(is_dot[:, None], path + off_mm, np.nan), homed=True)
+    model = learn_model(trace, read_printer("ender3"))
+    wanted = walk(200, rng)
+    fresh = Trace(wanted, np.where((np.arange(401) % 2 == 0)[:, None], wanted, np.nan), homed=True)
+    commanded = made(model, fresh).commanded_mm
+    left_mm = (commanded + law(commanded, rng) - wanted)[2::2]
+    promise = expectation(model, fresh)
+    assert promise is not None
+    return float(np.sqrt(np.mean(np.square(left_mm).sum(axis=1)))), promise
+
+
+def missing_tooth(path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return np.stack([0.3 * np.maximum(1.0 - np.abs(path[:, 0] - 97.0) / 2.5, 0.0), 0 * path[:, 0]], axis=1)
+
+
+def rubs(path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    there = (path[:, 0] > 60) & (path[:, 0] < 115)
+    return np.stack([-0.08 * last_way(path[:, 0]) * there, 0 * path[:, 0]], axis=1)
+
+
+def wanders(path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return np.asarray(np.cumsum(rng.normal(0, 0.06 / len(path) ** 0.5, path.shape), axis=0))
+
+
+@pytest.mark.parametrize(("law", "least_mm"), [(missing_tooth, 0.02), (rubs, 0.02)])
+def test_what_a_machine_holds_is_mended_whoever_wrote_it(law: Law, least_mm: float) -> None:
+    left_mm, promise = mended(law)
+    assert left_mm < least_mm
+    assert left_mm < promise.rms_high_mm
+
+
+def test_what_differs_from_print_to_print_is_promised() -> None:
+    """A walk goes another way in each print: the measured one, walked again, would be more even."""
+    left_mm, promise = mended(wanders)
+    assert promise.rms_low_mm < left_mm < promise.rms_high_mm
