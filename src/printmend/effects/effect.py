@@ -41,13 +41,16 @@ class Acts(Enum):
 @dataclass(frozen=True)
 class Fate:
     """What becomes of an effect in the next print: the chance that it begins anew, and that it stays as the measured
-    print left it and goes on from there. Else it is gone, as what a homing takes away."""
+    print left it and goes on from there. Else it is gone, as what a homing takes away. What begins anew takes the same
+    course again, or where it is ``otherwise`` another one of the same size: each size has either sign."""
 
     anew: float = 0.0
     stays: float = 0.0
+    otherwise: bool = False
 
 
 ANEW, STAYS, GONE = Fate(anew=1.0), Fate(stays=1.0), Fate()
+OTHERWISE = Fate(anew=1.0, otherwise=True)
 
 
 @dataclass(frozen=True)

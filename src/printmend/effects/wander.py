@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import ANEW, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import OTHERWISE, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
@@ -20,7 +20,7 @@ class Wander(Usual):
     name = "wander"
     of = Of.SESSION
     acts = Acts.NOT
-    fate = ANEW
+    fate = OTHERWISE
     keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:

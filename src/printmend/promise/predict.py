@@ -309,6 +309,7 @@ def _parts(
         gone_mm / max(scene.way_mm, 1e-9), np.full(count, LONG_MOVE_MM), none,
     )  # fmt: skip
     found: dict[str, DrawnCause] = {}
+    otherwise = np.random.default_rng(SEED)  # of its own: other figures stay as they are
 
     def add(name: str, part: Part, places: Places, drawn: np.ndarray) -> None:
         if not drawn.any():
@@ -328,7 +329,8 @@ def _parts(
             add(name, part, now, part.draws_mm - acts)
             continue
         drawn = chance[id(part)]
-        add(name, part, now, part.draws_mm * (drawn < fate.anew))
+        again = part.draws_mm * otherwise.choice((-1.0, 1.0), part.draws_mm.shape) if fate.otherwise else part.draws_mm
+        add(name, part, now, again * (drawn < fate.anew))
         stays = (drawn >= fate.anew) & (drawn < fate.anew + fate.stays)
         add(name, part, replace(now, done=now.done + 1.0), part.draws_mm * stays)
         add(name, part, replace(now, done=np.ones(count)), np.repeat(-acts, DRAWS, axis=1))
