@@ -36,5 +36,6 @@ class Scale(Usual):
         radius = (turn_mm if toothed else own_mm) / (2 * np.pi)
         digits = 3 if abs(radius * percent / 100) >= 0.001 else 4  # never a number instead of itself
         said = amount(radius * (1 + percent / 100), radius * sd / 100)
-        words = f"pulley radius {said} instead of {radius:.{digits}f}"
+        size = f"{amount(abs(percent), sd, '%')} too {'large' if percent > 0 else 'small'}"
+        words = f"prints {size}: its steps per mm, or a pulley of radius {said} instead of {radius:.{digits}f}"
         yield Fault(motor_name(scene, found.where), "scale", percent, sd, "%", words)
