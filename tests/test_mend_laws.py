@@ -9,6 +9,7 @@ import pytest
 
 from printmend.corruption import HEALTHY, Corruption, Drive, WrongRadius, families, sample
 from printmend.corruption.belt import Play
+from printmend.corruption.pulley import EccentricBore
 from printmend.printer import Printer
 from printmend.repair import mend_gcode
 from printmend.repair.against import judged
@@ -143,6 +144,21 @@ def test_no_more_chords_than_needed() -> None:
     )
     assert result.after.max() < 0.006
     assert result.prediction.commands < 40
+
+
+def test_chords_lie_on_both_sides_of_the_path() -> None:
+    """A chord on a curvature κ that stays within ε on either side is √(16 ε/κ) long, √2 times one inside the curve."""
+    mechanism = Corruption((Drive(pulley=EccentricBore(0.3, 0.5)), Drive())).lower(ENDER3).homed()
+    result = judge(START + b"G1 X190 Y150 E8 F1800\n", mechanism)
+    assert result.after.max() < 0.0065
+    drive, line = mechanism.transmissions[0], np.array([130.0, 90.0])
+    s = np.arange(0.0, np.linalg.norm(line), 0.25)
+    across, along = line[1] / np.linalg.norm(line), line[0] / np.linalg.norm(line)
+    motor = np.interp(60.0 + along * s, drive.lower_mm, drive.motor_mm)
+    curvature = np.abs(np.gradient(np.gradient(motor, s), s)) * across
+    least = np.sqrt(curvature / (16 * 0.005)).sum() * 0.25
+    drawn = sum(move.draws for move in result.given)
+    assert least < drawn < 1.25 * least + 1
 
 
 def test_nothing_leaves_the_bed() -> None:
