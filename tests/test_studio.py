@@ -158,7 +158,9 @@ def test_the_page_is_whole_by_itself_and_small(folder: Path) -> None:
 
 def _strings(language: str) -> dict[str, str]:
     text = (PAGE / f"strings.{language}.js").read_text(encoding="utf-8")
-    return {key: json.loads(f'"{value}"') for key, value in re.findall(r'(\w+): "((?:[^"\\]|\\.)*)"', text)}
+    rows = re.findall(r'(\w+): "((?:[^"\\]|\\.)*)"', text)
+    assert len({key for key, _ in rows}) == len(rows), "one key has two texts"
+    return {key: json.loads(f'"{value}"') for key, value in rows}
 
 
 def test_every_text_is_there_in_every_language() -> None:
@@ -597,11 +599,11 @@ def _german(text: str) -> str | None:
 
 
 _REFUSING = """studio.api studio.api_printers studio.host studio.jobs studio.store studio.work measure.distance
-measure.dots measure.join measure.plan measure.scan measure.table picture.image picture.page picture.ruler
+measure.dots measure.join measure.plan measure.scan measure.table measure.image measure.page measure.ruler
 repair.meant repair.mend repair.update repair.verify gcode.arcs gcode.bgcode gcode.container gcode.read gcode.threemf
 printer.convert printer.klipper printer.slicer printer.toml probe.layout probe.start probe.tower measure.callipers
 identify.drive.sight learn.greybox.rows saved.model files promise.misfit_rows measure.whose filament.material
-repair.filament repair.part fit.estimate measure.lie measure.walls measure.width picture.silhouette"""
+repair.filament repair.part fit.estimate measure.lie measure.walls measure.width measure.silhouette"""
 _OPTIONS = re.compile(r"(?<!\w)--?[a-z]|printmend [a-z]|(probe|mend)\.json|trace\.csv")
 
 

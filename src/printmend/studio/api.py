@@ -21,9 +21,10 @@ from starlette.concurrency import run_in_threadpool
 
 from printmend import __version__
 from printmend.errors import InputError
+from printmend.messages import messages_of
 from printmend.studio.guard import LONGEST_UPLOAD_S, USER
 from printmend.studio.jobs import StudioState
-from printmend.studio.shapes import KEY, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
+from printmend.studio.shapes import KEY, EffectList, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
 from printmend.studio.store import DONE, HALF, NotThereError, bytes_in
 
 LEAST_FREE_BYTES = 500_000_000  # on the disk, below which nothing more is taken
@@ -244,6 +245,16 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=200)]) -> F
     return FileResponse(
         path, filename=name, headers={"Content-Encoding": "identity", "Cache-Control": "private, max-age=3600"}
     )
+
+
+@router.get("/play/effects", name="effects", tags=["play"])
+def play_effects() -> EffectList:
+    """Return every effect that the printer may be broken by."""
+    from printmend.studio.offered import offered_effects
+    from printmend.studio.play import play_printer
+
+    told = {"effects": offered_effects(play_printer()[0])}
+    return EffectList.model_validate({**told, "messages": messages_of(told)})
 
 
 @router.post("/play/preview", name="preview", tags=["play"])

@@ -18,12 +18,14 @@ from printmend.corruption import (
     Polygon,
     Screw,
 )
+from printmend.corruption.cause import Cause
 from printmend.corruption.pulley import Pulley
 from printmend.measure.plan import ProbePlan
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.studio import kernels, plate
+from printmend.studio.offered import causes_of
 from printmend.studio.scene import NEAR
 from printmend.studio.sliders import MOST_DENT_MM, Shape
 from printmend.twin import Twin
@@ -76,18 +78,20 @@ class Faults:
     y: Side = field(default_factory=Side)
     skew_deg: float = 0.0
     screw_mm: float = 0.0
+    causes: tuple[Cause, ...] = ()
 
     def corruption(self, printer: Printer) -> Corruption:
         """Return the faults as the program describes them."""
         frame = CrookedFrame(skew_deg=self.skew_deg) if self.skew_deg else None
         x, y = (side.drive(axis.radius_mm) for side, axis in zip((self.x, self.y), printer.axes, strict=False))
         screw = Screw(wobble_mm=self.screw_mm, wobble_phase_rad=_SCREW_PHASE_RAD) if self.screw_mm else None
-        return Corruption((x, y), frame, screw)
+        return Corruption((x, y), frame, screw, self.causes)
 
 
 def faults_of(table: dict[str, Any]) -> Faults:
     """Return the faults of a plain table, as the page sends it."""
-    return Faults(Side(**table["x"]), Side(**table["y"]), table["skew_deg"], table["screw_mm"])
+    causes = causes_of(table.get("effects", []))
+    return Faults(Side(**table["x"]), Side(**table["y"]), table["skew_deg"], table["screw_mm"], causes)
 
 
 @lru_cache(maxsize=1)
@@ -140,7 +144,7 @@ def shown(faults: Faults) -> dict[str, Any]:
     places, joined = play_layer()
     corruption = faults.corruption(printer)
     twin = Twin.of(replace(corruption, screw=None), printer)  # one layer: all of it is pushed alike
-    off = twin.follow(plan.waypoints_mm)[plan.rows] - plan.marks_mm
+    off = twin.seen(plan.waypoints_mm)[plan.rows] - plan.marks_mm
     printed = twin.follow(np.concatenate([[printer.home_mm], places]))[1:]
     printed -= (printed - places).mean(axis=0)
     shape = off - off.mean(axis=0)

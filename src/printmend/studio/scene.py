@@ -7,12 +7,14 @@ points. `write_wanted` and `write_mended` pack them as tables that a graphics ca
 """
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from printmend.effects.sized import Sized
 from printmend.files import replacing
 from printmend.gcode import kernels as k
 from printmend.gcode.container import Part, open_gcode
@@ -26,6 +28,7 @@ from printmend.printer import Printer
 from printmend.promise.predict import best_shift
 from printmend.studio import kernels
 from printmend.studio.pace import busiest
+from printmend.twin.along import moved_mm
 
 COARSE_LINES = 40_000  # of a large part's first picture
 MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns without a jerk; 14 MB
@@ -258,9 +261,9 @@ def lay_points(motion: Motion, *, most: int = MOST_POINTS) -> Drawing:
     return Drawing(motion, points, at, bead_end, which[keep], keep, joined, of[keep], pitch_mm, every * motion.every)
 
 
-def as_printed(drawing: Drawing, truth: Mechanism, *, aligned: bool = False) -> Scene:
-    """Print a file as it is on ``truth``."""
-    off = _off_mm(print_from_home(truth, drawing.points_mm)[:, :2], drawing, aligned)
+def as_printed(drawing: Drawing, truth: Mechanism, *, aligned: bool = False, along: Sequence[Sized] = ()) -> Scene:
+    """Print a file as it is on ``truth``; ``along`` are effects along the path that no mechanism holds."""
+    off = _off_mm(_printed_mm(truth, drawing.points_mm, along), drawing, aligned)
     wanted = drawing.points_mm[drawing.keep]
     width, height = _bead(drawing.motion)
     return Scene(
@@ -269,16 +272,27 @@ def as_printed(drawing: Drawing, truth: Mechanism, *, aligned: bool = False) -> 
     )  # fmt: skip
 
 
-def as_mended(scene: Scene, drawing: Drawing, truth: Mechanism, tap: Tap, *, aligned: bool = False) -> Scene:
+def _printed_mm(truth: Mechanism, points_mm: np.ndarray, along: Sequence[Sized]) -> np.ndarray:
+    """Return where a machine prints commanded places [N, 3] mm in the plane [N, 2], one after the other from home."""
+    printed = print_from_home(truth, points_mm)[:, :2]
+    if not along:
+        return printed
+    path_mm = np.concatenate([[truth.printer.home_mm], points_mm[:, :2]])
+    return np.asarray(printed + moved_mm(truth, along, path_mm, from_home=True)[1:])
+
+
+def as_mended(
+    scene: Scene, drawing: Drawing, truth: Mechanism, tap: Tap, *, aligned: bool = False, along: Sequence[Sized] = ()
+) -> Scene:
     """Add to a scene how ``truth`` prints the same file mended; ``tap`` has seen it planned."""
     counts, pieces = tap.kept()
     lines, feed = drawing.motion.lines, drawing.motion.records["feed"]
     told = _given_lines(lines, counts, pieces)
     given, given_at = _points(told, np.where(told.turn != 0, drawing.pitch_mm / 4, drawing.pitch_mm))
-    result = print_from_home(truth, given)
+    result = _printed_mm(truth, given, along)
     # slack is taken up between two lines: before a bead begins, after one ends
     look = drawing.at + np.where(drawing.bead_end, -_BESIDE_END_SHARE, _BESIDE_END_SHARE)
-    off = _off_mm(np.column_stack([np.interp(look, given_at, column) for column in result[:, :2].T]), drawing, aligned)
+    off = _off_mm(np.column_stack([np.interp(look, given_at, column) for column in result.T]), drawing, aligned)
     error = _distance(scene.wanted_mm, scene.wanted_mm[:, :2] + off, drawing.joined)
     raw_busiest = busiest(lines.end_mm - lines.start_mm, feed / 60)
     feed = np.repeat(feed, np.maximum(counts, 1))

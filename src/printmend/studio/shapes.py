@@ -205,6 +205,47 @@ class SideIn(Strict):
     play_mm: float = Field(default=0.0, ge=0, le=MOST_PLAY_MM)
 
 
+class EffectIn(Strict):
+    """An effect by its name, at a motor or axis, with its numbers by key; see `GET /play/effects`."""
+
+    name: str = Field(max_length=60)
+    on: Literal["x", "y"] | None = None
+    values: dict[Annotated[str, Field(max_length=40)], float | Literal["x", "y"]] = Field(
+        default_factory=dict, max_length=40
+    )
+
+
+class SliderCard(BaseModel):
+    """A number of an effect: a slider from ``low`` to ``high``, or one of its ``choices``."""
+
+    key: str
+    label: str
+    unit: str
+    choices: list[int | str]
+    value: float | str
+    low: float | None = None
+    high: float | None = None
+    step: float | None = None
+
+
+class EffectCard(BaseModel):
+    """An effect that a printer on the play screen may have."""
+
+    name: str
+    title: str
+    of: str = Field(description="whose it is: the machine's, one print's, the measurement's or the filament's")
+    possible: bool = Field(description="the printer of the play screen can have it")
+    on: list[str] = Field(description="the axes at which it can be; empty where it is of all")
+    sliders: list[SliderCard]
+
+
+class EffectList(BaseModel):
+    """All effects, those of other packages among them, with the ids of their texts."""
+
+    effects: list[EffectCard]
+    messages: dict[str, Any] = Field(default_factory=dict)
+
+
 class FaultsIn(Strict):
     """What is broken on the printer of the play screen."""
 
@@ -212,6 +253,7 @@ class FaultsIn(Strict):
     y: SideIn = Field(default_factory=SideIn)
     skew_deg: float = Field(default=0.0, ge=-MOST_SKEW_DEG, le=MOST_SKEW_DEG)
     screw_mm: float = Field(default=0.0, ge=0, le=MOST_SCREW_MM, description="how far a bent Z screw pushes layers")
+    effects: list[EffectIn] = Field(default_factory=list, max_length=12)
 
 
 class Preview(BaseModel):

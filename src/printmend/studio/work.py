@@ -452,10 +452,11 @@ def _play(job: Job) -> dict[str, Any]:
     with replacing(part, "wb") as file:
         file.write(plate_gcode(printer))
     drawing, tap = read_drawing(part, printer), Tap()
-    scene = as_printed(drawing, truth, aligned=True)
+    along = twin.printed_along
+    scene = as_printed(drawing, truth, aligned=True, along=along)
     write_wanted(job.folder / WANTED, scene)
     job.file(WANTED)
-    printed = twin.follow(plan.waypoints_mm)
+    printed = twin.seen(plan.waypoints_mm)
     job.tell(0.1, "scan")
     rng = np.random.default_rng(job.params.get("seed", 0))
     scan = scan_trace(Trace(plan.waypoints_mm, printed), plan, dpi=_PLAY_DPI, degradations=DEFAULT, rng=rng)
@@ -477,7 +478,7 @@ def _play(job: Job) -> dict[str, Any]:
     except RefusedError as error:
         refused = str(error)
     if refused is None and tap.seen:  # of a printer found healthy nothing is planned
-        scene = as_mended(scene, drawing, truth, tap, aligned=True)
+        scene = as_mended(scene, drawing, truth, tap, aligned=True, along=along)
         write_mended(job.folder / MENDED, scene)
         job.file(MENDED)
     after = scene.raw_error_mm if scene.mended_error_mm is None else scene.mended_error_mm

@@ -57,6 +57,11 @@ class Twin:
         return Twin(self.mechanism, along=tuple(part for part in self.along if EFFECTS[part.effect].of in lasting))
 
     @property
+    def printed_along(self) -> tuple[Sized, ...]:
+        """The effects along the path of the print; those of its measurement are left out."""
+        return tuple(self._parts(printed=True))
+
+    @property
     def wider_mm(self) -> float:
         """By how much the effects of the filament push a wall out on either side [mm]."""
         if not self.along:

@@ -1,6 +1,6 @@
 // Try it: a printer that exists only here, broken with sliders, mended in front of one's eyes.
 import { html, useEffect, useRef, useState } from "./vendor.js";
-import { ended, fileOf, mendable, post, STATIC } from "./api.js";
+import { ended, fileOf, get, mendable, post, STATIC } from "./api.js";
 import { Number_, Plate, Pulley, Save, Slice, Wall } from "./drawings.js";
 import { inside, Machine } from "./machine.js";
 import { Counting, times } from "./moment.js";
@@ -35,6 +35,30 @@ function Motor({ name, values, outline, radius, onChange }) {
         <${Slider} label=${t("slack")} value=${values.play_mm} unit="mm" max="0.8" step="0.01" digits=${2} onInput=${set("play_mm")} />
       </div>
     </div></section>`;
+}
+
+// Effects by their names, each with a slider for each of its numbers; those of other packages come by themselves.
+function Effects({ chosen, onChange }) {
+  const [all, setAll] = useState(null);
+  useEffect(() => { let here = true; get("/play/effects").then((told) => here && setAll(told.effects), () => {}); return () => { here = false; }; }, []);
+  if (!all) return null;
+  const put = (at, row) => onChange(chosen.map((one, i) => (i === at ? row : one)));
+  const add = (event) => {
+    const card = all.find((one) => one.name === event.target.value);
+    event.target.value = "";
+    if (card) onChange([...chosen, { name: card.name, on: card.on[0] ?? null, values: Object.fromEntries(card.sliders.map(({ key, value }) => [key, value])) }]);
+  };
+  const groups = [...new Set(all.map((one) => one.of))];
+  return html`<section class="card stack"><h2>${t("more_faults")}</h2>
+    ${chosen.map((row, at) => { const card = all.find((one) => one.name === row.name); return card && html`<div class="stack" key=${`${row.name}-${at}`}>
+      <div class="row between" style=${{ flexWrap: "nowrap" }}><h3>${say(card.title)}</h3><button class="quiet" aria-label=${`${t("remove")}: ${say(card.title)}`} onClick=${() => onChange(chosen.filter((_, i) => i !== at))}>×</button></div>
+      ${card.on.length > 0 && html`<div class="segment" role="group" aria-label=${t("at_axis")}>${card.on.map((axis) => html`<button aria-pressed=${row.on === axis} onClick=${() => put(at, { ...row, on: axis })}>${axis.toUpperCase()}</button>`)}</div>`}
+      ${card.sliders.map((one) => { const set = (value) => put(at, { ...row, values: { ...row.values, [one.key]: value } }); return one.choices.length
+        ? html`<label class="field"><span>${say(one.label)}</span><select value=${row.values[one.key]} onChange=${(event) => set(one.choices[event.target.selectedIndex])}>${one.choices.map((choice) => html`<option value=${choice}>${choice}</option>`)}</select></label>`
+        : html`<${Slider} label=${say(one.label)} value=${row.values[one.key]} unit=${one.unit} min=${one.low} max=${one.high} step=${one.step} digits=${one.step < 0.01 ? 3 : one.step < 1 ? 2 : 0} onInput=${set} />`; })}</div>`; })}
+    ${chosen.length < 12 && html`<label class="field"><span>${t("add_fault")}</span><select value="" onChange=${add}><option value="">…</option>
+      ${groups.map((of) => html`<optgroup label=${say(of)}>${all.filter((one) => one.of === of).map((one) => html`<option value=${one.name} disabled=${!one.possible}>${say(one.title)}</option>`)}</optgroup>`)}</select></label>`}
+  </section>`;
 }
 
 export function Play() {
@@ -76,7 +100,8 @@ export function Play() {
           <${Motor} name="X" values=${faults.x} outline=${shown?.outlines_mm[0]} radius=${shown?.radii_mm[0]} onChange=${(x) => change({ ...faults, x })} />
           <${Motor} name="Y" values=${faults.y} outline=${shown?.outlines_mm[1]} radius=${shown?.radii_mm[1]} onChange=${(y) => change({ ...faults, y })} />
           <section class="card stack"><h2>${t("frame")}</h2><${Slider} label=${t("skew")} value=${faults.skew_deg} unit="°" min="-2" max="2" step="0.05" digits=${2} onInput=${(skew_deg) => change({ ...faults, skew_deg })} />
-            <${Slider} label=${t("screw")} value=${faults.screw_mm} unit="mm" max="0.5" step="0.01" digits=${2} onInput=${(screw_mm) => change({ ...faults, screw_mm })} /></section>`}
+            <${Slider} label=${t("screw")} value=${faults.screw_mm} unit="mm" max="0.5" step="0.01" digits=${2} onInput=${(screw_mm) => change({ ...faults, screw_mm })} /></section>
+          ${!STATIC && html`<${Effects} chosen=${faults.effects ?? []} onChange=${(effects) => { const { effects: _, ...rest } = faults; change(effects.length ? { ...rest, effects } : rest); }} />`}`}
       </div>
       <div class="stack">
         ${scene ? html`<${Part} scene=${scene} name="printmend" morph=${scene.mended ? 2 : 1} moment share=${{ numbers: { before_mm: result.before.rms_mm, after_mm: result.after.rms_mm }, printer: t("card_play"), part: t("card_plate") }} /><p class="faint">${t(result?.refused || result?.before.rms_mm < 0.002 ? "play_healthy" : "aligned")}</p>`

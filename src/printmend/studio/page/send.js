@@ -14,10 +14,10 @@ export function Pair({ printer }) {
   const load = () => get(`/printers/${printer.id}/pairs`).then(setHosts, () => {});
   useEffect(() => { load(); }, [printer.id]);
   const make = async () => { try { setMade(await post(`/printers/${printer.id}/pair`)); setError(null); } catch (problem) { setError(problem.message); } };
-  const part = async ({ name }) => { if (!(await ask(t("part_sure", { name }), t("part")))) return; try { await remove(`/printers/${printer.id}/pairs/${encodeURIComponent(name)}`); load(); } catch (problem) { setError(problem.message); } };
+  const part = async ({ name }) => { if (!(await ask(t("part_sure", { name }), t("unpair")))) return; try { await remove(`/printers/${printer.id}/pairs/${encodeURIComponent(name)}`); load(); } catch (problem) { setError(problem.message); } };
   const line = made && `printmend pair ${location.origin} ${made.code} -m printer.mend.json`;
   return html`<section class="card stack"><h2>${t("pair")}</h2><p class="soft">${t("pair_now")}</p><${Problem} error=${error} />
-    ${hosts.map((one) => html`<div class="row between"><b>${one.name}</b><button class="quiet" onClick=${() => part(one)}>${t("part")}</button></div>`)}
+    ${hosts.map((one) => html`<div class="row between"><b>${one.name}</b><button class="quiet" onClick=${() => part(one)}>${t("unpair")}</button></div>`)}
     <div><button onClick=${make}>${t("pair_make")}</button></div>
     ${made && html`<${Dialog} label=${t("pair")} closed=${() => { setMade(null); load(); }}><div class="stack"><p>${t("pair_how", { n: made.minutes })}</p><p class="code">${made.code.slice(0, 3)} ${made.code.slice(3)}</p><code class="address">${line}</code><div class="row end"><button onClick=${(event) => event.currentTarget.closest("dialog").close()}>${t("close")}</button></div></div></${Dialog}>`}</section>`;
 }

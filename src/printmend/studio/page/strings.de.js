@@ -14,6 +14,7 @@ export default {
   motor: "Scheibe und Riemen {name}", shape: "Riemenscheibe", shape_round: "rund", shape_eccentric: "außermittig", shape_oval: "oval",
   shape_flat: "eine flache Seite", shape_square: "viereckig", dent: "Wie stark verformt", angle: "Gedreht um", slack: "Spiel des Riemens",
   frame: "Rahmen und Z-Spindel", screw: "Z-Spindel krumm um", wall: "Eine Wand", step_tower: "Einen kleinen Turm drucken und messen", skew: "Schief um", enlarge: "Größer gezeigt",
+  more_faults: "Weitere Fehler", add_fault: "Einen Fehler hinzufügen", at_axis: "Wo",
   part: "Ein Teil", plate: "Der Testdruck", wanted: "gewollt", printed: "wie er druckt", mended: "geheilt",
   off: "daneben, im Mittel", off_layer: "daneben in dieser Schicht, im Mittel", mend_it: "Heilen", mending: "Heilt …",
   step_print: "Testdruck drucken", step_scan: "Einscannen", step_measure: "Marken finden", step_learn: "Lernen, was kaputt ist",
@@ -105,7 +106,7 @@ export default {
   static_presets: "Ohne das Programm lassen sich hier nur die Fehler der Knöpfe oben heilen. Wählen Sie einen davon, oder installieren Sie printmend.",
 
   pair: "Mit Moonraker oder OctoPrint koppeln", pair_now: "Ein gekoppelter Rechner bekommt dieses Modell und jedes neuere von selbst.", pair_make: "Code zeigen", pair_how: "Führen Sie das innerhalb von {n} Minuten auf dem Rechner des Druckers aus, mit dem Ort des Modells aus seinen Einstellungen. Der Code gilt einmal.",
-  part: "Trennen", part_sure: "{name} trennen? Er behält sein Modell und bekommt kein neueres.",
+  unpair: "Trennen", part_sure: "{name} trennen? Er behält sein Modell und bekommt kein neueres.",
 
   send_to: "An {host} senden", send_setup: "An den Drucker senden …", send_change: "Adresse ändern", sent: "{name} liegt bei den Dateien von {host}. Dort starten:",
   send_now: "Wo laufen die Drucke? Die Adresse von OctoPrint, Mainsail oder Fluidd angeben, wie der Browser sie zeigt. Dateien gehen nur auf Wunsch dorthin, und nichts startet von selbst.",

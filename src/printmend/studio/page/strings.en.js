@@ -14,6 +14,7 @@ export default {
   motor: "{name} pulley and belt", shape: "Pulley", shape_round: "round", shape_eccentric: "off its centre", shape_oval: "oval",
   shape_flat: "one flat side", shape_square: "square", dent: "How far out of shape", angle: "Turned by", slack: "Play of the belt",
   frame: "Frame and Z screw", screw: "Z screw bent by", wall: "A wall", step_tower: "Print and measure a small tower", skew: "Out of square", enlarge: "Shown larger",
+  more_faults: "More faults", add_fault: "Add a fault", at_axis: "Where",
   part: "A part", plate: "The test print", wanted: "wanted", printed: "as it prints", mended: "mended",
   off: "off, on average", off_layer: "off in this layer, on average", mend_it: "Mend it", mending: "Mending…",
   step_print: "Print the test print", step_scan: "Scan it", step_measure: "Find the marks", step_learn: "Learn what is wrong",
@@ -105,7 +106,7 @@ export default {
   static_presets: "Without the program only the faults of the buttons above can be mended here. Choose one of them, or install printmend.",
 
   pair: "Pair with Moonraker or OctoPrint", pair_now: "A host that is paired gets this model, and each newer one, by itself.", pair_make: "Show a code", pair_how: "Run this on the host within {n} minutes, with the model's place from its settings. The code is good once.",
-  part: "Part", part_sure: "Part {name}? It keeps the model that it has, and gets no newer one.",
+  unpair: "Part", part_sure: "Part {name}? It keeps the model that it has, and gets no newer one.",
 
   send_to: "Send to {host}", send_setup: "Send it to the printer…", send_change: "Change the address", sent: "{name} is among the files of {host}. Start it there:",
   send_now: "Where do you watch your prints? Give the address of OctoPrint, Mainsail or Fluidd as your browser shows it. Files go there only when you say so, and nothing starts by itself.",
