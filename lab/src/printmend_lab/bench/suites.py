@@ -190,6 +190,7 @@ def run_suite(
     mine = {key: found[case, names[0]] for key, case in cases.items()}
     best = {key: found[case, names[1]] for key, case in cases.items()}
     values = {key: [_error(mine[key]), _error(best[key])] for key in cases}
+    why = {key: result.error for key, result in mine.items() if result.error is not None}
     return {
         "suite": chosen.name,
         "checksum": chosen.checksum,
@@ -198,6 +199,7 @@ def run_suite(
         "cost": {"learn_s": _median(mine, "learn_s"), "plan_s": _median(mine, "plan_s")},
         "versions": versions(),
         "cases": values,
+        **({"failures": why} if why else {}),
     }
 
 

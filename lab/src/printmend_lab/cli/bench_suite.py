@@ -8,6 +8,8 @@ import click
 
 from printmend_lab.cli.where import with_executor
 
+_REASONS = 3  # of failed cases that are printed; the file has all
+
 
 @click.command(epilog="Example: printmend bench suite printmend/Families-v1 --rows greybox+optimal -o results")
 @click.argument("name", metavar="SUITE", required=False)
@@ -47,6 +49,8 @@ def suite(name: str | None, rows: str, data: Path | None, executor: Any, out: Pa
         figure = "–" if found[first] is None else f"{found[first]:.3f}{'' if chosen.measured else ' steps'}"
         said = f"{chosen.name} {row}: {first} {figure}, {found['failures']} failed; wrote {path}"
         click.echo(json.dumps(record) if as_json else said)
+        for reason in list(dict.fromkeys(record.get("failures", {}).values()))[:_REASONS]:
+            click.echo(f"failed: {reason}", err=True)
 
 
 @click.command("submit-check", epilog="Example: printmend bench submit-check results/Families-v1/greybox+optimal.json")
