@@ -130,6 +130,15 @@ class Origin:
     probe: str = ""
 
 
+@dataclass(frozen=True)
+class Motion:
+    """How far a moving head strays across its line: ``square_mm2`` is the mean square that lines printed at the speed
+    of parts show beyond their own outline's wobble, ``sd_mm2`` its standard deviation. It may be below 0 by chance."""
+
+    square_mm2: float
+    sd_mm2: float
+
+
 @dataclass(frozen=True, eq=False)
 class Trace:
     """Commanded way-points and where they were measured, in the order of motion.
@@ -144,7 +153,7 @@ class Trace:
     it the wall lies from where it was commanded, both NaN where a row has none. What all walls share is no error of the
     machine: beads are wider than thought, the first layer is squashed. ``origin`` is None where nobody said whose.
     Of a part that shrank after it was printed, what is believed of that is taken off; ``shrinkage_sd`` is the standard
-    deviation of what is left of it along either axis, a share.
+    deviation of what is left of it along either axis, a share. ``motion`` is what lines printed at speed showed.
     ``blank_rows`` are those that stood empty between others in a table, and are not among the N.
     """
 
@@ -162,6 +171,7 @@ class Trace:
     origin: Origin | None = None
     blank_rows: int = 0
     shrinkage_sd: float | None = None
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in (

@@ -103,6 +103,7 @@ def command(
         write_probe,
     )
     from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, leaflet_of, pen_and_paper, weight, write_leaflet
+    from printmend.probe.moving import with_moving
     from printmend.probe.net import with_net
     from printmend.probe.paper import on_paper, paper_for, papers_of
     from printmend.probe.pen import with_pen
@@ -154,6 +155,8 @@ def command(
         plan = on_paper(plan, printer, papers)
     if pen:
         plan = with_pen(plan)
+    elif not net and not phase:
+        plan = with_moving(plan, printer)
     files = gcode_of(output, plan)
     spare((*files, *made[1:], sheet), (part_path, after, start_path, Path(printer_name)))
     if not overwrite:

@@ -107,12 +107,12 @@ def _dots(
     """Return the scan of a probe's dots."""
     import numpy as np
 
-    from printmend.twin.gcode import print_dots
+    from printmend.twin.gcode import print_dots, print_line
     from printmend.twin.scanner import DEGRADATIONS, render_scan
 
     return render_scan(
         print_dots(program, twin, plan), plan, dpi=dpi, degradations=DEGRADATIONS[dirt],
-        rng=np.random.default_rng(seed), quarter_turns=quarter_turns,
+        rng=np.random.default_rng(seed), quarter_turns=quarter_turns, line_mm=print_line(program, twin, plan),
     ).image  # fmt: skip
 
 

@@ -15,16 +15,18 @@ from printmend.measure.distance import asked, choose_span, scaled_by, scaled_by_
 from printmend.measure.identity import SYMMETRIES
 from printmend.measure.image import with_legend, write_image
 from printmend.measure.join import aligned, check_sheets, joined, mean_of, scanner_axes, shared_number
+from printmend.measure.moving import mean_motion, motion_of
 from printmend.measure.plan import ProbePlan, read_plan
 from printmend.measure.register import find_pose
-from printmend.measure.scan import Reading, read_scan
+from printmend.measure.scan import Reading, affine_of, image_px, read_scan
 from printmend.messages import say
-from printmend.path import FLATBED, Instrument, Trace
+from printmend.path import FLATBED, Instrument, Motion, Trace
 from printmend.units import MM_PER_INCH
 
 SETTLED_AXES_SD = 1e-4  # standard deviation (share) of the scanner's axes once two turns of the plate show them
 WHOLE_SHARE = 0.85  # of the marks: a scan that shows fewer shows a part of the print
 MOST_APART_SIGMAS = 6.0  # a mark that two scans see farther apart than this is left out: one of them saw dirt
+SURE_SIGMAS = 1.645  # beyond which an estimate lies in 1 of 20 cases
 SAME_PICTURE_PX = 5e-3  # two pictures whose dots differ by less (RMS) are one
 LEAST_MARKS = 10  # that both show; fewer do not tell
 LEAST_DISAGREEMENT_MM = 0.01  # unevenness of scans, RMS, from which their owner is told of it: five times a flatbed's
@@ -38,7 +40,8 @@ FOUND, MISSING, ERROR, RULER, ASKED = (60, 170, 60), (40, 40, 230), (230, 120, 3
 class Measurement:
     """Measured marks [M, 2] in the bed's frame, NaN where missing; ``sigma_mm`` [M]; ``notes`` for the owner; how far
     the ``instrument`` is to be trusted, x and y those of the bed; ``asked`` are the two marks whose distance would
-    settle the scale, None where nothing is asked, and ``asked_mm`` is about how far apart their outer edges are."""
+    settle the scale, None where nothing is asked, and ``asked_mm`` is about how far apart their outer edges are.
+    ``motion`` is what the lines at speed show, None where there are none."""
 
     plan: ProbePlan
     measured_mm: np.ndarray
@@ -47,6 +50,7 @@ class Measurement:
     instrument: Instrument
     asked: tuple[int, int] | None = None
     asked_mm: float = 0.0
+    motion: Motion | None = None
 
     @property
     def missing(self) -> np.ndarray:
@@ -55,7 +59,8 @@ class Measurement:
 
     @property
     def trace(self) -> Trace:
-        return replace(self.plan.trace(self.measured_mm, self.sigma_mm), instrument=self.instrument)
+        traced = self.plan.trace(self.measured_mm, self.sigma_mm)
+        return replace(traced, instrument=self.instrument, motion=self.motion)
 
 
 def measure_scans(
@@ -92,11 +97,13 @@ def _measured(
     drawn: list[Reading] = []
     wanted, wanted_mm = None, 0.0
     try:
-        readings, notes = _readings(paths, plan, dpi, look, None if overlay is None else drawn)
+        readings, notes, motion = _readings(paths, plan, dpi, look, None if overlay is None else drawn)
         if scanner_error is not None:
             readings = [replace(each, instrument=_known(each, scanner_error)) for each in readings]
         measured, sigma, instrument, said = _on_bed(readings, plan)
         notes += said
+        if motion is not None:
+            notes.append(motion_said(motion))
         kept = "the x axis keeps its direction" if plan.kinematics == "cartesian" else "the motors share the turn"
         notes.append(f"position and turn are those that fit the commanded marks best ({kept})")
         span = choose_span(plan, measured)
@@ -114,19 +121,21 @@ def _measured(
             draw_overlay(overlay, drawn[0], tuple(map(own.index, wanted)) if wanted and {*wanted} <= {*own} else ())
     if plan.pen:  # a circle says where the pen went round, not where it came to rest
         measured[plan.big], sigma[plan.big] = np.nan, np.nan
-    return Measurement(plan, measured, sigma, tuple(notes), instrument, wanted, wanted_mm)
+    return Measurement(plan, measured, sigma, tuple(notes), instrument, wanted, wanted_mm, motion)
 
 
 def _readings(
     paths: Sequence[str | Path], plan: ProbePlan, dpi: float | None, look: Callable[[Reading], None] | None,
     drawn: list[Reading] | None,
-) -> tuple[list[Reading], list[str]]:  # fmt: skip
-    """Return what the scans say, without their images, and a note for each; ``drawn`` takes the first, image and all.
+) -> tuple[list[Reading], list[str], Motion | None]:  # fmt: skip
+    """Return what the scans say, without their images, a note for each, and what lines at speed show; ``drawn`` takes
+    the first, image and all.
 
     A picture that was named twice is counted once.
     """
     readings: list[Reading] = []
     notes: list[str] = []
+    motions: list[Motion | None] = []
     for path in paths:
         reading = read_scan(path, plan, dpi=dpi)
         if (same := next((one for one in readings if is_same_picture(one, reading)), None)) is not None:
@@ -136,10 +145,11 @@ def _readings(
             drawn.append(reading)
         if look is not None and not readings:
             look(reading)
+        motions.append(motion_of(reading))
         # the pixels of one scan at a time, beside those of the first where an overlay is drawn over them
         readings.append(_without_image(reading))
         notes.append(_described(reading, several=len(plan.sheets) > 1))
-    return readings, notes
+    return readings, notes, mean_motion(motions)
 
 
 def is_same_picture(one: Reading, other: Reading) -> bool:
@@ -202,6 +212,13 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     rulers = [(one.stretched(stretch), reading.marks.pose.matrix) for reading in readings for one in reading.rulers]
     measured, instrument, said = scaled_by_rulers(rulers, measured, instrument)
     return measured, sigma, instrument, [*notes, *said]
+
+
+def motion_said(motion: Motion) -> str:
+    """Return a note of how far a moving head strays: as estimated, and at most."""
+    square = max(motion.square_mm2, 0.0)
+    most = math.sqrt(square + SURE_SIGMAS * motion.sd_mm2)
+    return say("moving-head-strays", f"{math.sqrt(square):.3f}", f"{most:.3f}")
 
 
 def missing_said(found: np.ndarray, plan: ProbePlan) -> list[str]:
@@ -292,21 +309,13 @@ def _without_image(reading: Reading) -> Reading:
     return replace(reading, image=np.empty((0, 0, 3), np.uint8))
 
 
-def image_px(reading: Reading, bed_mm: np.ndarray) -> np.ndarray:
-    """Return where in its image a reading shows places of the bed [N, 2]: pixels [N, 2], counted from their centres."""
-    pose = reading.marks.pose
-    image_mm = (bed_mm - pose.shift_mm) @ np.linalg.inv(pose.matrix)
-    affine = _affine(reading.dots_mm, reading.dots.centre_px)
-    return np.hstack([image_mm, np.ones((len(image_mm), 1))]) @ affine
-
-
 def draw_overlay(path: Path, reading: Reading, asked: tuple[int, ...] = ()) -> None:
     """Draw found marks as rings, missing ones as crosses, the error of each mark as a line, enlarged to be seen, and
     the two marks whose distance is ``asked`` for, joined."""
     factor = min(1.0, OVERLAY_PX / max(reading.image.shape[:2]))
     picture = cv2.resize(reading.image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     plan, found = reading.plan, reading.marks.found
-    to_px = _affine(reading.dots_mm, reading.dots.centre_px)
+    to_px = affine_of(reading.dots_mm, reading.dots.centre_px)
 
     def pixel(bed_mm: np.ndarray) -> np.ndarray:
         return np.rint(((image_px(reading, bed_mm) + 0.5) * factor - 0.5) * 16).astype(int)
@@ -345,9 +354,3 @@ def draw_overlay(path: Path, reading: Reading, asked: tuple[int, ...] = ()) -> N
     ]
     picture = with_legend(picture, items)
     write_image(path, picture, dpi=float(MM_PER_INCH * scale))
-
-
-def _affine(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return the affine map [3, 2] from ``source`` [N, 2] to ``target``."""
-    fit, *_ = np.linalg.lstsq(np.hstack([source, np.ones((len(source), 1))]), target, rcond=None)
-    return fit

@@ -36,6 +36,8 @@ class ProbePlan:
     A bed larger than a sheet of paper is printed sheet after sheet: ``starts`` are the way-points at which each begins
     anew at home, and where sheets overlap, the same ``site`` has a mark on each. Before the dots, way-points 3 to
     ``net`` may draw a thin net that joins them: strokes, each from one way-point to the next.
+    From way-point ``moving`` on, where it is not 0, follow no dots but the corners of lines printed at the speed of
+    parts: they show how far a moving head strays.
     ``pitch_mm`` and ``angle_rad`` give the lattice: mark = origin + pitch·R(angle)·site.
     """
 
@@ -55,6 +57,7 @@ class ProbePlan:
     pen: bool = False
     starts: tuple[int, ...] = (0,)
     net: int = 0
+    moving: int = 0
 
     def __post_init__(self) -> None:
         kinds = {"waypoints_mm": float, "reversal_mm": float, "big": bool}
@@ -168,6 +171,7 @@ def plan_text(plan: ProbePlan) -> str:
         **({"pen": True} if plan.pen else {}),
         **({"starts": list(plan.starts)} if len(plan.starts) > 1 else {}),
         **({"net": plan.net} if plan.net else {}),
+        **({"moving": plan.moving} if plan.moving else {}),
     }
     marks = [
         {
@@ -232,9 +236,12 @@ def _plan(table: dict[str, Any]) -> ProbePlan:
         pen=table.get("pen") is True,
         starts=tuple(int(row) for row in table.get("starts", (0,))),
         net=int(table.get("net", 0)),
+        moving=int(table.get("moving", 0)),
     )
     if not len(plan) or not np.isfinite(plan.waypoints_mm).all() or plan.rows.min() < 0:
         raise ValueError("no marks")
+    if plan.moving and not plan.rows.max() < plan.moving < len(plan.waypoints_mm):
+        raise ValueError("lines that do not follow the dots")
     if plan.starts[0] != 0 or sorted(set(plan.starts)) != list(plan.starts):
         raise ValueError("sheets that do not follow each other")
     if len(set(plan.sheet_of.tolist())) < len(plan.starts):

@@ -214,3 +214,17 @@ def _unknown_dots(path: str | Path, dots: Dots, plan: ProbePlan) -> ScanError:
         came=say("dots-not-they", len(dots), spacing),
         todo=say("give-print-s-own-probe-json"),
     )
+
+
+def image_px(reading: Reading, bed_mm: np.ndarray) -> np.ndarray:
+    """Return where in its image a reading shows places of the bed [N, 2]: pixels [N, 2], counted from their centres."""
+    pose = reading.marks.pose
+    image_mm = (bed_mm - pose.shift_mm) @ np.linalg.inv(pose.matrix)
+    affine = affine_of(reading.dots_mm, reading.dots.centre_px)
+    return np.hstack([image_mm, np.ones((len(image_mm), 1))]) @ affine
+
+
+def affine_of(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Return the affine map [3, 2] from ``source`` [N, 2] to ``target``."""
+    fit, *_ = np.linalg.lstsq(np.hstack([source, np.ones((len(source), 1))]), target, rcond=None)
+    return fit

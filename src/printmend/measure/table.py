@@ -5,7 +5,8 @@ commanded way-point in the order of motion since homing, the first row the home 
 rows, the measured cells empty where nothing was measured. ``z_mm``, ``z_measured_mm``, ``layer`` and ``sigma_mm`` are
 used where present; ``placed`` is 0 where the measured positions have an origin of their own, as a scan's. ``scale_sd``,
 ``axes_sd``, ``lean_sd`` and ``wave_mm``, the same in every row, say how far the instrument is to be trusted (see
-`Instrument`), and ``scale_axes``, ``scale_lean`` and ``axes_lean`` how these hang together; ``printer``,
+`Instrument`), and ``scale_axes``, ``scale_lean`` and ``axes_lean`` how these hang together; ``motion_mm2`` and
+``motion_sd_mm2`` how far a moving head strays (see `Motion`); ``printer``,
 ``kinematics`` and ``probe`` say whose print it was (see `Origin`). A wall shows one direction
 only: its row has empty measured cells, the direction out of the plastic in ``nx`` and ``ny``, and in ``offset_mm`` how
 far along it the wall lies from where it was commanded. Other columns are ignored.
@@ -25,7 +26,7 @@ from printmend.files import replacing
 from printmend.measure.axes import AXES_TODO, wrong_axes
 from printmend.measure.whose import check_origin
 from printmend.messages import say
-from printmend.path import Instrument, Origin, Trace
+from printmend.path import Instrument, Motion, Origin, Trace
 from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
 
@@ -34,9 +35,10 @@ OPTIONAL = ("sigma_mm", "z_mm", "layer", "z_measured_mm")
 PLACED = "placed"
 WALL = ("nx", "ny", "offset_mm")
 INSTRUMENT = ("scale_sd", "axes_sd", "lean_sd", "wave_mm")
+MOTION = ("motion_mm2", "motion_sd_mm2")  # of lines printed at speed: `Motion`
 TOGETHER = ("scale_axes", "scale_lean", "axes_lean")  # correlations of the first three, once one length is known
 ORIGIN = ("printer", "kinematics", "probe")
-KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *INSTRUMENT, *TOGETHER)
+KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *INSTRUMENT, *TOGETHER, *MOTION)
 _ROUNDED = -1e-5  # least eigenvalue of correlations that were written with six digits
 _MOST_DOUBT = 0.5  # of an instrument: one that is less sure of a length measures nothing
 MIN_MEASURED = 10  # points of a trace
@@ -46,6 +48,7 @@ _LARGEST_MM = 1e9  # what is farther is wrong all the same, and its square is st
 # Typical distance of an axis's commanded and measured places, both sorted, as a share of their spread: no pulley is so
 # wrong, a wrong unit is.
 _SAME_PLACES_SHARE = 0.35
+_MOST_MOTION_MM2 = 1.0  # a head that strays by a millimetre prints nothing
 _MOST_LAYERS = 1_000_000  # number of a layer
 _FARTHEST_WALL_MM = 50.0  # that a wall may lie from where it was commanded
 HEADER_TODO = f"start the file with the line {','.join(REQUIRED)}"
@@ -96,6 +99,7 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
         offset_mm=offset,
         origin=origin,
         blank_rows=blank_rows,
+        motion=_motion(path, columns),
     )
 
 
@@ -143,6 +147,19 @@ def _instrument(path: Path, columns: dict[str, np.ndarray]) -> Instrument | None
     return instrument if found else None
 
 
+def _motion(path: Path, columns: dict[str, np.ndarray]) -> Motion | None:
+    """Return what lines at speed showed by the first row, None where no column says it."""
+    if not all(name in columns and np.isfinite(columns[name][0]) for name in MOTION):
+        return None
+    square, sd = (float(columns[name][0]) for name in MOTION)
+    if abs(square) > _MOST_MOTION_MM2 or not 0 < sd <= _MOST_MOTION_MM2:
+        raise TraceError(
+            path, wanted=say("from-0", MOTION[1], _MOST_MOTION_MM2), came=f"{square:g}, {sd:g}",
+            todo=say("leave-column-out"),
+        )  # fmt: skip
+    return Motion(square, sd)
+
+
 def write_trace(path: str | Path, trace: Trace) -> None:
     """Write ``trace`` so that `read_trace` gives it back to the nanometre; NaN becomes an empty cell."""
     names, columns = list(REQUIRED), [*trace.commanded_mm.T, *trace.measured_mm.T]
@@ -160,7 +177,11 @@ def write_trace(path: str | Path, trace: Trace) -> None:
         said = [*INSTRUMENT, *(TOGETHER if any(getattr(trace.instrument, name) for name in TOGETHER) else ())]
         names += said
         columns += [np.full(len(trace), getattr(trace.instrument, name)) for name in said]
-    row = ",".join("%d" if name in ("layer", PLACED) else "%.6f" for name in names) + "\n"
+    if trace.motion is not None:
+        names += MOTION
+        columns += [np.full(len(trace), value) for value in (trace.motion.square_mm2, trace.motion.sd_mm2)]
+    formats = {"layer": "%d", PLACED: "%d", **dict.fromkeys(MOTION, "%.9f")}
+    row = ",".join(formats.get(name, "%.6f") for name in names) + "\n"
     end = "\n"
     if trace.origin is not None:  # the same in every row
         names += ORIGIN

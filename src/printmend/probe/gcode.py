@@ -23,6 +23,7 @@ RETRACT_MM_S = 30.0
 THREAD_MM, FRAME_BEAD_MM, NET_LAYER_MM, NET_DOT_Z_MM, NET_MM_S = 0.4, 0.8, 0.16, 0.3, 25.0
 # The last way-point before a dot is left slowly: fast arms coast through the play of a belt, printing ones do not.
 APPROACH_MM_S = 20.0
+MOVING_MM_S, MOVING_BEAD_MM = 50.0, 0.6  # of the lines at speed: as parts are printed
 ACCELERATION_MM_S2, LIFT_ACCELERATION_MM_S2 = 500.0, 100.0
 PREAMBLE = """\
 ; printmend probe: {marks} dots on one layer, about {minutes:.0f} min and {grams:.1f} g
@@ -111,7 +112,7 @@ def probe_gcode(
             lines.append(f"G1 {xy_words(end)} E{length:.5f} F{NET_MM_S * 60:g}\n")
         lines += [retract, lift]
     feed_mm_s = 0.0
-    for row in range(max(3, plan.net), len(points)):
+    for row in range(max(3, plan.net), plan.moving or len(points)):
         wanted_mm_s = APPROACH_MM_S if row in dots else TRAVEL_MM_S
         feed = f" F{wanted_mm_s * 60:g}" if wanted_mm_s != feed_mm_s else ""
         lines.append(f"G0 {xy_words(points[row])}{feed}\n")
@@ -120,6 +121,12 @@ def probe_gcode(
             extrude = f"G1 E{filament_mm(dot_mm3(dots[row], layer_mm)):.5f} F{EXTRUDE_MM_S * 60:g}\n"
             lines += [drop, restore, extrude, retract, lift]
             feed_mm_s = 0.0
+    if plan.moving:
+        lines += [f"G0 {xy_words(points[plan.moving])} F{TRAVEL_MM_S * 60:g}\n", drop, restore]
+        for start, end in itertools.pairwise(points[plan.moving :]):
+            length = filament_mm(math.dist(start, end) * MOVING_BEAD_MM * layer_mm)
+            lines.append(f"G1 {xy_words(end)} E{length:.5f} F{MOVING_MM_S * 60:g}\n")
+        lines += [retract, lift]
     lines += [f"G1 Z10 F{LIFT_MM_S * 60:g}\n", CLOSING]
     return "".join(lines)
 
@@ -136,6 +143,10 @@ def cost(plan: ProbePlan) -> tuple[float, float]:
     seconds += len(plan) * dot_s + sum(filament_mm(volume) / EXTRUDE_MM_S for volume in volumes)
     purge = float(np.hypot(*(points[2] - points[1])))
     seconds += purge / PURGE_MM_S
+    if plan.moving:
+        drawn = float(np.hypot(*np.diff(points[plan.moving :], axis=0).T).sum())
+        volumes.append(drawn * MOVING_BEAD_MM * LAYER_MM)
+        seconds += dot_s
     for stroke, mm3_per_mm in net_strokes(plan):
         drawn = float(np.hypot(*np.diff(stroke, axis=0).T).sum())
         volumes.append(drawn * mm3_per_mm)

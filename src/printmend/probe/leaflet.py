@@ -72,6 +72,7 @@ def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *,
     _title(page, f"Your test print, {kind}", f"{files}: {len(plan)} dots, about {minutes:.0f} min, {used}")
     net = [plan.waypoints_mm[first : last + 1] for first, last in strokes_of(plan)]
     lines = [*net, *(sheet.waypoints_mm[1:3] for sheet in plan.sheets if not plan.pen)]
+    lines += [plan.waypoints_mm[plan.moving :]] if plan.moving else []
     bed = _bed(page, printer, lines, plan.marks_mm, papers, dot_mm=1.2 if not plan.net else plan.big_dot_mm)
     if plan.pen:
         for sheet in plan.sheets:

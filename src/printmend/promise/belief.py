@@ -4,7 +4,7 @@ Each part of the section is one effect at one place: the sizes that act, and tho
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
 from printmend.errors import ModelError
 from printmend.infer.part import DRAWS, Part
+from printmend.path import Motion
 from printmend.promise.filament import known_filaments
 from printmend.saved import SavedModel, ScrewSeries, screw_of
 from printmend.saved.values import number, numbers, refuse, section_of
@@ -30,6 +31,7 @@ class Belief:
     ``scene`` is what was measured, ``parts`` the effects that any drawn machine has; ``scatter_mm`` by how much marks
     scatter beyond what their instrument says, along one coordinate. ``placed``: the measurement says where on the bed
     things lie; else errors are counted from home. ``by_hand``: a few distances were measured, and most is assumed.
+    ``motion`` is what lines at speed showed, None where none were measured.
     """
 
     scene: Scene
@@ -38,6 +40,7 @@ class Belief:
     scatter_mm: float = 0.0
     by_hand: bool = False
     screw: ScrewSeries | None = field(default=None)
+    motion: Motion | None = None
 
     def of(self, effect: str, where: int | None = None) -> tuple[Part, ...]:
         """Return the parts of one effect, at one place where that is given."""
@@ -45,7 +48,12 @@ class Belief:
 
 
 def belief_section(
-    scene: Scene, parts: Sequence[Part], *, scatter_mm: float = 0.0, by_hand: bool = False
+    scene: Scene,
+    parts: Sequence[Part],
+    *,
+    scatter_mm: float = 0.0,
+    by_hand: bool = False,
+    motion: Motion | None = None,
 ) -> dict[str, Any]:
     """Return drawn machines as plain values; what an instrument did is no part of any print."""
     kept = [part for part in parts if EFFECTS[part.effect].of is not Of.INSTRUMENT and part.draws_mm.any()]
@@ -56,6 +64,7 @@ def belief_section(
         "instrument": asdict(scene.instrument),
         "scatter_mm": float(f"{scatter_mm:.4g}"),
         **({"by_hand": True} if by_hand else {}),
+        **({} if motion is None else {"motion_mm2": [float(f"{value:.4g}") for value in astuple(motion)]}),
         "turns_mm": list(scene.turns_mm),
         "motor_span_mm": [list(each) for each in scene.motor_span_mm],
         "bed_span_mm": [list(each) for each in scene.bed_span_mm],
@@ -106,7 +115,7 @@ def parse_belief(model: SavedModel) -> Belief | None:
     parts = tuple(_part(row, scene) for row in rows)
     if model.filament is not None:
         parts = (*parts, *known_filaments(model)[model.filament])
-    return Belief(scene, parts, placed, scatter_mm, bool(section.get("by_hand")), screw_of(model))
+    return Belief(scene, parts, placed, scatter_mm, bool(section.get("by_hand")), screw_of(model), _motion(section))
 
 
 def belief_of(model: SavedModel) -> Belief:
@@ -123,6 +132,15 @@ def says_nothing() -> ModelError:
         "the model", wanted="one that says what it does not know", came="one of an older printmend or learner",
         todo="learn it again from its trace",
     )  # fmt: skip
+
+
+def _motion(section: dict[str, Any]) -> Motion | None:
+    if "motion_mm2" not in section:
+        return None
+    values = numbers(section, "motion_mm2", _SUBJECT, 2)
+    if len(values) != 2 or values[1] <= 0:
+        refuse(_SUBJECT, "motion_mm2 as a square and its deviation above 0", "something else")
+    return Motion(float(values[0]), float(values[1]))
 
 
 def _spans(section: dict[str, Any], name: str) -> tuple[tuple[float, float], tuple[float, float]]:

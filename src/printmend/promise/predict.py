@@ -16,6 +16,7 @@ from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import LONG_MOVE_MM
 from printmend.infer.part import DRAWS, Part
 from printmend.machine import Mechanism, Transmission
+from printmend.path import Motion
 from printmend.promise.belief import Belief
 from printmend.promise.homing import after_homing
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
@@ -27,6 +28,7 @@ ROUNDED = (0.5, 1.1)  # range of the factor on the variance of rounding to micro
 OTHERWISE_SHARE = 0.7
 # Errors of motion, as ringing, sticking or a loose nozzle, do not show in marks at which the head rests: their assumed
 # median [mm] over both axes, and the standard deviation of its logarithm. In nine of ten printers 0.0003 to 0.02 mm.
+# Lines at speed narrow it.
 UNSHOWN_MM, UNSHOWN_SD = 0.0025, 1.3
 # Length over which an error that differs from place to place stays alike: ringing swings over 1 to 3 mm, a loose nozzle
 # over more.
@@ -343,13 +345,26 @@ def _local(mechanism: Mechanism, belief: Belief, path: PathPlaces, rng: np.rando
     steps = np.array([axis.mm_per_step / axis.microsteps for axis in mechanism.printer.axes[:2]])
     one = np.ones((len(across2), 1))
     evenly = rng.permutation((np.arange(DRAWS) + 0.5) / DRAWS)  # few draws of a wide range are spread over it
-    unshown = UNSHOWN_MM * np.exp(UNSHOWN_SD * np.interp(evenly, _CHANCES, _NORMAL[::-1]))
+    unshown = unshown_mm(evenly, belief.motion)
     motion = DrawnCause(0.5 * one, unshown[None] ** 2)
     # Some drives stop evenly on their micro-steps, others hardly hold them or go between them.
     rounding = DrawnCause((across2 @ (steps**2 / 12))[:, None], rng.uniform(*ROUNDED, DRAWS)[None] ** 2)
     # What marks scatter beyond their instrument is the plastic's and the machine's, in shares that nobody knows.
     scatter = DrawnCause(one, rng.uniform(0.0, 1.0, DRAWS)[None] * belief.scatter_mm**2)
     return {"scatter": scatter, "motion": motion, "rounding": rounding}
+
+
+def unshown_mm(chance: np.ndarray, motion: Motion | None) -> np.ndarray:
+    """Return the quantiles at each ``chance`` [D] of the errors of motion over both axes: of what is assumed, or of
+    what is left of that after lines at speed were measured. Across a line lies half of their mean square."""
+    normal = _NORMAL[::-1]
+    if motion is None:
+        return np.asarray(UNSHOWN_MM * np.exp(UNSHOWN_SD * np.interp(chance, _CHANCES, normal)))
+    found_mm = UNSHOWN_MM * np.exp(UNSHOWN_SD * normal)
+    away = (motion.square_mm2 - 0.5 * found_mm**2) / motion.sd_mm2
+    log_weight = -0.5 * (normal**2 + away**2)
+    weight = np.cumsum(np.exp(log_weight - log_weight.max()))
+    return np.asarray(np.interp(chance, weight / weight[-1], found_mm))
 
 
 def _summed_up(side: _Side, placed: bool, along: np.ndarray, rng: np.random.Generator) -> tuple[Promise, np.ndarray]:

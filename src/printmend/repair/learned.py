@@ -133,7 +133,7 @@ def searched_model(
     kept_mm = kept_mm if len(kept_mm) else fit.left_mm()[:, None]  # walls are no dots
     noise_mm = float(np.sqrt(np.mean(kept_mm**2)))
     scatter_mm = float(np.sqrt(max(noise_mm**2 - (instrument_scatter_mm(trace) or noise_mm) ** 2, 0.0)))
-    promise = belief_section(fit.scene, posterior.parts, scatter_mm=scatter_mm)
+    promise = belief_section(fit.scene, posterior.parts, scatter_mm=scatter_mm, motion=trace.motion)
     if not fit.scene.placed:
         promise["shown"] = shown_scales(fit.scene, posterior.parts)
         promise["seen"] = seen_scales(fit.scene, posterior.parts)
@@ -156,7 +156,7 @@ def drawn_model(
     """Return the model of a learner that draws machines of its own, as where less than a pulley's turn was seen."""
     scene = scene_of(trace, box.printer, box.periods_mm)
     parts = [part for motor, drive in enumerate(box.drives) for part in _drawn(scene, motor, drive, rng)]
-    promise = belief_section(scene, parts)
+    promise = belief_section(scene, parts, motion=trace.motion)
     branches = (box.drives[0].branches, box.drives[1].branches)
     left_mm = left_over_mm(box)
     told = (*told, *misfits_of(parts, scene), *said_of_rows(box, trace, left_mm))

@@ -200,6 +200,7 @@ def _updated(
                 parts,
                 scatter_mm=scatter_mm,
                 by_hand=belief.by_hand,
+                motion=trace.motion or belief.motion,
             ),
             **({} if scene.placed else {"seen": seen_scales(scene, parts)}),
         },

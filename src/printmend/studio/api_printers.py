@@ -195,11 +195,12 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=100)]) -> F
 def probe(here: Here, key: Key, wanted: ProbeIn) -> ProbeCard:
     """Write the printer's test print and its plan."""
     from printmend.probe import design_probe, write_probe
+    from printmend.probe.moving import with_moving
     from printmend.probe.probe import keep_plan
 
     folder = _folder(here, key)
     printer = read_printer(folder / PRINTER)
-    plan = design_probe(printer, size_mm=wanted.size_mm)
+    plan = with_moving(design_probe(printer, size_mm=wanted.size_mm), printer)
     if not wanted.overwrite:
         keep_plan(folder / PLAN, plan)
     write_probe(folder / PROBE, plan, extruder=printer.extruder, start_gcode=_start(printer))

@@ -110,6 +110,11 @@ def print_first_layer(program: Program, twin: Twin) -> list[np.ndarray]:
     return [printed[first : last + 1] for first, last in zip(cuts[::2], cuts[1::2], strict=True)]
 
 
+def print_line(program: Program, twin: Twin, plan: ProbePlan) -> np.ndarray | None:
+    """Return where a probe's lines at speed come to lie [N, 2] mm, None for a plan without any."""
+    return print_first_layer(program, twin)[-1] if plan.moving else None
+
+
 def print_dots(program: Program, twin: Twin, plan: ProbePlan) -> np.ndarray:
     """Print a probe on the twin, as it was written or mended; return where its dots come to lie [M, 2].
 

@@ -17,6 +17,7 @@ from printmend.units import A4_MM, MM_PER_INCH
 
 MARGIN_MM = 5.0  # of glass around the plate
 SAME_MM = 0.002  # a trace further from the plan is another print's
+LINE_MM, LINE_STEP_MM = 0.6, 0.1  # width of a line at speed, and the pieces that it is drawn in
 SQUEEZED_MM = 0.1  # a first layer is pressed wider than the file says, on either side of a bead
 Colour = tuple[int, int, int]
 
@@ -86,19 +87,22 @@ def render_scan(
     mirrored: bool = False,
     stretch: tuple[float, float] | None = None,
     size_mm: tuple[float, float] | None = None,
+    line_mm: np.ndarray | None = None,
 ) -> Scan:
     """Draw the marks of ``plan`` where they were printed, [M, 2] mm.
 
     ``quarter_turns`` turns the plate on the glass, ``mirrored`` shows it from below; ``stretch`` fixes the
     scanner's own axes, for a second scan on the same one. The image is ``size_mm``, or else A4, smaller for a small
-    print and larger where the print needs it.
+    print and larger where the print needs it. ``line_mm`` [N, 2] is the way of the plan's lines at speed.
     """
     d = degradations
     px_per_mm = dpi / MM_PER_INCH
     angle = np.deg2rad(90.0 * quarter_turns + rng.normal(0.0, d.angle_deg))
     if stretch is None:
         stretch = tuple(np.clip(rng.normal(0.0, d.stretch, 2), -2 * d.stretch, 2 * d.stretch))
-    marks, size_mm = _placed(printed_mm, angle, mirrored, np.array(stretch), size_mm)
+    line_mm = np.empty((0, 2)) if line_mm is None else line_mm
+    laid, size_mm = _placed(np.vstack([printed_mm, line_mm]), angle, mirrored, np.array(stretch), size_mm)
+    marks, line = np.split(laid, [len(printed_mm)])
     truth = marks
     marks = marks + rng.normal(0.0, d.shift_mm, marks.shape)
     wavelength, phase = rng.uniform(20, 60), rng.uniform(0, 2 * np.pi)
@@ -112,6 +116,8 @@ def render_scan(
         patch = _Patch.around(marks[index] * px_per_mm, (0.7 * diameters[index] + 0.3) * px_per_mm, ink.shape)
         _draw_dot(ink, patch, diameters[index] / 2 * px_per_mm, d.outline_mm * px_per_mm, rng)
         gloss.append((patch, 0.3 * diameters[index] * px_per_mm))
+    if len(line):
+        _draw_line(ink, line * px_per_mm, LINE_MM * px_per_mm, d.outline_mm * px_per_mm, px_per_mm, rng)
     _draw_strings(ink, marks, present, diameters, px_per_mm, d, rng)
     if d.blur_mm:
         cv2.GaussianBlur(ink, (0, 0), d.blur_mm * px_per_mm, dst=ink)
@@ -141,8 +147,15 @@ def scan_trace(
             came=f"a file with {len(trace)} other way-points",
             todo="print the G-code that was written together with the probe.json",
         )
+    line = trace.measured_mm[plan.moving :] if plan.moving else None
     return render_scan(
-        trace.measured_mm[plan.rows], plan, dpi=dpi, degradations=degradations, rng=rng, quarter_turns=quarter_turns
+        trace.measured_mm[plan.rows],
+        plan,
+        line_mm=line,
+        dpi=dpi,
+        degradations=degradations,
+        rng=rng,
+        quarter_turns=quarter_turns,
     )
 
 
@@ -188,6 +201,25 @@ def _draw_dot(ink: np.ndarray, patch: _Patch, radius_px: float, outline_px: floa
         amplitude, phase = rng.normal(0.0, outline_px), rng.uniform(0, 2 * np.pi)
         radius += amplitude * np.cos(k * angle + phase)
     _cover(ink, patch, radius - np.hypot(patch.dx, patch.dy))
+
+
+# Six, because a line has a place, a width and a wobble.
+def _draw_line(
+    ink: np.ndarray, points_px: np.ndarray, width_px: float, outline_px: float, px_per_mm: float,
+    rng: np.random.Generator,
+) -> None:  # fmt: skip
+    """Draw a line through points [N, 2] whose two edges wobble, each by itself, over half a millimetre."""
+    gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points_px, axis=0).T))])
+    places = np.arange(0.0, gone[-1], LINE_STEP_MM * px_per_mm)
+    path = np.stack([np.interp(places, gone, points_px[:, axis]) for axis in range(2)], axis=1)
+    window = np.hanning(2 * round(0.5 / LINE_STEP_MM) + 1)
+    edges = rng.standard_normal((2, len(path) + len(window) - 1))
+    left, right = outline_px * np.array([np.convolve(edge, window / np.linalg.norm(window), "valid") for edge in edges])
+    way = np.gradient(path, axis=0)
+    normal = np.stack([-way[:, 1], way[:, 0]], axis=1) / np.maximum(np.hypot(*way.T), 1e-9)[:, None]
+    path = path + ((left - right) / 2)[:, None] * normal
+    for at in range(len(path) - 1):
+        _draw_stroke(ink, path[at], path[at + 1], width_px + left[at] + right[at])
 
 
 def _draw_stroke(ink: np.ndarray, a_px: np.ndarray, b_px: np.ndarray, width_px: float) -> None:
