@@ -133,7 +133,7 @@ def test_points_that_are_left_out_are_not_in_what_points_lie_off(rng: np.random.
     examination = examine(Trace(points, measured, homed=True), printer, rng=rng)
     assert examination.before_rms_mm == pytest.approx(typical_mm, rel=0.1)
     assert examination.after_rms_mm < 0.05
-    assert "501 measured points, 25 of them left out, lie 0." in report(examination.saved)
+    assert "mm RMS over 501 points, 25 of them left out. Unexplained: 0." in report(examination.saved)
 
 
 def test_a_motor_that_skipped_is_said_before_each_print(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -221,7 +221,7 @@ def test_a_healthy_printer_needs_nothing(rng: np.random.Generator, tmp_path: Pat
     assert 0 < page.index("the model leaves 0.3 mm") < page.index("of little")
     warned = replace(examination, misfit=("warning: Y was suddenly off",))
     assert warned.title == "What is wrong with this printer"
-    assert warned.headline.startswith("Points lie 0.0")
+    assert warned.headline.startswith("Error before mending: 0.0")
     assert standard_rows(examination)[1][2:] == ("0.000", "0.000")
     write_examination(tmp_path / "healthy.html", examination)  # as in the PDF: no table of noughts
     page = (tmp_path / "healthy.html").read_text()

@@ -201,7 +201,7 @@ ABSOLUTE_TRAVELS = "".join(f"G1 X{i % 20} Y{i % 7} E{(i - i // 5) / 50:.3f}\n" f
         ("G28\nM82\n" + LONG + "G91\nM82\nG92 E0\n" + RAISED, "G90 and G91 set E too"),
         ("G28\nM82\n" + LONG + "G91\nG1 Z5 E-1\nG90\n" + LONG, None),
         ("G28\nM83\nG91\nG1 Z5\nG90\n" + RELATIVE, None),
-        ("G28\nM82\n" + LONG + "G91\nM82\nG92 E0\n" + RELATIVE_STEPS, "read E of 28 printing moves"),
+        ("G28\nM82\n" + LONG + "G91\nM82\nG92 E0\n" + RELATIVE_STEPS, "printing moves concerned: 28"),
     ],
 )
 def test_e_that_a_firmware_may_read_otherwise_is_said(text, said, tmp_path):

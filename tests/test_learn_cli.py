@@ -165,7 +165,7 @@ def test_models_have_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     arguments = ("learn", path, "--printer", "ender3", "--learner", "naive", "--name", "e3-07")
     kept = tmp_path / "config" / "printmend" / "models" / "e3-07.mend.json"
     assert run(*arguments).output.splitlines()[-1] == f"written: {kept}"
-    assert run(*arguments).output.splitlines()[-1] == f"written: {kept}, in place of the one that was there"
+    assert run(*arguments).output.splitlines()[-1] == f"written: {kept} (the old file is replaced)"
     (tmp_path / "part.gcode").write_bytes(SQUARE)
     assert run("mend", "part.gcode", "-m", "e3-07").exit_code == 0
     (tmp_path / "other.mend.json").write_text("{}")

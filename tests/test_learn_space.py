@@ -174,7 +174,7 @@ def test_a_tower_completes_a_planar_model(bent: SavedModel) -> None:
     heights, push = errors_mm(done.model, SCREW)
     assert heights < 0.06
     assert push < 0.025
-    assert "Z wobble-1 was 0.000" in done.words
+    assert "Z wobble was 0.000" in done.words
     again = update(bent, measured(SCREW, tower(), seed=3), rng=np.random.default_rng(0))
     assert "Z " not in again.words
     assert errors_mm(again.model, SCREW) == pytest.approx(errors_mm(bent, SCREW))  # the old one knew it better

@@ -171,7 +171,7 @@ def test_the_command_writes_trace_and_overlay(tmp_path, plan, printed):
     assert known.scale_sd == 0.0005
     assert known.axes_sd == pytest.approx(FLATBED.axes_sd * 0.0005 / FLATBED.scale_sd, rel=0.05)
     seen = cv2.imread(str(tmp_path / "seen.png"))
-    assert "both are ringed in" in result.output
+    assert "both dots are circled in" in result.output
     assert (seen == (200, 0, 200)).all(axis=2).sum() > 500
     turned = saved(tmp_path / "turned.png", np.rot90(scan.image), dpi=300)
     measurement = measure_scans([path, turned], plan)
@@ -240,7 +240,7 @@ def test_the_plate_of_another_plan_is_refused(tmp_path, plan, printed):
     other = design_probe(PRINTER, size_mm=50)
     scan = render_scan(other.marks_mm, other, dpi=300, degradations=CLEAN, rng=np.random.default_rng(1))
     path = saved(tmp_path / "scan.png", scan.image, dpi=300)
-    with pytest.raises(ScanError, match="not they"):
+    with pytest.raises(ScanError, match="other dots"):
         measure_scans([path], plan)
 
 

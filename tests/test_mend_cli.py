@@ -99,8 +99,8 @@ def test_many_files_and_folders(folder: Path) -> None:
     (jobs / "new" / "renamed.gcode").write_bytes((jobs / "a.mended.gcode").read_bytes())
     again = run("mend", jobs / "new", "-m", folder / "printer.mend.json")
     assert again.exit_code == 0, again.output
-    assert [line.partition(": ")[2].partition(":")[0] for line in again.stdout.splitlines()] == ["mended already"] * 2
-    assert sum("(--overwrite does it anew)" in line for line in again.stdout.splitlines()) == 1
+    assert [line.partition(": ")[2].partition(":")[0] for line in again.stdout.splitlines()] == ["already mended"] * 2
+    assert sum("(--overwrite mends it again)" in line for line in again.stdout.splitlines()) == 1
     assert sorted(item.name for item in jobs.rglob("*.mended.*")) == ["a.mended.gcode", "b.mended.gcode"]
     (jobs / "new" / "renamed.gcode").unlink()
     (jobs / "new" / "b.gcode").write_bytes(SQUARE + b"G0 Z5\n")  # sliced again
@@ -178,7 +178,7 @@ def test_a_measurement_of_no_printer_is_refused_though_nothing_was_found(folder:
     np.savetxt(table, rows, "%.3f", ",", header="x_mm,y_mm,x_measured_mm,y_measured_mm", comments="")
     learned = run("learn", table, "--printer", "ender3", "-o", folder / "noise.json")
     assert "healthy" in learned.output
-    assert "next: put right what the refusal names" in learned.output
+    assert "next: correct what the refusal names" in learned.output
     result = run("mend", folder / "part.gcode", "-m", folder / "noise.json", "-o", folder / "noise.gcode")
     assert isinstance(result.exception, RefusedError)
     assert not (folder / "noise.gcode").exists()
@@ -292,7 +292,7 @@ def test_a_test_print_is_mended_as_a_check_print(folder: Path) -> None:
     write_probe(folder / "probe.gcode", plan)
     done = run("mend", folder / "probe.gcode", "-m", folder / "printer.mend.json", "-o", folder / "check.gcode")
     assert done.exit_code == 0, done.output
-    assert "only the lines of this test print are counted here, not its dots" in done.output
+    assert "these figures count only the lines of this test print, not its dots" in done.output
     worst = []
     for name in ("probe", "check"):
         dots = print_dots(read_gcode(folder / f"{name}.gcode", printer=ENDER3), Twin(BENT), plan)

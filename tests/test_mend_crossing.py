@@ -132,4 +132,4 @@ def test_the_printer_s_file_says_how_fast_and_the_owner_is_told_where_it_cannot_
         )
         assert done.exit_code == 0, done.output
         assert (b"M204 P12000\n" in output.read_bytes()) is not bool(options)
-        assert ("no crossing is sped up" in done.output) is bool(options)
+        assert ("crossings are not sped up" in done.output) is bool(options)

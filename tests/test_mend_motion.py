@@ -206,7 +206,7 @@ def test_only_where_the_path_goes_straight_back_the_nozzle_stops() -> None:
     judged = judge(text + b"G1 Y90 E1\n", PLAY)
     right(judged)
     assert (judged.prediction.takeups, judged.prediction.stops) == (2, 1)
-    assert "at 1 of them the nozzle stops" in judged.prediction.summary()
+    assert "places where the nozzle stops for a moment (a small seam): 1" in judged.prediction.summary()
 
 
 def test_where_both_axes_go_back_the_command_does_not() -> None:

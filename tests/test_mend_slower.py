@@ -80,7 +80,7 @@ def test_what_matters_least_pays_for_the_time(source: Path, tmp_path: Path) -> N
     assert plain.layers[0]["after_rms_mm"] * 0.9 < walls < 0.6 * infill
     assert infill > 1.5 * plain.layers[1]["after_rms_mm"]
     (said,) = limited.warnings
-    assert said.startswith("to take no longer than it may, lines are drawn less closely [mm]: infill within")
+    assert said.startswith("to stay within the time limit, lines follow the path less closely [mm]: infill within")
     assert "outer walls" in said
     assert "inner walls" not in said, "there are none"
 

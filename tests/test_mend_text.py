@@ -227,7 +227,7 @@ def test_a_curve_that_nobody_knows_is_told(curve: bytes) -> None:
     assert set(rows["feed"][rows["advance"] > 0]) == {1800.0, 600.0}
     assert rows["feed"][-1] == 600
     assert prediction.splines == 1
-    assert "1 curve (G5)" in prediction.summary()
+    assert "curves (G5) not corrected: 1." in prediction.summary()
 
 
 @pytest.mark.parametrize(

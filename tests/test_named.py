@@ -1,5 +1,6 @@
 """What is said of believed parts: laws, not sentences."""
 
+import json
 import re
 from collections.abc import Iterator
 
@@ -12,6 +13,7 @@ from printmend.effects import EFFECTS, Acts, Scene
 from printmend.effects.words import Message
 from printmend.infer.part import DRAWS
 from printmend.machine import healthy_mechanism
+from printmend.messages import ENGLISH, GERMAN, messages_of, restored, together, translated
 from printmend.printer import read_printer
 from printmend.promise.misfit import NOTE, WARNING
 from tests.believed import SCENES, part
@@ -156,21 +158,14 @@ def _terms(effect: str, scene: Scene) -> Iterator:
             yield term
 
 
-def test_a_message_fills_its_places_in_both_languages_alike() -> None:
-    import importlib
-    import pkgutil
-
-    from printmend import effects
-
-    seen = 0
-    for module in pkgutil.iter_modules(effects.__path__):
-        for value in vars(importlib.import_module(f"printmend.effects.{module.name}")).values():
-            if isinstance(value, Message):
-                seen += 1
-                places = set(re.findall(r"{\w}", value.english))
-                assert not re.search(r"[{}]", value(*"1234567"))
-                assert not value.german or set(re.findall(r"{\w}", value.german)) == places
-    assert seen > 20
+def test_an_effect_from_outside_says_itself_in_both_languages_wherever_it_is_kept() -> None:
+    kinked = Message("{a} belt is kinked by {b} mm", "Der Riemen von {a} ist um {b} mm geknickt")
+    words = together("; ", [kinked("X", 0.25), "plain"])
+    again = restored({"words": str(words)}, json.loads(json.dumps(messages_of(words))))["words"]
+    for each in (words, again):
+        assert each == "X belt is kinked by 0.25 mm; plain"
+        assert translated(each, GERMAN) == "Der Riemen von X ist um 0,25 mm geknickt; plain"
+        assert translated(each, ENGLISH) == each
 
 
 def test_a_fine_pattern_is_named_by_what_makes_it() -> None:

@@ -106,6 +106,6 @@ def test_the_commands_of_an_owner_after_the_work(models: dict[str, SavedModel], 
     assert "X stands +" in run("learn", tmp_path / "trace.csv", "--phase", model)
     assert "misfit" not in read_model(model).document or "worked on" not in str(read_model(model).document["misfit"])
     run("learn", tmp_path / "trace.csv", "--phase", model, "--update", model, code=2)
-    with pytest.raises(TraceError, match="the one that the model was learned from"):
+    with pytest.raises(TraceError, match="a print after the work"):
         learn_phase(read_model(model), measured(homed_again(machine(printer), np.array([8.0, 0.0])), 5),
                     rng=np.random.default_rng(0))  # fmt: skip

@@ -194,5 +194,5 @@ def test_the_command_lists_prints_and_converts(tmp_path: Path) -> None:
 
 
 def test_another_programs_file_in_place_of_a_printer_names_the_command(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"`printmend printer .*printer.cfg > mine.toml` makes one"):
+    with pytest.raises(ConfigError, match=r"`printmend printer .*printer.cfg > mine.toml` converts it"):
         read_printer(written(tmp_path, "printer.cfg", KLIPPER))

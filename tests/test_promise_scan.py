@@ -115,9 +115,9 @@ def test_learn_says_what_scale_a_scan_leaves_open() -> None:
     wide = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.004, y_scale=1.004))
     model = learn_model(scanned(measured(wide, 0.01, 4), np.zeros((2, 2))), ENDER3)
     (said,) = scale_words(model)
-    assert re.search(r"the print is \+0\.4\d % in X and \+0\.4\d % in Y too large .* Mending takes nothing", said)
+    assert re.search(r"the print is \+0\.4\d % in X and \+0\.4\d % in Y too large .* Mending corrects none of it", said)
     assert said in report(model)
-    assert "Mending takes off +0.50 % in X and -0.00 % in Y, which may be wrong by 0.2 mm" in in_words(
+    assert "Mending corrects +0.50 % in X and -0.00 % in Y, which may be wrong by 0.2 mm" in in_words(
         np.array([0.005, 0.001]), np.array([0.005, -1e-6]), 0.002
     )
     healthy = learn_model(scanned(measured(HEALTHY, 0.01, 3), np.zeros((2, 2))), ENDER3)

@@ -174,7 +174,7 @@ def test_the_command_notes_the_verdict(bent: SavedModel, tmp_path: Path) -> None
         write_trace(tmp_path / f"{name}.csv", checked(bent, corruption, noise_mm))
         done = CliRunner().invoke(group, ["verify", str(tmp_path / f"{name}.csv"), "-m", str(model), "-o", str(new)])
         assert done.exit_code == code, done.output
-        assert "distances on the bed: about 1.4 times what `mend` counts" in done.output
+        assert "distances on the bed, about 1.4 times the distance across a line" in done.output
         assert read_model(new).document["update"]["from"] == bent.digest
     history = [json.loads(line) for line in (tmp_path / "printer.mend.history.jsonl").read_text().splitlines()]
     assert [each["result"] for each in history] == [KEPT, BROKEN, UNSURE]

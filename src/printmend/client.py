@@ -19,6 +19,7 @@ from typing import IO, Any
 from printmend import provenance
 from printmend.errors import InputError, PrintmendError, RefusedError, reason
 from printmend.files import replacing
+from printmend.messages import say
 
 _PATIENCE_S = 60.0  # for one answer
 _LOOK_S = 0.2  # between two looks at a job
@@ -40,7 +41,7 @@ class Studio:
 
     def __init__(self, address: str = "http://127.0.0.1:8765", *, token: str | None = None) -> None:
         if urllib.parse.urlsplit(address).scheme not in ("http", "https"):
-            raise InputError(address, wanted="http:// or https:// and a host", came="another address", todo="check it")
+            raise InputError(address, wanted=say("http-https-host"), came="another address", todo="check it")
         self._address, self._token = address.rstrip("/"), token
 
     def get(self, path: str) -> Any:
@@ -61,7 +62,7 @@ class Studio:
                 return str(self._ask("POST", f"/uploads?{query}", file, "application/octet-stream", size=size)["id"])
         except OSError as error:
             came = reason(error)
-            raise InputError(path, wanted="a file that can be read", came=came, todo="check the path") from None
+            raise InputError(path, wanted="a file that can be read", came=came, todo=say("check-path")) from None
 
     def wait(self, job: str, told: Callable[[dict[str, Any]], None] = lambda job: None) -> dict[str, Any]:
         """Wait for a job and return its result; ``told`` hears how far it is. Raises `StudioError` where it failed."""
@@ -177,7 +178,7 @@ def update(model: Path) -> bool:
         kept = json.loads(pair_file(model).read_text(encoding="utf-8"))
         address, token = str(kept["address"]), str(kept["token"])
     except (OSError, ValueError, KeyError, TypeError):
-        raise InputError(pair_file(model), wanted="a model that is paired with a studio", came="none",
+        raise InputError(pair_file(model), wanted="a model that is paired with a studio", came=say("none"),
                          todo="pair it first: printmend pair ADDRESS CODE -m MODEL") from None  # fmt: skip
     try:
         have = provenance.read_model(str(model)).digest

@@ -13,14 +13,16 @@ PrintmendError                   exit code 2: the input or the machine's set-up 
 └── RefusedError                 exit code 3: the work is possible, but would not help
 """
 
+import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-from printmend.messages import said
+from printmend.messages import said, say
 
 WHY = "why"  # id of an error as a message: its subject, what was wanted, what came, what to do
+_REASONS = {errno.ENOENT: "no-such-file-or-directory", errno.EACCES: "permission-denied", errno.ENOSPC: "no-space-left"}
 _LONGEST = 300  # characters of each part of a message
 
 
@@ -35,7 +37,8 @@ class PrintmendError(Exception):
 
     def __init__(self, subject: object, *, wanted: str, came: str, todo: str) -> None:
         self.subject, self.wanted, self.came, self.todo = str(subject), wanted, came, todo
-        a, b, c, d = (_line(part) for part in (str(subject), wanted, came, todo))
+        parts = (subject if isinstance(subject, str) else str(subject), wanted, came, todo)
+        a, b, c, d = map(_line, parts)
         self.message = said(WHY, {"a": a, "b": b, "c": c, "d": d}, f"{a}: wanted {b}, got {c}; {d}")
         super().__init__(str(self.message))
 
@@ -54,6 +57,8 @@ def _line(text: str) -> str:
 
 def reason(error: Exception) -> str:
     """Return why the system or a library refused, as words within a sentence: "no such file or directory"."""
+    if (number := getattr(error, "errno", None)) in _REASONS:
+        return say(_REASONS[number])
     words = getattr(error, "strerror", None) or str(error)
     return words[:1].lower() + words[1:]
 

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from printmend.errors import InputError
+from printmend.messages import say
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -250,7 +251,7 @@ def executor(workers: int, cluster: str | None = None) -> Executor:
         kind, _, rest = cluster.partition(":")
         whole = rest.isascii() and rest.isdigit() and int(rest) > 0
         if not (whole if kind == "local" else kind in ("tcp", "tls") and rest.startswith("//")):
-            raise InputError("--cluster", wanted="tcp://HOST:PORT or local:N", came=repr(cluster), todo="correct it")
+            raise InputError("--cluster", wanted="tcp://HOST:PORT or local:N", came=repr(cluster), todo=say("correct"))
         return Cluster(cluster)
     return Serial() if workers == 1 else Processes(workers or os.cpu_count() or 1)
 

@@ -95,11 +95,11 @@ def check_place(path: Path) -> None:
     """Raise `UnwritableError` where no file can be written at ``path``: before the work that would be lost."""
     path = Path(os.path.abspath(path))
     if path.is_dir():
-        raise _unwritable(path, "a folder")
+        raise _unwritable(path, say("folder"))
     if not path.parent.is_dir():
-        raise _unwritable(path, f"no such folder: {path.parent}")
+        raise _unwritable(path, say("no-such-folder", path.parent))
     if not path.exists() and not os.access(path.parent, os.W_OK):
-        raise _unwritable(path, "a folder that you may not write to")
+        raise _unwritable(path, say("folder-not-writable"))
 
 
 def _lock(handle: int) -> int | None:
@@ -144,14 +144,14 @@ def _is_replaceable(path: Path) -> bool:
     except OSError as error:
         raise _unwritable(path, reason(error)) from None
     if stat.S_ISDIR(kind):
-        raise _unwritable(path, "a folder")
+        raise _unwritable(path, say("folder"))
     return stat.S_ISREG(kind)
 
 
 def _unwritable(path: Path, came: str) -> UnwritableError:
-    todo = "choose another place, or make the folder" if "no such" in came else "choose another place"
+    todo = say("choose-place-or-make-folder" if "no such" in came else "choose-another-place")
     if "space" in came or "quota" in came:
-        todo = "make room on the disk, or choose another place"
+        todo = say("make-room-on-disk")
     return UnwritableError(path, wanted=say("file-can-be-written"), came=came, todo=todo)
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from printmend.errors import ConfigError
+from printmend.messages import say
 
 LEARNERS, CONTROLLERS, CORRUPTIONS = "printmend.learners", "printmend.controllers", "printmend.corruptions"
 EFFECTS = "printmend.effects"
@@ -44,7 +45,9 @@ def load_plugin(group: str, name: str, *, wanted: str, has: tuple[str, ...]) -> 
     try:
         found = getattr(module, attribute)
     except AttributeError:
-        raise ConfigError(name, wanted=f"{wanted} in {module_name}", came="no such name", todo="correct it") from None
+        raise ConfigError(
+            name, wanted=say("key-in-section", wanted, module_name), came="no such name", todo=say("correct")
+        ) from None
     if isinstance(found, dict):
         found = found.get(name)
     missing = [key for key in has if not hasattr(found, key)]

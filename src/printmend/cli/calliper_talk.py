@@ -126,7 +126,7 @@ def _tell_estimates(
     distances = distances_of(plan, pairs[rows], np.array([inner for _, _, inner in taken], bool))
     readings_mm = np.array([value for _, value, _ in taken])
     for item in estimates_by_hand(distances, readings_mm):
-        say(f"  {item}")
+        say(item.words)
 
 
 def _drawn(plan: ProbePlan, pair: np.ndarray) -> str:

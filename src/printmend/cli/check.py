@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from printmend.cli.model import ModelType, read_model_in
+from printmend.cli.terminal import echo
 
 
 @click.command(epilog="Example: printmend check part.gcode -m printer.mend.json --against part.mended.gcode")
@@ -33,4 +34,4 @@ def command(source: Path, model_path: Path, filament: str | None, against: Path 
         from printmend.repair.prediction import with_doubt
 
         prediction = with_doubt(judged(prediction, str(source), str(against), model.mechanism), model)
-    click.echo(json.dumps(prediction.json()) if as_json else prediction.summary())
+    echo(json.dumps(prediction.json()) if as_json else prediction.summary())

@@ -4,6 +4,9 @@ from pathlib import Path
 
 import click
 
+from printmend.cli.terminal import echo
+from printmend.messages import say
+
 
 @click.command(epilog="Example: printmend diagnose trace.csv --printer ender3 --report report.html --for part.gcode")
 @click.argument("trace", metavar="TRACE.csv", type=click.Path(path_type=Path))
@@ -39,4 +42,5 @@ def command(trace: Path, printer_name: str, report: Path, part: Path | None, fil
     rng = np.random.default_rng(seed)
     examination = examine(read_trace(trace, printer), printer, part=part, filament=filament, rng=rng)
     write_examination(report, examination)
-    click.echo(summary(examination) + f"\nwritten: {report}")
+    echo(summary(examination))
+    echo(say("written", report))

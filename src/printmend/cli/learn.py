@@ -8,6 +8,8 @@ from pathlib import Path
 import click
 
 from printmend.cli.model import SUFFIX, ModelType, models_folder
+from printmend.cli.terminal import echo
+from printmend.messages import say
 
 
 # Long, with many parameters, because of its options, and because each kind of result is told in its own words.
@@ -91,7 +93,7 @@ def command(
         output = models_folder() / f"{name}{SUFFIX}"
         output.parent.mkdir(parents=True, exist_ok=True)
     output = output or old or Path("printer.mend.json")
-    replaced = ", in place of the one that was there" if output.exists() else ""
+    written = say("written-over" if output.exists() else "written", output)
     spare((output,), (trace or Path("-"), Path(printer_name or "-")))
     rng = np.random.default_rng(seed)
     dated = None if when is None else when.replace(tzinfo=UTC)
@@ -118,8 +120,8 @@ def command(
                 updated = update_in(past, again, filament, rules, rng=rng, ageing=ageing)
         model = updated.model
         if ageing is not None and ageing.words:
-            click.echo(ageing.words, err=as_json)
-        click.echo(updated.words, err=as_json)
+            echo(ageing.words, err=as_json)
+        echo(updated.words, err=as_json)
     write_model(output, model)
     if output.is_file() and not (updated is not None and updated.is_known):
         remember_learned(
@@ -129,11 +131,10 @@ def command(
         click.echo(json.dumps({"output": str(output), "digest": model.digest, **model.summary}, ensure_ascii=False))
     else:
         in_it = "" if filament is None else f" --filament {filament}"
-        comes = f"next: printmend mend part.gcode -m {shlex.quote(str(name or output))}{in_it} --report part.html"
+        comes = say("terminal-next-mend", f"{shlex.quote(str(name or output))}{in_it}")
         if refusals(model.document):
-            comes = "next: put right what the refusal names, and learn again; `mend` takes nothing with this model"
+            comes = say("terminal-next-learn-again")
         elif is_healthy(printed_in(model, filament)):
-            comes = "nothing to mend: files stay as they are"
-        click.echo("\n".join([report(model), *filament_words(model)]))
-        click.echo(comes)
-        click.echo(f"written: {output}{replaced}")
+            comes = say("nothing-to-mend")
+        for line in (report(model), *filament_words(model), comes, written):
+            echo(line)

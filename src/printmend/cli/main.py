@@ -13,6 +13,7 @@ import click
 
 from printmend import __version__
 from printmend.cli.plain import in_plain_words
+from printmend.cli.terminal import LANGUAGES, Terminal, usual_language
 from printmend.errors import MissingToolError, PrintmendError, reason
 from printmend.extras import missing_extra
 
@@ -121,9 +122,13 @@ def home_of(name: str) -> str | None:
     epilog="Example: printmend demo",
 )
 @click.version_option(__version__, prog_name="printmend")
+@click.option("--lang", "language", type=click.Choice(LANGUAGES), metavar="en|de",
+              help="Language of results and errors [default: the locale's]. Help stays English.")  # fmt: skip
 @click.pass_context
-def group(ctx: click.Context) -> None:
+def group(ctx: click.Context, language: str | None) -> None:
     """Print straight on a broken 3-D printer: learn its fault from one print, rewrite the G-code."""
+    terminal = ctx.ensure_object(Terminal)
+    terminal.language = language or terminal.language
     name = ctx.invoked_subcommand
     if name is not None and home_of(name) is not None:
         from printmend.cli.settings import settings_of
@@ -149,15 +154,16 @@ def main() -> None:
 
         logging.basicConfig(format="printmend: %(message)s")
         logging.getLogger("printmend").setLevel(logging.INFO)
+    terminal = Terminal(usual_language())
     try:
         try:
-            code = group.main(prog_name="printmend", standalone_mode=False)
+            code = group.main(prog_name="printmend", standalone_mode=False, obj=terminal)
         finally:
             if sys.stdout is not None:
                 sys.stdout.flush()  # a full disk shows here at the latest
         sys.exit(code if isinstance(code, int) else 0)
     except PrintmendError as error:
-        _end(str(error), error.exit_code)
+        _end(terminal.say(error.message), error.exit_code)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         sys.exit(error.exit_code)

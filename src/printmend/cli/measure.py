@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import click
 
 from printmend.cli.number import Finite
+from printmend.cli.terminal import echo
+from printmend.messages import say
 
 if TYPE_CHECKING:
     import numpy as np
@@ -107,16 +109,15 @@ def _measure_probe(
     asked = [note for note in measurement.notes if is_asking(note)]
     for note in measurement.notes:
         if note not in asked:
-            click.echo(note)
+            echo(note)
     if 0 < len(missing := measurement.missing) <= MOST_NAMED:
-        click.echo(f"not found: {', '.join(map(str, missing.tolist()))} (numbers of the marks in {plan_path})")
+        echo(say("marks-not-found", ", ".join(map(str, missing.tolist())), plan_path))
     found = int(np.isfinite(measurement.measured_mm).all(axis=1).sum())
-    click.echo(f"{output}: {found} measured marks")
+    echo(say("so-many-measured-marks", output, found))
     for note in asked:  # last, where it is read
-        click.echo(f"still open: {note}")
+        echo(say("still-open", note))
     if asked and len(plan.sheets) < 2:  # the overlay shows the first scan's sheet only
-        where = "both are ringed in" if overlay else "to see both ringed, add --overlay"
-        click.echo(f"{where} {overlay or 'seen.png'}")
+        echo(say("both-ringed-in", overlay) if overlay else say("terminal-see-both-ringed"))
 
 
 def _measure_layer(
@@ -139,12 +140,12 @@ def _measure_layer(
     asked = [note for note in measured.notes if is_asking(note)]
     for note in measured.notes:
         if note not in asked:
-            click.echo(note)
-    click.echo(f"{output}: {measured.found} measured places; learn from them with `printmend learn`")
+            echo(note)
+    echo(say("terminal-so-many-measured-places", output, measured.found))
     for line in fits([(layer, measured)], part_path, printer, None, filament).sizes():
         click.echo(line)
     for note in asked:
-        click.echo(f"still open: {note}")
+        echo(say("still-open", note))
 
 
 def _measure_by_hand(
@@ -180,7 +181,7 @@ def _measure_by_hand(
         text = sys.stdin.read()
         if not text.strip():
             return
-        readings = parse_readings(text, distances, subject="the distances")
+        readings = parse_readings(text, distances, subject=say("distances"))
     _say_estimates(distances, readings, printer, output)
 
 
@@ -191,10 +192,10 @@ def _say_estimates(distances: "Distances", readings_mm: "np.ndarray", printer: "
 
     if printer is None:
         for item in estimates_by_hand(distances, readings_mm):
-            click.echo(str(item))
+            echo(item.words)
         return
     model = model_by_hand(distances, readings_mm, printer)
     for line in model.findings:
-        click.echo(line)
+        echo(line)
     write_model(output, model)
-    click.echo(f"{output}: only what is known well is corrected")
+    echo(say("only-known-corrected", output))

@@ -8,6 +8,8 @@ import click
 from printmend.cli.model import ModelType, read_model_in
 from printmend.cli.number import Finite, Percent
 from printmend.cli.outcome import tell
+from printmend.cli.terminal import echo
+from printmend.messages import say
 
 if TYPE_CHECKING:
     from printmend.invert.fineness import Fineness
@@ -95,8 +97,8 @@ def _mend_one(
     if report is not None:
         write_report(report, str(source), model, done.prediction, output=None if in_place else target)
     if not quiet:
-        click.echo(done.prediction.summary(), err=target is None)
-        click.echo(f"written: {target or 'standard output'}", err=target is None)
+        echo(done.prediction.summary(), err=target is None)
+        echo(say("written", target or say("standard-output")), err=target is None)
 
 
 # Its many parameters are the command's options.
@@ -114,7 +116,7 @@ def _mend_many(
     single = len(files) == 1 and not sources[0].is_dir()
     if output is not None and not (single and not output.is_dir()):
         if output.is_file():
-            raise InputError(output, wanted="a folder for several files", came="a file", todo="name a folder")
+            raise InputError(output, wanted="a folder for several files", came=say("file"), todo="name a folder")
         targets = [output / place for place in files.values()]
         for target in targets:
             target.parent.mkdir(parents=True, exist_ok=True)

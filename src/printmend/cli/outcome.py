@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from printmend.cli.terminal import echo
+from printmend.messages import together
+
 if TYPE_CHECKING:
     from printmend.repair.many import FileOutcome
 
@@ -14,6 +17,6 @@ def tell(outcome: "FileOutcome", *, as_json: bool, quiet: bool) -> None:
     if as_json:
         click.echo(json.dumps(outcome.json(), ensure_ascii=False))
     elif outcome.code:
-        click.echo(f"printmend: {outcome}", err=True)
+        echo(together("", ["printmend: ", outcome.words]), err=True)
     elif not quiet:
-        click.echo(str(outcome))
+        echo(outcome.words)

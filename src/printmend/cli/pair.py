@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from printmend.errors import InputError
+from printmend.messages import say
 
 
 @click.command(epilog="Example: printmend pair http://workshop:8765 123456 -m printer.mend.json")
@@ -31,5 +32,7 @@ def command(address: str | None, code: str | None, model: Path, name: str, newer
     if address is None or code is None:
         raise click.UsageError("wanted ADDRESS and CODE as the studio shows them; or --update")
     if len(code) != 6 or not code.isascii() or not code.isdigit():
-        raise InputError(code, wanted="six digits", came="something else", todo="copy the code that the studio shows")
+        raise InputError(
+            code, wanted="six digits", came=say("something-else"), todo="copy the code that the studio shows"
+        )
     click.echo(f"{model} comes from {pair(model, address, code, name[:60])!r} at {address} from now on")

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from printmend.messages import say
+
 
 @click.command(epilog="Example: printmend printer ~/printer_data/config/printer.cfg > mine.toml")
 @click.argument("source", metavar="NAME|FILE", required=False)
@@ -22,7 +24,7 @@ def command(source: str | None, like: str | None, model: str | None) -> None:
     if source is None:
         for name in preset_names():
             printer = read_printer(name)
-            bed = f"{printer.x.length_mm:g} × {printer.y.length_mm:g} mm"
+            bed = say("mm", f"{printer.x.length_mm:g}", f"{printer.y.length_mm:g}")
             click.echo(f"{name:<15}{printer.name:<26}{printer.kinematics:<11}{bed}")
         return
     if source in preset_names():

@@ -18,6 +18,7 @@ import click
 from printmend.cli.model import ModelType
 from printmend.cli.plain import in_plain_words
 from printmend.errors import ConfigError
+from printmend.messages import say
 
 PROJECT = Path("printmend.toml")
 
@@ -56,7 +57,7 @@ def _section(path: Path, names: Callable[[], list[str]], name: str) -> dict[str,
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:
-        raise ConfigError(path, wanted="settings in TOML", came=str(error), todo="correct it") from None
+        raise ConfigError(path, wanted="settings in TOML", came=str(error), todo=say("correct")) from None
     for section, values in table.items():
         if section not in names() or not isinstance(values, dict):
             raise ConfigError(
@@ -73,7 +74,7 @@ def _check(path: Path, place: str, option: click.Option, value: Any) -> None:
         option.type_cast_value(click.Context(click.Command(None)), value)
     except click.BadParameter as error:
         came = in_plain_words(error.message)
-        raise ConfigError(path, wanted=f"a value for {place}", came=came, todo="correct it") from None
+        raise ConfigError(path, wanted=f"a value for {place}", came=came, todo=say("correct")) from None
 
 
 def _options(command: click.Command) -> dict[str, click.Option]:

@@ -7,6 +7,8 @@ import click
 
 from printmend.cli.model import ModelType
 from printmend.cli.number import Finite
+from printmend.cli.terminal import echo
+from printmend.messages import say
 
 
 @click.command(
@@ -71,10 +73,11 @@ def command(
     if as_json:
         click.echo(json.dumps({**verdict.json(), "history": str(history)}))
     else:
-        click.echo(verdict.words)
-        click.echo("all three are distances on the bed: about 1.4 times what `mend` counts, straight across a line")
+        echo(verdict.words)
+        echo(say("distances-on-bed"))
         if newer is not None:
-            click.echo(f"{update_words(verdict, newer)}\nwritten: {output}")
-        click.echo(f"noted in {history}")
+            echo(update_words(verdict, newer))
+            echo(say("written", output))
+        echo(say("noted-in", history))
     if verdict.result == BROKEN:
         click.get_current_context().exit(RefusedError.exit_code)

@@ -11,6 +11,7 @@ from printmend.clock.limits import Limits
 from printmend.gcode.kernels import NO_NOTES, PIECE, RECORD
 from printmend.gcode.write import Planned
 from printmend.jit import record
+from printmend.messages import say
 
 _AS_IT_IS, _NO_RECORDS, _NO_PIECES = np.empty(0, np.int64), np.empty(0, RECORD), np.empty(0, PIECE)
 
@@ -38,10 +39,10 @@ class Duration:
 
     def words(self, *, mended: bool) -> str:
         """Say how long it takes as it is, and ``mended``."""
-        times = f"it takes {span_words(self.before_s)}"
+        before, after = span_words(self.before_s), span_words(self.after_s)
         if mended:
-            times += f", mended {span_words(self.after_s)} ({100 * self.share:+.1f} %)"
-        return f"{times}, heating and homing left out; as {self.limits.words}"
+            return say("it-takes-mended", before, after, f"{100 * self.share:+.1f}", *self.limits.words)
+        return say("it-takes", before, *self.limits.words)
 
     def __add__(self, other: "Duration") -> "Duration":
         """Return the time of two prints, one after the other."""

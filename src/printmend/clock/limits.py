@@ -9,6 +9,7 @@ import numpy as np
 from printmend.clock.kernels import layout as k
 from printmend.gcode.machine import Flavour
 from printmend.jit import record
+from printmend.messages import say
 from printmend.printer import MotionLimits
 
 Axes = tuple[float, float, float, float]
@@ -18,6 +19,8 @@ _CORNER = {
 _BLOCKS = {"klipper": k.QUEUE, "marlin": 16, "marlin, by junction deviation": 16, "rrf": 40}
 UNSAID = MotionLimits()
 SLICER = "the slicer's settings"
+EXAMPLE, OWNER = "an example printer of that firmware", "the printer's file"
+_SAID = {SLICER: "limits-of-slicer", EXAMPLE: "limits-of-example", OWNER: "limits-of-owner"}  # messages
 FIRMWARES = tuple(_CORNER)
 """Names of the planners that are known."""
 _OF_FLAVOUR = {Flavour.KLIPPER: "klipper", Flavour.RRF: "rrf"}
@@ -46,13 +49,13 @@ class Limits:
     corner_mm_s: float = 5.0
     cruise_ratio: float = 0.5
     arc_mm: float = 1.0
-    said: str = field(default="an example printer of that firmware", compare=False)
+    said: str = field(default=EXAMPLE, compare=False)
 
     @property
-    def words(self) -> str:
+    def words(self) -> tuple[str, str]:
         """Say whose planner they are for, and where they come from."""
         name = self.firmware if self.firmware == "rrf" else self.firmware.capitalize()
-        return f"{'RepRapFirmware' if name == 'rrf' else name} plans it, within limits from {self.said}"
+        return "RepRapFirmware" if name == "rrf" else name, say(_SAID[self.said])
 
     @property
     def most_mm_s2(self) -> float:
@@ -120,7 +123,7 @@ def _owned(limits: Limits, owner: MotionLimits) -> Limits:
         )
     if owner.speed_mm_s is None and owner.accel_mm_s2 is None:
         return limits
-    return replace(limits, said="the printer's file")
+    return replace(limits, said=OWNER)
 
 
 def _settled(plain: Limits, found: Mapping[str, float]) -> Limits:

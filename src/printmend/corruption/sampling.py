@@ -33,6 +33,7 @@ from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.warp import Warp
 from printmend.effects import EFFECTS
 from printmend.errors import ConfigError
+from printmend.messages import say
 from printmend.plugins import CORRUPTIONS, is_plugin, load_plugin, plugin_names
 from printmend.units import TURN_RAD, radius_mm
 
@@ -275,7 +276,7 @@ def check_family(family: str) -> None:
         return
     if not is_plugin(CORRUPTIONS, family):
         known = ", ".join(dict.fromkeys((*families(), *plugin_names(CORRUPTIONS), *EFFECTS)))
-        raise ConfigError("family", wanted=f"one of {known}, or module:NAME", came=repr(family), todo="correct it")
+        raise ConfigError("family", wanted=f"one of {known}, or module:NAME", came=repr(family), todo=say("correct"))
     _foreign(family)
 
 
@@ -306,7 +307,7 @@ def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged"
     Raise `ConfigError` for a family or severity that does not exist.
     """
     if severity not in SEVERITIES:
-        raise ConfigError("severity", wanted="damaged, realistic or paper", came=repr(severity), todo="correct it")
+        raise ConfigError("severity", wanted="damaged, realistic or paper", came=repr(severity), todo=say("correct"))
     if family == "frame":
         return Corruption(frame=_frame(rng, severity))
     if family == "screw":
@@ -318,6 +319,6 @@ def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged"
         return Corruption(causes=(Cause(family, seed=int(rng.integers(2**32)), severity=mildness),))
     if family not in _DRIVES:
         raise ConfigError(
-            "family", wanted=f"one of {', '.join(families())}, or an effect", came=repr(family), todo="correct it"
+            "family", wanted=f"one of {', '.join(families())}, or an effect", came=repr(family), todo=say("correct")
         )
     return Corruption((_DRIVES[family](rng, severity), _DRIVES[family](rng, severity)))

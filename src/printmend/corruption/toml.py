@@ -39,6 +39,7 @@ from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.warp import Warp
 from printmend.errors import ConfigError
 from printmend.files import read_text
+from printmend.messages import say
 from printmend.printer.toml import refuse_unknown
 
 SECTIONS: dict[str, tuple[type, ...]] = {
@@ -82,7 +83,7 @@ def parse_corruption(text: str, *, subject: str) -> Corruption:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ConfigError(subject, wanted="a corruption in TOML", came=f"broken TOML ({error})", todo=_TODO) from None
+        raise ConfigError(subject, wanted="a corruption in TOML", came=say("broken-toml", error), todo=_TODO) from None
     refuse_unknown(table, {*_MOTORS, "frame", "z", "effect"}, subject, "the top level")
     drives = [Drive(), Drive()]
     for name in table.keys() & _MOTORS.keys():
@@ -136,7 +137,7 @@ def _value(table: Any, types: tuple[type, ...], section: str, subject: str) -> A
     refuse_unknown(table, {*fields, "kind"}, subject, section)
     required = [name for name, item in fields.items() if item.default is dataclasses.MISSING]
     if missing := [name for name in required if name not in table]:
-        raise ConfigError(subject, wanted=f"{missing[0]} in {section}", came="no such key", todo=_TODO)
+        raise ConfigError(subject, wanted=say("key-in-section", missing[0], section), came=say("such-key"), todo=_TODO)
     for name, value in table.items():
         if fields.get(name) is not None and isinstance(value, list) != ("tuple" in str(fields[name].type)):
             raise ConfigError(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from printmend.effects import EFFECTS
 from printmend.effects.words import SOON_MM, Care
 from printmend.effects.words import Fault as NamedFault
-from printmend.messages import say, within
+from printmend.messages import say, together, within
 
 CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations from 0 at which a fault is certain, or very likely
 REPAIR_MM = 0.5  # effect on a print above which a part should be replaced
@@ -29,7 +29,7 @@ class Advice:
 def advise(fault: NamedFault, *, corexy: bool = False, rails: bool = False) -> Advice:
     """Return the advice for one fault; ``rails`` says that the rails or the head of a CoreXY seem to have play, which
     the model tells as its belts'."""
-    where = f"Motor {fault.part.upper()}" if corexy and fault.part != "frame" else fault.part.upper()
+    where = say("motor", fault.part.upper()) if corexy and fault.part != "frame" else fault.part.upper()
     size = abs(fault.value)
     kind = fault.kind.rstrip("0123456789.").removesuffix("-")  # harmonic-2 is a harmonic
     title, meaning, effect, repair, software = _said(kind, where, fault, size)
@@ -59,7 +59,7 @@ def _sure(fault: NamedFault) -> str:
     if fault.sd <= 0:
         return say("seen-size-estimate-without-error-bar")
     sigmas = abs(fault.value) / fault.sd
-    word = "certain" if sigmas >= CERTAIN_SIGMAS else "very likely" if sigmas >= LIKELY_SIGMAS else "likely"
+    word = say("certain" if sigmas >= CERTAIN_SIGMAS else "very-likely" if sigmas >= LIKELY_SIGMAS else "likely")
     low, high = sorted((abs(fault.value) - 2 * fault.sd, abs(fault.value) + 2 * fault.sd))
     digits = 3 if fault.sd < 0.01 else 2
     first, last = f"{max(low, 0):.{digits}f}", f"{high:.{digits}f}"
@@ -75,14 +75,14 @@ def _carries() -> str:
 
 def _scale(where: str, fault: NamedFault, size: float) -> Said:
     effect = size / 100 * SPAN_MM
-    word = "large" if fault.value > 0 else "small"
+    word = say("large" if fault.value > 0 else "small")
     repair = (
         say("look-pulley-s-size-number-teeth") if size > 2 else
         say("nothing-repair-correct-steps-per-millimetre")
     )  # fmt: skip
     return (
         say("prints-too", where, f"{size:.2f}", word),
-        say("every-100-mm-along-come-out", where, f"{effect:.2f}", "long" if fault.value > 0 else "short"),
+        say("every-100-mm-along-come-out", where, f"{effect:.2f}", say("long" if fault.value > 0 else "short")),
         effect, repair, say("firmware-can-hold-printmend"),
     )  # fmt: skip
 
@@ -95,7 +95,7 @@ def _harmonic(where: str, fault: NamedFault, size: float) -> Said:
         meaning = say("pulley-wobbles", f"{size:.2f}", f"{effect:.2f}")
         repair = say("replace-pulley-if-new-one-wobbles")
     else:
-        shape = {2: "oval", 3: "three-cornered", 4: "four-cornered"}.get(k, "uneven")
+        shape = say({2: "shape-oval", 3: "shape-three-cornered", 4: "shape-four-cornered"}.get(k, "shape-uneven"))
         title = say("pulley", where, shape)
         meaning = say("pulley-out-of-round", f"{size:.2f}", k, f"{effect:.2f}")
         repair = say("replace-pulley-worn-squeezed-badly-made")
@@ -244,7 +244,7 @@ def _jump(where: str, fault: NamedFault, size: float) -> Said:
 def _lead(where: str, fault: NamedFault, size: float) -> Said:
     effect = size / 100 * SPAN_MM
     return (
-        say("prints-come-out-too", "tall" if fault.value > 0 else "low"),
+        say("prints-come-out-too", say("tall" if fault.value > 0 else "low")),
         say("mm-100-mm-height", f"{effect:.2f}"), effect,
         say("nothing-repair-correct-z-steps-per"), _carries(),
     )  # fmt: skip
@@ -272,7 +272,13 @@ def _wobble(where: str, fault: NamedFault, size: float) -> Said:
 
 
 def _other(where: str, fault: NamedFault, size: float) -> Said:
-    return f"{where}: {fault.kind}", fault.words, size if fault.unit == "mm" else 0.0, say("have-a-look"), _carries()
+    return (
+        together(": ", [where, fault.kind]),
+        fault.words,
+        size if fault.unit == "mm" else 0.0,
+        say("have-a-look"),
+        _carries(),
+    )
 
 
 _SAY = {

@@ -27,10 +27,10 @@ def drive_gaps(drive: LearnedDrive) -> list[str]:
             say("seen-over-part-of-turn", name, f"{100 * seen.angles:.0f}", longer if seen.turns < 1 else spread)
         )
     if min(seen.forward, seen.backward) < LEAST_ROWS_EITHER_WAY:
-        way = "forwards" if seen.forward > seen.backward else "backwards"
+        way = say("forwards" if seen.forward > seen.backward else "backwards")
         gaps.append(say("measured-moving-only-so-play-unknown", name, way))
     elif drive.structure.play != "none" and min(seen.lower_angles, seen.upper_angles) < ALL_SEEN <= seen.angles:
-        less = "forwards" if seen.lower_angles < seen.upper_angles else "backwards"
+        less = say("forwards" if seen.lower_angles < seen.upper_angles else "backwards")
         share = 100 * min(seen.lower_angles, seen.upper_angles)
         gaps.append(say("moved-over-pulley-s-turn-only", name, less, f"{share:.0f}", f"{turn:.0f}"))
     return gaps

@@ -16,6 +16,7 @@ from printmend.effects.pulley import shape_words
 from printmend.effects.sample import drawn_places
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Told, carrier_name
 from printmend.infer.part import Part
+from printmend.messages import say, together
 from printmend.promise.misfit import NOTE, SEVERITIES, WARNING, Misfit
 
 CERTAIN = 0.95  # share of the drawn machines from which on an effect is certain
@@ -59,12 +60,13 @@ class _Group:
 def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = ()) -> Diagnosis:
     """Return the faults that act in one sentence, motor by motor; ``gaps`` is what the trace could not tell."""
     faults = faults_of(parts, scene)
-    said = {
-        name: ", ".join(fault.words for fault in faults if fault.part == name)
-        for name in (*scene.printer.motors, "frame")
-    }
-    motors = [f"{name.upper()} {said[name] or 'healthy'}" for name in scene.printer.motors]
-    summary = "; ".join([*motors, *([f"frame {said['frame']}"] if said["frame"] else [])])
+    said = {name: [fault.words for fault in faults if fault.part == name] for name in (*scene.printer.motors, "frame")}
+    motors = [
+        say("motor-has", name.upper(), together(", ", said[name])) if said[name] else say("motor-healthy", name.upper())
+        for name in scene.printer.motors
+    ]
+    frame = [say("frame-has", together(", ", said["frame"]))] if said["frame"] else []
+    summary = together("; ", [*motors, *frame])
     return Diagnosis(tuple(faults), summary, tuple(gaps))
 
 
@@ -72,7 +74,7 @@ def kind_words(kind: str) -> str:
     """Return a fault's kind in words: ``harmonic-1`` is a pulley that is eccentric."""
     name, _, order = kind.partition("-")
     if name == "harmonic" and order.isdigit():
-        return f"pulley {shape_words(int(order))}"
+        return say("pulley-of-shape", shape_words(int(order)))
     return kind
 
 
@@ -86,7 +88,7 @@ def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:
             continue
         faults = [fault for fault in _faults(group.found, beside, scene) if _is_named(fault)]
         other = _other_words(group, groups, scene)
-        named += [replace(fault, words=f"{fault.words} (or {other})") if other else fault for fault in faults]
+        named += [replace(fault, words=say("or-else", fault.words, other)) if other else fault for fault in faults]
     order = [*scene.printer.motors, "frame"]
     return sorted(named, key=lambda fault: order.index(fault.part) if fault.part in order else len(order))
 
@@ -118,8 +120,8 @@ def misfits_of(
         size_mm = _size_mm(one, places, scene)
         nats_of = evidence.get((one.effect, one.where), float(np.log(chance / max(1 - chance, SELDOM))))
         for told in _told(one, beside, scene):
-            words = ", or ".join([told.words, *_words(rivals, beside, scene)])
-            words = words if chance >= CERTAIN or rivals else f"{words} (likely, not certain)"
+            words = _either([told.words, *_words(rivals, beside, scene)])
+            words = words if chance >= CERTAIN or rivals else say("likely-certain", words)
             if size_mm >= LEAST_COST_MM or told.is_harmless:
                 severity = WARNING if size_mm >= WARNED_MM and not told.is_harmless else NOTE
                 found.append(Misfit(told.kind, severity, size_mm, nats_of, words))
@@ -144,10 +146,11 @@ def unseen(scene: Scene) -> list[Misfit]:
     parts = []
     for axis, name, (low, high) in zip(scene.printer.axes[:2], "XY", scene.bed_span_mm, strict=True):
         if high - low < COVERED_SHARE * (axis.max_mm - axis.min_mm):
-            parts.append(f"{name} from {low:.0f} to {high:.0f} mm of {axis.min_mm:.0f} to {axis.max_mm:.0f}")
+            span = f"{low:.0f}", f"{high:.0f}", f"{axis.min_mm:.0f}", f"{axis.max_mm:.0f}"
+            parts.append(say("axis-from-to-of", name, *span))
     if not parts:
         return []
-    words = f"only {' and '.join(parts)} was measured: elsewhere the printer is thought to go on as it does there"
+    words = say("only-part-measured", parts[0] if len(parts) == 1 else say("and", *parts))
     return [Misfit(UNSEEN, NOTE, 0.0, 0.0, words)]
 
 
@@ -197,7 +200,7 @@ def _faults(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fau
     places = drawn_places(scene)
     size, sd = found.size(lambda sizes: _moved_mm(found, sizes, places, scene))
     part = scene.printer.motors[found.where] if found.law.acts is Acts.DRIVE else "frame"
-    yield Fault(part, found.effect, size, sd, "mm", f"{_plain(found)} {size:.2f} mm")
+    yield Fault(part, found.effect, size, sd, "mm", say("fault-plain", _plain(found), f"{size:.2f}"))
 
 
 def _told(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
@@ -206,7 +209,7 @@ def _told(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]
     elif found.effect not in SILENT:
         where = carrier_name(scene, found.where)
         size_mm = _size_mm(found, drawn_places(scene), scene)
-        words = f"{where} shows {_plain(found)}, {size_mm:.2f} mm"
+        words = say("shows-plain", where, _plain(found), f"{size_mm:.2f}")
         yield Told(found.effect, words, is_harmless=found.law.of is Of.INSTRUMENT)
 
 
@@ -226,7 +229,17 @@ def _is_sure(group: _Group) -> bool:
 
 def _other_words(group: _Group, groups: Sequence[_Group], scene: Scene) -> str:
     """Return what else may make what an effect that acts does, empty where nothing else does."""
-    return ", or ".join(_words(_rivals(group, groups), [each.found for each in groups], scene))
+    return _either(_words(_rivals(group, groups), [each.found for each in groups], scene))
+
+
+def _either(words: Sequence[str]) -> str:
+    """Return alternatives as one sentence, empty where there are none."""
+    if not words:
+        return ""
+    said = words[0]
+    for other in words[1:]:
+        said = say("or", said, other)
+    return said
 
 
 def _rivals(group: _Group, groups: Sequence[_Group]) -> list[_Group]:
@@ -263,7 +276,8 @@ def _one_of_each(found: Sequence[Misfit]) -> list[Misfit]:
         if (old := joined.get(each.kind)) is not None:
             each = Misfit(
                 old.kind, max(old.severity, each.severity, key=SEVERITIES.index),
-                float(np.hypot(old.size_mm, each.size_mm)), old.evidence + each.evidence, f"{old.words}; {each.words}",
+                float(np.hypot(old.size_mm, each.size_mm)), old.evidence + each.evidence,
+                together("; ", [old.words, each.words]),
             )  # fmt: skip
         joined[each.kind] = each
     return list(joined.values())

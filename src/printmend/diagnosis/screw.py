@@ -14,7 +14,7 @@ from printmend.effects.words import NAMED_SIGMAS, amount
 from printmend.errors import TraceError
 from printmend.identify.drive.sight import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
 from printmend.identify.screw import first_push_mm, fit_height
-from printmend.messages import say
+from printmend.messages import say, together
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
@@ -59,8 +59,10 @@ class ScrewFound:
     @property
     def sentence(self) -> str:
         """The faults in plain words, empty where there is nothing to say."""
-        words = ", ".join(line for line in self.said.values() if line)
-        return f"Z {words}" if words else "Z healthy" if "lead" in self.said else ""
+        words = [line for line in self.said.values() if line]
+        if words:
+            return say("motor-has", "Z", together(", ", words))
+        return say("motor-healthy", "Z") if "lead" in self.said else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +128,8 @@ def heights_mm(trace: Trace, printer: Printer) -> np.ndarray | None:
     for name, values in (("z_mm", trace.z_mm), ("z_measured_mm", trace.z_measured_mm)):
         if values is not None and (off := (values < low) | (values > high)).any():
             raise TraceError(
-                "trace", wanted=f"{name} from {low:g} to {high:g} mm", came=f"{values[off][0]:g}",
-                todo=say("check-unit-printer"),
+                say("trace"), wanted=say("column-from-to-mm", name, f"{low:g}", f"{high:g}"),
+                came=f"{values[off][0]:g}", todo=say("check-unit-printer"),
             )  # fmt: skip
     known = np.isfinite(trace.z_mm)
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
@@ -153,7 +155,7 @@ def _lift(z_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> _Part:
     gaps: dict[str, str] = {}
     active = np.ones(1 + 2 * HARMONICS, bool)
     if span_mm < _LEAST_TURNS * lead_mm:
-        gaps["lead"] = _too_low_gap("lead and its unevenness", span_mm, lead_mm)
+        gaps["lead"] = _too_low_gap("lead-and-unevenness", span_mm, lead_mm)
         active[:] = False
     else:
         _check_follows(z_mm, measured_mm)
@@ -171,20 +173,20 @@ def _lift(z_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> _Part:
     said, faults = {} if gaps else {"lead": "", "periodic": ""}, []
     if sure[0]:
         percent, sd = 100 * float(height.terms[0]), 100 * float(height.sds[0])
-        said["lead"] = f"lead {amount(abs(percent), sd, '%')} too {'long' if percent > 0 else 'short'}"
+        said["lead"] = say("z-lead-too-long" if percent > 0 else "z-lead-too-short", amount(abs(percent), sd, "%"))
         faults.append(_fault("lead", percent, sd, "%"))
     uneven = [(k, size, float(height.sds[2 * k])) for k, size in enumerate(_sizes(height.terms[1:]), 1) if size > 0]
     if uneven:
-        said["periodic"] = "lifts unevenly by " + _waves_words(uneven)
+        said["periodic"] = say("z-lifts-unevenly", _waves_words(uneven))
         faults += [_fault(f"periodic-{k}", size, sd, "mm") for k, size, sd in uneven]
     for kind, sd in (("lead", spreads[0] * span_mm), ("periodic", spreads[1])):
         if said.get(kind) == "" and sd > _HEALTHY_SD_MM:
             del said[kind]
-            gaps[kind] = _unsure_gap({"lead": "lead", "periodic": "unevenness"}[kind], float(sd))
+            gaps[kind] = _unsure_gap(kind, float(sd))
     backlash_mm = 0.0
     if _comes_back(z_mm, measured_mm):
         backlash_mm = height.backlash_mm if height.backlash_mm > LEAST_WAVE_MM else 0.0
-        said["backlash"] = f"backlash {amount(backlash_mm, height.backlash_sd_mm)}" if backlash_mm else ""
+        said["backlash"] = say("z-has-backlash", amount(backlash_mm, height.backlash_sd_mm)) if backlash_mm else ""
         if backlash_mm:
             faults.append(_fault("backlash", backlash_mm, height.backlash_sd_mm, "mm"))
     else:
@@ -197,12 +199,11 @@ def _check_follows(z_mm: np.ndarray, measured_mm: np.ndarray) -> None:
     seen = np.isfinite(measured_mm)
     wanted, came = (height[seen] - height[seen].mean() for height in (z_mm, measured_mm))
     followed = float(wanted @ came / (wanted @ wanted))
-    together = float(wanted @ came / max(np.linalg.norm(wanted) * np.linalg.norm(came), 1e-9))
-    if together < LEAST_RANK_CORRELATION or not POSSIBLE_GAINS[0] < followed < POSSIBLE_GAINS[1]:
+    likeness = float(wanted @ came / max(np.linalg.norm(wanted) * np.linalg.norm(came), 1e-9))
+    if likeness < LEAST_RANK_CORRELATION or not POSSIBLE_GAINS[0] < followed < POSSIBLE_GAINS[1]:
         raise TraceError(
-            "trace", wanted="z_measured_mm that follows z_mm",
-            came=f"{followed:.2f} mm a commanded millimetre, correlation {together:.2f}",
-            todo="check that each row has its own height above the bed, in millimetres",
+            say("trace"), wanted=say("heights-that-follow"),
+            came=say("heights-follow", f"{followed:.2f}", f"{likeness:.2f}"), todo=say("check-heights"),
         )  # fmt: skip
 
 
@@ -240,11 +241,10 @@ def _push(z_mm: np.ndarray, left_over_mm: np.ndarray, printer: Printer) -> _Part
         found[: 2 * harmonics], doubt[: 2 * harmonics] = terms, sds
         waved = [(k, float(s), float(d)) for k, (s, d) in enumerate(zip(sizes, spreads, strict=True), 1)]
         faults = tuple(_fault(f"wobble-{k}", size, sd, "mm") for k, size, sd in waved)
-        said = {"wobble": "pushes the layers aside by " + _waves_words(waved)}
+        said = {"wobble": say("z-pushes-aside", _waves_words(waved))}
         return _Part(found, said=said, faults=faults, sds={"wobble": waved[0][2]}, doubt=doubt)
     if phases < 3 or len(layer_z) < 3 + _SPARE_LAYERS:
-        came = f"{len(layer_z)} heights at {phases} angles of the screw"
-        return _Part(none, gaps={"wobble": f"Z wobble: {came}, it needs six heights and three angles"})
+        return _Part(none, gaps={"wobble": say("wobble-heights-angles-screw-needs-six", len(layer_z), phases)})
     return _Part(none, said={"wobble": ""})
 
 
@@ -270,16 +270,16 @@ def _sizes(terms: np.ndarray) -> np.ndarray:
 
 def _waves_words(found: list[tuple[int, float, float]]) -> str:
     """Say how large waves are and how often a turn they come; ``found`` are (harmonic, size, sd)."""
-    often = {1: "once", 2: "twice"}
-    return " and ".join(f"{amount(size, sd)} {often.get(k, f'{k} times')} a turn" for k, size, sd in found)
+    often = {1: "once-a-turn", 2: "twice-a-turn"}
+    return together(" / ", [say(often[k], amount(size, sd)) for k, size, sd in found])
 
 
 def _unsure_gap(what: str, sd_mm: float) -> str:
-    return say("z-told-mm-only-measure-more", what, f"{sd_mm:.2f}")
+    return say("z-told-mm-only-measure-more", say(f"z-{what}"), f"{sd_mm:.2f}")
 
 
 def _too_low_gap(what: str, span_mm: float, lead_mm: float) -> str:
-    return say("z-heights-span-mm-turn-screw", what, f"{span_mm:.1f}", f"{lead_mm:g}")
+    return say("z-heights-span-mm-turn-screw", say(f"z-{what}"), f"{span_mm:.1f}", f"{lead_mm:g}")
 
 
 def _fault(kind: str, value: float, sd: float, unit: str) -> dict[str, Any]:

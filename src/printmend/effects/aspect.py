@@ -8,6 +8,7 @@ from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, T
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount
+from printmend.messages import say
 
 SHARES = np.array([0.5, -0.5])  # of it that X and Y have
 
@@ -33,5 +34,5 @@ class Aspect(Usual):
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         percent, sd = found.size(lambda sizes: float(sizes[0]))  # mm in 100 mm
-        way = "larger" if percent > 0 else "smaller"
-        yield Fault("frame", "axes", percent, sd, "%", f"X prints {amount(abs(percent), sd, '%')} {way} than Y")
+        words = say("x-larger-than-y" if percent > 0 else "x-smaller-than-y", amount(abs(percent), sd, "%"))
+        yield Fault("frame", "axes", percent, sd, "%", words)

@@ -1,22 +1,18 @@
 """Lines that are wider or narrower than set: every wall stands out by the same amount."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import size_mm
-from printmend.effects.words import LEAST_SHOWN_MM, Found, Message, Told
+from printmend.effects.words import LEAST_SHOWN_MM, Found, Told
+from printmend.messages import say
 
-WIDER = Message(
-    "walls stand out by {a} mm on either side: lower the slicer's flow, or its line width",
-    "Wände stehen auf jeder Seite um {a} mm vor: Fluss oder Linienbreite im Slicer verringern",
-)
-NARROWER = Message(
-    "walls fall short by {a} mm on either side: raise the slicer's flow, or its line width",
-    "Wände bleiben auf jeder Seite um {a} mm zurück: Fluss oder Linienbreite im Slicer erhöhen",
-)
+WIDER = partial(say, "walls-stand-out-mm-either-side")
+NARROWER = partial(say, "walls-fall-short-mm-either-side")
 
 
 class Bead(Usual):

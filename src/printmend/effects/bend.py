@@ -8,6 +8,7 @@ from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, T
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, along_motor_mm, motor_name
+from printmend.messages import say
 
 
 class Bend(Usual):
@@ -39,5 +40,5 @@ class Bend(Usual):
 
         size, sd = found.size(bow_mm)
         if size >= LEAST_SHOWN_MM:
-            words = f"scale that changes along the axis, up to {size:.2f} mm"
+            words = say("fault-bend", f"{size:.2f}")
             yield Fault(motor_name(scene, found.where), "drift", size, sd, "mm", words)

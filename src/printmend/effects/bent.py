@@ -8,6 +8,7 @@ from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, T
 from printmend.effects.keys import AXES, Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found
+from printmend.messages import say
 
 POWERS = ((2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 
@@ -38,5 +39,5 @@ class Bent(Usual):
         terms = np.stack([corners[:, 0] ** p * corners[:, 1] ** q for p, q in POWERS], axis=1)
         size, sd = found.size(lambda sizes: float(np.hypot(*(sizes.reshape(2, -1) @ terms.T)).max()))
         if size >= LEAST_SHOWN_MM:
-            words = f"bent guides, up to {size:.2f} mm at the corners of what was measured"
+            words = say("fault-bent", f"{size:.2f}")
             yield Fault("frame", "bow", size, sd, "mm", words)

@@ -1,6 +1,7 @@
 """Play that changes over the turn: a loose belt, or a loose set screw on an uneven pulley (eq. 7, 10)."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -10,8 +11,15 @@ from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.pulley import harmonic_faults, is_loose
 from printmend.effects.words import Fault, Found, amount, motor_name, those_of
+from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 17.0)
+_SAID = {  # by the kind of the fault, and whether play depends on the place, too
+    ("loose-belt", False): partial(say, "fault-loose-belt"),
+    ("loose-belt", True): partial(say, "fault-loose-belt-by-place"),
+    ("play-by-angle", False): partial(say, "fault-play-by-angle"),
+    ("play-by-angle", True): partial(say, "fault-play-by-angle-and-place"),
+}
 
 
 class Breathing(Usual):
@@ -37,12 +45,8 @@ class Breathing(Usual):
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         mean, sd, least, most = play_mm(beside, found.where, scene)
-        kind, name = (
-            ("loose-belt", "loose belt, play")
-            if is_loose(found)
-            else ("play-by-angle", "play that follows the motor's angle")
-        )
-        name += " and position" if those_of("friction", beside, found.where) else ""
-        words = f"{name} {amount(mean, sd)} ({least:.2f} to {most:.2f})"
+        kind = "loose-belt" if is_loose(found) else "play-by-angle"
+        message = _SAID[kind, bool(those_of("friction", beside, found.where))]
+        words = message(amount(mean, sd), f"{least:.2f}", f"{most:.2f}")
         yield Fault(motor_name(scene, found.where), kind, mean, sd, "mm", words)
         yield from harmonic_faults(found, beside, scene)

@@ -1,26 +1,23 @@
 """A dent or a missing tooth of the belt: about one place the carriage is ahead or behind, and nowhere else."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, about, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import SOON_MM, Care, Fault, Found, Message, amount, motor_name
+from printmend.effects.words import SOON_MM, Care, Fault, Found, amount, motor_name
+from printmend.messages import say
 
 SPACING = 2.0  # distance of the places that are tried, in widths
 WIDTHS_MM = (1.0, 2.5)  # of the bell; a smooth belt error is as good where it is wider
 
-TITLE = Message("{a} belt has a dent or lacks a tooth", "Der Riemen von {a} hat eine Delle, oder ihm fehlt ein Zahn")
-MEANING = Message(
-    "Lines bulge by {b} mm at one place along {a}.", "An einer Stelle längs {a} beulen sich Linien um {b} mm."
-)
-REPLACE = Message(
-    "Look along the belt and the pulley for dirt, a dent or a missing tooth; replace what is damaged.",
-    "Riemen und Scheibe nach Schmutz, einer Delle oder einem fehlenden Zahn absuchen; ersetzen, was beschädigt ist.",
-)
-NO_REPAIR = Message("Nothing to replace.")
+TITLE = partial(say, "belt-dent-missing-tooth")
+MEANING = partial(say, "lines-bulge-at-one-place")
+REPLACE = partial(say, "look-for-dent-missing-tooth")
+NO_REPAIR = partial(say, "nothing-replace")
 
 
 class Bump(Usual):
@@ -55,7 +52,7 @@ class Bump(Usual):
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         at, _ = found.shape
         size, sd = found.size(lambda sizes: float(sizes[0]))
-        words = f"a dent or a missing tooth of the belt at {at:.0f} mm, {amount(size, sd)}"
+        words = say("fault-bump", f"{at:.0f}", amount(size, sd))
         yield Fault(motor_name(scene, found.where), "bump", size, sd, "mm", words)
 
     def advice(self, fault: Fault, where: str) -> Care | None:

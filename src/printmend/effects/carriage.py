@@ -1,20 +1,19 @@
 """A scanner whose carriage runs unevenly: places are off along each of its axes, by a process of the place there."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told
+from printmend.effects.words import Found, Told
+from printmend.messages import say
 
 COUNT = 24  # cosines over the picture, of a random process whose power falls with the square of the frequency
 
-RUNS = Message(
-    "the scanner's carriage runs unevenly along {a}, by up to {b} mm. That is taken out",
-    "der Schlitten des Scanners läuft längs {a} ungleich, um bis zu {b} mm. Das ist herausgerechnet",
-)
+RUNS = partial(say, "scanner-carriage-runs-unevenly-along-up")
 
 
 class Carriage(Usual):

@@ -1,6 +1,7 @@
 """A wave that a scanner's carriage makes with its own screw or belt: along one axis of the picture alone."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -19,16 +20,14 @@ from printmend.effects.effect import (
 )
 from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told
+from printmend.effects.words import Found, Told
+from printmend.messages import say
 
 SHORTEST_MM, LONGEST_MM = 10.0, 150.0  # of a period
 CAMERA_MM = 0.004  # what is more uneven than this is a camera's picture: it has no carriage
 ONE_TURN_SD = 5e-4  # of the difference of the picture's axes: scans at two turns know it better, and cancel the wave
 
-SAID = Message(
-    "{a} has a wave of {b} mm, which a scanner's carriage makes, too: mending leaves it as it is. Scan the same plate "
-    "a second time, turned by a quarter, and both are told apart"
-)
+SAID = partial(say, "wave-mm-scanner-carriage-makes-too")
 
 
 class CarriageWave(Usual):

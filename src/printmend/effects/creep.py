@@ -1,27 +1,26 @@
 """A shift that slows down, as a set screw that gives way or a clamp that settles."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, Usual, about, carrier
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told, carrier_name
+from printmend.effects.words import Found, Told, carrier_name
+from printmend.messages import say
 
 TIMES = (0.06, 0.1, 0.16, 0.25, 0.4, 0.7)
 
-CREPT = Message(
-    "{a} crept by {b} mm, most of it in the first {c} % of the print: something gives way, as a set screw does, or "
-    "the machine warms up and is cold again when a print begins"
-)
+CREPT = partial(say, "crept-mm-most-first-print-something")
 
 
 class Creep(Usual):
     """A shift that comes with one time constant, a share of the print."""
 
     name = "creep"
-    cause = "something that gives way"  # of an expected error
+    cause = say("cause-creep")  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     fate = Fate(anew=0.3, stays=0.4)

@@ -1,22 +1,24 @@
 """A belt, or on a CoreXY an axis, that shifts evenly while it prints."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, Usual, carrier
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told, carrier_name
+from printmend.effects.words import Found, Told, carrier_name
+from printmend.messages import say
 
-DRIFTED = Message("{a} drifted evenly during the print, by {b} mm from the first point to the last")
+DRIFTED = partial(say, "drifted-evenly-during-print-mm-first")
 
 
 class Drift(Usual):
     """A shift that grows with the length printed."""
 
     name = "drift"
-    cause = "an even drift"  # of an expected error
+    cause = say("cause-even-drift")  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     fate = Fate(anew=0.3, stays=0.4)

@@ -9,6 +9,7 @@ from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.pulley import LEAST_EFFECT_MM, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Fault, Found, amount, motor_name
+from printmend.messages import say
 
 HARMONICS = np.array([1.0, 3.0, 5.0])
 
@@ -48,8 +49,6 @@ class Elastic(Usual):
         size, sd = (float(each[largest]) * (high - low) / SCALE_MM for each in (sizes, sds))
         if size < LEAST_EFFECT_MM:
             return
-        what = "elastic belt: odd errors of the pulley fade along the axis"
-        if not (sizes > NAMED_SIGMAS * sds)[1:].any():
-            what = "elastic belt, or an idler of nearly the pulley's size: the pulley's error changes along the axis"
-        words = f"{what}, by {amount(size, sd)}"
+        alone = not (sizes > NAMED_SIGMAS * sds)[1:].any()
+        words = say("fault-elastic-or-idler" if alone else "fault-elastic", amount(size, sd))
         yield Fault(motor_name(scene, found.where), "elastic", size, sd, "mm", words)

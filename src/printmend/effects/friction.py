@@ -9,6 +9,7 @@ from printmend.effects.keys import Numbers
 from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name, those_of
+from printmend.messages import say
 
 
 class Friction(Usual):
@@ -34,5 +35,5 @@ class Friction(Usual):
         if those_of("breathing", beside, found.where):
             return
         mean, sd, least, most = play_mm(beside, found.where, scene)
-        words = f"lost motion that grows along the axis {amount(mean, sd)} ({least:.2f} to {most:.2f})"
+        words = say("fault-friction", amount(mean, sd), f"{least:.2f}", f"{most:.2f}")
         yield Fault(motor_name(scene, found.where), "friction", mean, sd, "mm", words)

@@ -1,27 +1,29 @@
 """Two sheets that were measured as one: one part of the bed is off against the other."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, about, along
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import LEAST_SHOWN_MM, Found, Message, Told
+from printmend.effects.words import LEAST_SHOWN_MM, Found, Told
+from printmend.messages import say, together
 
 BORDERS = 25  # places of a border that are tried
 OTHER_SHARE = 0.1  # a shift along the other axis that is a smaller share is not said
 
-ONE_OFF = Message("{a} is off by {b} mm in the upper part of {c}, from {d} mm on")
-BOTH_OFF = Message("X is off by {a} mm and Y by {b} mm in the upper part of {c}, from {d} mm on")
-SHEETS = ". Two sheets measured as one show that, or a guide in two pieces: the model is without it"
+ONE_OFF = partial(say, "off-mm-upper-part-mm")
+BOTH_OFF = partial(say, "off-mm-mm-upper-part-mm")
+SHEETS = say("two-sheets-measured-show-guide-two")
 
 
 class Halves(Usual):
     """A shift past a border along one bed axis."""
 
     name = "halves"
-    cause = "the two halves of the bed"  # of an expected error
+    cause = say("cause-halves")  # of an expected error
     of = Of.INSTRUMENT
     acts = Acts.NOT
     fate = GONE
@@ -44,9 +46,11 @@ class Halves(Usual):
         off = [(name, size) for name, size in zip("XY", found.sizes_mm, strict=True) if abs(size) >= least_mm]
         where = "XY"[found.where], f"{found.shape[0]:.0f}"
         if len(off) == 1:
-            yield Told("halves", ONE_OFF(off[0][0], f"{off[0][1]:+.2f}", *where) + SHEETS)
+            words = ONE_OFF(off[0][0], f"{off[0][1]:+.2f}", *where)
+            yield Told("halves", together(". ", [words, SHEETS]))
         elif off:
-            yield Told("halves", BOTH_OFF(*(f"{size:+.2f}" for _, size in off), *where) + SHEETS)
+            words = BOTH_OFF(*(f"{size:+.2f}" for _, size in off), *where)
+            yield Told("halves", together(". ", [words, SHEETS]))
 
 
 def borders_mm(scene: Scene, axis: int) -> np.ndarray:

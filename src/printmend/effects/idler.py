@@ -22,6 +22,7 @@ from printmend.effects.prior import alternatives
 from printmend.effects.pulley import LEAST_EFFECT_MM
 from printmend.effects.teeth import TOOTH_MM
 from printmend.effects.words import Fault, Found, amount, motor_name
+from printmend.messages import say
 
 SHORTEST_MM, LONGEST_MM = 12.0, 150.0  # of a period: no idler is smaller, no bed shows larger ones
 IDLERS, NEAR_TEETH = (16, 18, 20), 0.1  # teeth of the idlers that are sold; a turn is so near to their number
@@ -63,6 +64,7 @@ class Idler(Usual):
             return
         teeth = round(period_mm / TOOTH_MM)
         toothed = abs(period_mm / TOOTH_MM - teeth) < NEAR_TEETH and teeth in IDLERS
-        what = f" (an idler of {teeth} teeth?)" if toothed else ""
-        words = f"idler or belt uneven, every {period_mm:.1f} mm{what}, by {amount(size, sd)}"
+        words = say("fault-idler", f"{period_mm:.1f}", amount(size, sd))
+        if toothed:
+            words = say("fault-idler-of-teeth", f"{period_mm:.1f}", teeth, amount(size, sd))
         yield Fault(motor_name(scene, found.where), f"period-{period_mm:.1f}", size, sd, "mm", words)

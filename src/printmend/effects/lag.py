@@ -1,25 +1,24 @@
 """A head that has play in its guides, whichever motor turns."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told
+from printmend.effects.words import Found, Told
+from printmend.messages import say
 
-LAGS = Message(
-    "the head lags along {a} by {b} mm, whichever motor turns: a rail or the head has play, not a belt: look there "
-    "first"
-)
+LAGS = partial(say, "head-lags-along-mm-whichever-motor")
 
 
 class Lag(Usual):
     """Play of one bed axis of a CoreXY; on other printers it is the belt's."""
 
     name = "lag"
-    cause = "play of a rail"  # of an expected error
+    cause = say("cause-rail-play")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

@@ -1,21 +1,23 @@
 """Play of a head in its guides that grows while it prints."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told
+from printmend.effects.words import Found, Told
+from printmend.messages import say
 
-LOOSE = Message("the play of the head along {a} grew by {b} mm while the print went on: something comes loose")
+LOOSE = partial(say, "play-head-along-grew-mm-while")
 
 
 class LagWear(Usual):
     """Play of one bed axis of a CoreXY that grows with the length printed; on other printers it is the belt's."""
 
     name = "lag_wear"
-    cause = "play of a rail that grows"  # of an expected error
+    cause = say("cause-rail-play-grows")  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     fate = STAYS

@@ -8,6 +8,7 @@ from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name
+from printmend.messages import say
 
 
 class Place(Usual):
@@ -33,5 +34,5 @@ class Place(Usual):
         others = [each for each in beside if each.acts and each is not found and each.where == found.where]
         if scene.placed and not others:
             value, sd = found.size(lambda sizes: float(sizes[0]))
-            words = f"shifted by {amount(value, sd)}"
+            words = say("fault-shifted", amount(value, sd))
             yield Fault(motor_name(scene, found.where), "offset", value, sd, "mm", words)

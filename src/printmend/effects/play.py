@@ -8,6 +8,7 @@ from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import PLACES, Fault, Found, along_motor_mm, amount, motor_name, those_of
+from printmend.messages import say
 
 
 class Play(Usual):
@@ -29,7 +30,8 @@ class Play(Usual):
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         if not those_of("breathing", beside, found.where) and not those_of("friction", beside, found.where):
             mean, sd, *_ = play_mm(beside, found.where, scene)
-            yield Fault(motor_name(scene, found.where), "play", mean, sd, "mm", f"belt play {amount(mean, sd)}")
+            words = say("fault-play", amount(mean, sd))
+            yield Fault(motor_name(scene, found.where), "play", mean, sd, "mm", words)
 
 
 def play_mm(beside: Sequence[Found], motor: int, scene: Scene) -> tuple[float, float, float, float]:

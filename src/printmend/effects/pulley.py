@@ -8,6 +8,7 @@ from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Waves
 from printmend.effects.prior import NEAR_SHARE, alternatives, turning_share
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, amount, motor_name, those_of
+from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 33.0)  # corners of a pulley need so many
 FOLDS = (2, 3, 4, 5, 6)  # of symmetric pulleys: oval, three-cornered, …
@@ -24,7 +25,7 @@ def profiles() -> list[np.ndarray]:
 LEAST_EFFECT_MM = 0.003  # a wave that shifts a print by less is not named: no print shows it
 EVEN_SHARE = 0.25  # share of the odd harmonics of its play that the even ones of a loose belt may have
 NAMED_HARMONICS = 3  # most harmonics of a pulley that are named: the largest
-_SHAPES = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
+_SHAPES = {1: "shape-eccentric", 2: "shape-oval", 3: "shape-three-cornered", 4: "shape-four-cornered"}
 
 
 class Pulley(Usual):
@@ -54,7 +55,7 @@ class Pulley(Usual):
 
 def shape_words(order: int) -> str:
     """Return what a pulley is whose error comes so many times a turn."""
-    return _SHAPES.get(order, f"uneven {order} times a turn, by")
+    return say(_SHAPES[order]) if order in _SHAPES else say("shape-uneven-times", order)
 
 
 def wave_sizes(found: Found) -> tuple[np.ndarray, np.ndarray]:
@@ -88,13 +89,15 @@ def harmonic_faults(found: Found, beside: Sequence[Found], scene: Scene) -> Iter
     if sizes and abs(turn_mm / scene.printer.axes[motor].mm_per_turn - 1) >= NEAR_SHARE:
         order = max(sizes, key=lambda k: sizes[k][0] / k)
         size, sd = (each / order for each in sizes[order])
-        words = f"idler or pulley uneven, every {turn_mm / order:.1f} mm, by {amount(size, sd)}"
+        words = say("fault-idler-or-pulley", f"{turn_mm / order:.1f}", amount(size, sd))
         yield Fault(name, f"period-{turn_mm / order:.1f}", size, sd, "mm", words)
         return
     largest = sorted(sizes, key=lambda k: -sizes[k][0])
     finer = len(largest) - NAMED_HARMONICS
     named = sorted(largest[:NAMED_HARMONICS])
     for order in named:
-        words = f"{'pulley ' if order == named[0] else ''}{shape_words(order)} {amount(*sizes[order])}"
-        more = f" and {finer} finer" if finer > 0 and order == named[-1] else ""
-        yield Fault(name, f"harmonic-{order}", *sizes[order], "mm", words + more)
+        message = "fault-pulley" if order == named[0] else "fault-harmonic"
+        words = say(message, shape_words(order), amount(*sizes[order]))
+        if finer > 0 and order == named[-1]:
+            words = say("fault-and-finer", words, finer)
+        yield Fault(name, f"harmonic-{order}", *sizes[order], "mm", words)

@@ -1,30 +1,26 @@
 """A gantry that lags on one side, or one of two motors that is loose."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told, span_mm
+from printmend.effects.words import Found, Told, span_mm
+from printmend.messages import say
 
 ACROSS_SHARE = 2.0  # a gantry racks across where that error is so many times the one along
-RACKS = Message(
-    "the play of {a} changes by {b} mm from one end of {c} to the other: the gantry racks, or one of two motors is "
-    "loose"
-)
-ACROSS = Message(
-    "where {a} comes to lie depends on which way {b} moved before, the more the nearer to its ends, by up to {c} "
-    "mm: the gantry racks"
-)
+RACKS = partial(say, "play-changes-mm-end-other-gantry")
+ACROSS = partial(say, "where-comes-lie-depends-way-moved")
 
 
 class Racking(Usual):
     """Play that changes along the other axis, in mm per 100 mm: of a belt (0, 1), or of a CoreXY's bed axis (2, 3)."""
 
     name = "racking"
-    cause = "a gantry that racks"  # of an expected error
+    cause = say("cause-racking")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

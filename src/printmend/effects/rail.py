@@ -20,6 +20,7 @@ from printmend.effects.effect import (
 from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, is_first, those_of
+from printmend.messages import say, together
 
 SHORTEST_MM, LONGEST_MM = 25.0, 300.0
 
@@ -56,8 +57,8 @@ class Rail(Usual):
             rails = those_of(self.name, beside)
             size = float(sum(_largest_mm(each.sizes_mm) for each in rails))
             sd = float(np.std([[_largest_mm(one) for one in each.draws_mm.T] for each in rails], axis=1).max())
-            lengths = " and ".join(f"{each.shape[0]:.0f}" for each in rails)
-            words = f"wavy guides, up to {size:.2f} mm, every {lengths} mm"
+            lengths = together(" / ", [f"{each.shape[0]:.0f}" for each in rails])
+            words = say("fault-wavy", f"{size:.2f}", lengths)
             yield Fault("frame", "wavy", size, sd, "mm", words)
 
 

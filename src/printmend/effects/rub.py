@@ -1,6 +1,7 @@
 """Lost motion that changes along the belt by no rule, as where it rubs, or a guide binds: a Gaussian process."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -8,20 +9,15 @@ from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
 from printmend.effects.uneven import cosines, spectrum
-from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Message, along_motor_mm, motor_name
+from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, along_motor_mm, motor_name
+from printmend.messages import say
 
 COUNT = 24  # cosines: over 200 mm the shortest is 17 mm long
 LENGTHS_MM = (8.0, 16.0, 32.0, 64.0)
 
-TITLE = Message("{a} binds or rubs at some places", "{a} klemmt oder reibt an manchen Stellen")
-MEANING = Message(
-    "What it loses at a turn changes along the axis, by up to {a} mm.",
-    "Was beim Umkehren verloren geht, ändert sich längs der Achse um bis zu {a} mm.",
-)
-REPAIR = Message(
-    "Move the axis by hand and feel where it binds: clean the guides there, and see that the belt touches no flange.",
-    "Die Achse von Hand bewegen: Wo sie klemmt, die Führung reinigen; der Riemen darf nirgends streifen.",
-)
+TITLE = partial(say, "axis-binds-or-rubs")
+MEANING = partial(say, "lost-motion-changes-along-axis")
+REPAIR = partial(say, "move-by-hand-feel-where-binds")
 
 
 class Rub(Usual):
@@ -46,7 +42,7 @@ class Rub(Usual):
         series = cosines(along_motor_mm(scene, found.where), found.shape, COUNT)
         size, sd = found.size(lambda sizes: float(np.ptp(series @ sizes)))
         if size >= LEAST_SHOWN_MM:
-            words = f"lost motion that changes along the axis, by up to {size:.2f} mm"
+            words = say("fault-rub", f"{size:.2f}")
             yield Fault(motor_name(scene, found.where), "rub", size, sd, "mm", words)
 
     def advice(self, fault: Fault, where: str) -> Care | None:

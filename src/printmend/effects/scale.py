@@ -8,6 +8,7 @@ from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, T
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name
+from printmend.messages import say
 
 TOOTH_MM = 2.0  # of a GT2 belt: a pulley has a whole number of them
 
@@ -36,6 +37,7 @@ class Scale(Usual):
         radius = (turn_mm if toothed else own_mm) / (2 * np.pi)
         digits = 3 if abs(radius * percent / 100) >= 0.001 else 4  # never a number instead of itself
         said = amount(radius * (1 + percent / 100), radius * sd / 100)
-        size = f"{amount(abs(percent), sd, '%')} too {'large' if percent > 0 else 'small'}"
-        words = f"prints {size}: its steps per mm, or a pulley of radius {said} instead of {radius:.{digits}f}"
+        size = amount(abs(percent), sd, "%")
+        way = say("large" if percent > 0 else "small")
+        words = say("fault-scale", size, way, said, f"{radius:.{digits}f}")
         yield Fault(motor_name(scene, found.where), "scale", percent, sd, "%", words)

@@ -1,18 +1,17 @@
 """A plate that was shifted, or a nozzle with an offset: everything lies elsewhere than home says."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told
+from printmend.effects.words import Found, Told
+from printmend.messages import say
 
-MOVED = Message(
-    "everything lies ({a}, {b}) mm from where home says: the plate was shifted or turned, or the nozzle has an "
-    "offset. That is taken out"
-)
+MOVED = partial(say, "everything-lies-mm-where-home-says")
 
 
 class Shift(Usual):

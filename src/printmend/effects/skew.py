@@ -8,6 +8,7 @@ from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, T
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, is_first, those_of
+from printmend.messages import say
 
 
 class Skew(Usual):
@@ -32,4 +33,4 @@ class Skew(Usual):
             leans = those_of(self.name, beside)
             value = float(np.degrees(sum(np.arctan(each.sizes_mm[0] / SCALE_MM) for each in leans)))
             sd = float(np.degrees(np.std(sum(each.draws_mm[0] for each in leans))) / SCALE_MM)
-            yield Fault("frame", "skew", value, sd, "°", f"skewed by {amount(value, sd, '°')}")
+            yield Fault("frame", "skew", value, sd, "°", say("fault-skew", amount(value, sd, "°")))

@@ -1,25 +1,27 @@
 """An error that long, fast moves have and short ones have not."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told, carrier_name
+from printmend.effects.words import Found, Told, carrier_name
+from printmend.messages import say
 
 LONG_MM = 10.0  # on longer moves the head reaches its speed
 
-BACK = Message("{a} lies {b} mm further back after long, fast moves than after short ones: slower travels make it less")
-ON = Message("{a} lies {b} mm further on after long, fast moves than after short ones: slower travels make it less")
+BACK = partial(say, "lies-mm-further-back-after-long")
+ON = partial(say, "lies-mm-further-after-long-fast")
 
 
 class Speed(Usual):
     """Play that grows with the length of the last move, to its whole size at 10 mm."""
 
     name = "speed"
-    cause = "fast moves"  # of an expected error
+    cause = say("cause-fast-moves")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

@@ -1,27 +1,23 @@
 """A joint or a dent of the belt: past one place all lies further, reached evenly over a width."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, about, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import SOON_MM, Care, Fault, Found, Message, amount, motor_name
+from printmend.effects.words import SOON_MM, Care, Fault, Found, amount, motor_name
+from printmend.messages import say
 
 STEP_MM = 5.0  # distance of the places that are tried
 WIDTH_MM = 4.0  # that is tried first: others are looked for about it
 
-TITLE = Message("{a} belt has a joint or a dent", "Der Riemen von {a} hat eine Verbindungsstelle oder eine Delle")
-MEANING = Message(
-    "Beyond one place along {a}, everything lies {b} mm further on, in both directions.",
-    "Von einer Stelle längs {a} an liegt alles {b} mm weiter, hin wie zurück.",
-)
-REPLACE = Message(
-    "Look along the belt for a joint, a dent or a missing tooth; replace the belt.",
-    "Den Riemen nach einer Verbindungsstelle, einer Delle oder einem fehlenden Zahn absuchen; ihn ersetzen.",
-)
-NO_REPAIR = Message("Nothing to replace.")
+TITLE = partial(say, "belt-joint-dent")
+MEANING = partial(say, "beyond-place-along-everything-lies-mm")
+REPLACE = partial(say, "look-along-belt-joint-dent-missing")
+NO_REPAIR = partial(say, "nothing-replace")
 
 
 class Splice(Usual):
@@ -57,7 +53,7 @@ class Splice(Usual):
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         at, _ = found.shape
         size, sd = found.size(lambda sizes: float(sizes[0]))
-        words = f"a joint or dent of the belt at {at:.0f} mm, {amount(size, sd)}"
+        words = say("fault-splice", f"{at:.0f}", amount(size, sd))
         yield Fault(motor_name(scene, found.where), "splice", size, sd, "mm", words)
 
     def advice(self, fault: Fault, where: str) -> Care | None:

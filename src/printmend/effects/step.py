@@ -1,24 +1,26 @@
 """A motor that slipped, a plate that was pushed: all is off from one moment on."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, Usual, about, carrier
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told, carrier_name
+from printmend.effects.words import Found, Told, carrier_name
+from printmend.messages import say
 
 BREAKS = np.arange(0.04, 0.97, 0.02)
 
-SUDDENLY = Message("{a} was suddenly off by {b} mm after {c} % of the print")
+SUDDENLY = partial(say, "suddenly-off-mm-after-print")
 
 
 class Step(Usual):
     """A shift at one moment, a share of the print."""
 
     name = "step"
-    cause = "a sudden shift"  # of an expected error
+    cause = say("cause-sudden-shift")  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     fate = Fate(anew=0.1, stays=0.4)

@@ -1,25 +1,24 @@
 """A head or gantry that tilts: where one axis lies depends on the way the other one came."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told
+from printmend.effects.words import Found, Told
+from printmend.messages import say
 
-TILTS = Message(
-    "where {a} comes to lie depends on which way {b} moved before, by {c} mm: the head or the gantry tilts: "
-    "tighten its wheels"
-)
+TILTS = partial(say, "where-comes-lie-depends-way-moved-2")
 
 
 class Tilt(Usual):
     """A shift across one bed axis with its way."""
 
     name = "tilt"
-    cause = "a head that tilts"  # of an expected error
+    cause = say("cause-tilt")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

@@ -1,23 +1,20 @@
 """A plate that lay turned: everything turns about the middle of the bed."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import GONE, SCALE_MM, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told
+from printmend.effects.words import Found, Told
+from printmend.messages import say
 
 ALWAYS = 0.999  # nobody knows how a sheet lay on a scanner
 
-TURNED = Message(
-    "everything is turned by {a}°, which no printer does: the plate, or the camera, lay turned. That is taken out"
-)
-TURNED_COREXY = Message(
-    "everything is turned by {a}°, which a printer does only if its frame is skewed and its pulleys differ in size "
-    "as well: more likely the plate, or the camera, lay turned. That is taken out"
-)
+TURNED = partial(say, "everything-turned-printer-plate-camera-lay")
+TURNED_COREXY = partial(say, "everything-turned-printer-only-frame-skewed")
 
 
 class Turn(Usual):

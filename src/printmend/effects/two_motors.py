@@ -1,25 +1,24 @@
 """One axis that two motors drive, with pulleys that differ."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives, turning_share
-from printmend.effects.words import Found, Message, Told, carrier_name, span_mm
+from printmend.effects.words import Found, Told, carrier_name, span_mm
+from printmend.messages import say
 
-DIFFER = Message(
-    "the turn of {a} looks different at the two ends of {b}: two motors of one axis, with pulleys that differ by "
-    "up to {c} mm"
-)
+DIFFER = partial(say, "turn-looks-different-two-ends-two")
 
 
 class TwoMotors(Usual):
     """Harmonics of the turn that change along the other bed axis."""
 
     name = "two_motors"
-    cause = "two motors of one axis"  # of an expected error
+    cause = say("cause-two-motors")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

@@ -8,6 +8,7 @@ from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, along_motor_mm, motor_name
+from printmend.messages import say
 
 COUNT = 40  # cosines: over 200 mm the shortest is 10 mm long
 LENGTHS_MM = (4.0, 8.0, 16.0, 32.0, 64.0)
@@ -35,7 +36,7 @@ class Uneven(Usual):
         series = cosines(along_motor_mm(scene, found.where), found.shape, COUNT)
         size, sd = found.size(lambda sizes: float(np.abs(series @ sizes).max()))
         if size >= LEAST_SHOWN_MM:
-            words = f"uneven belt or guide that repeats nothing, up to {size:.2f} mm"
+            words = say("fault-uneven", f"{size:.2f}")
             yield Fault(motor_name(scene, found.where), "warp", size, sd, "mm", words)
 
 

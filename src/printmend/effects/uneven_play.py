@@ -1,6 +1,7 @@
 """More play in one part of the bed than in the other."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -8,19 +9,17 @@ from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.halves import borders_mm
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told, carrier_name
+from printmend.effects.words import Found, Told, carrier_name
+from printmend.messages import say
 
-MORE = Message(
-    "{a} has {b} mm more play in the upper part of {c}: the model has that of the lower part",
-    "{a} hat im oberen Teil von {c} {b} mm mehr Spiel: Das Modell hat das des unteren Teils",
-)
+MORE = partial(say, "mm-more-play-upper-part-model")
 
 
 class UnevenPlay(Usual):
     """Play of one motor past a border along a bed axis."""
 
     name = "uneven_play"
-    cause = "the two halves of the bed"  # of an expected error
+    cause = say("cause-halves")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

@@ -1,17 +1,19 @@
 """Something that wanders with time, of which nobody knows what it is: a random walk."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import OTHERWISE, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told
+from printmend.effects.words import Found, Told
+from printmend.messages import say
 
 COUNT = 24
 
-WANDERS = Message("the measurement of {a} wanders, by {b} mm. Fix what measures, let it warm up, and measure again")
+WANDERS = partial(say, "measurement-wanders-mm-fix-what-measures")
 
 
 class Wander(Usual):

@@ -1,25 +1,27 @@
 """A machine that grows as it warms up, and is cold again when a print begins."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from printmend.effects.effect import ANEW, SCALE_MM, Acts, Of, Places, Scene, Term, Usual, about, along
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Message, Told, span_mm
+from printmend.effects.words import Found, Told, span_mm
+from printmend.messages import say
 
 TIMES = (0.1, 0.25, 0.7)  # shares of the print
 
-GREW = Message("{a} grew by {b} mm from end to end while the print went on, as a machine that warms up does")
-MOVED = Message("{a} moved by {b} mm while the print went on, as a machine that warms up does")
+GREW = partial(say, "grew-mm-end-end-while-print")
+MOVED = partial(say, "moved-mm-while-print-went-machine")
 
 
 class Warmth(Usual):
     """Growth from the middle of the bed along both axes, and shifts of both, with one time constant."""
 
     name = "warmth"
-    cause = "warming up"  # of an expected error
+    cause = say("cause-warming-up")  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     fate = ANEW
@@ -44,5 +46,5 @@ class Warmth(Usual):
         grown = course * found.sizes_mm[:2] * [span_mm(scene, axis) / SCALE_MM for axis in range(2)]
         moved = course * found.sizes_mm[2:]
         which = int(np.argmax(np.abs([*grown, *moved])))
-        say, size = (GREW if which < 2 else MOVED), [*grown, *moved][which]
-        yield Told("thermal", say("XY"[which % 2], f"{size:+.2f}"))
+        message, size = (GREW if which < 2 else MOVED), [*grown, *moved][which]
+        yield Told("thermal", message("XY"[which % 2], f"{size:+.2f}"))

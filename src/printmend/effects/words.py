@@ -9,31 +9,34 @@ An effect says something of itself with up to three methods beside its columns. 
 An effect without them is still named, by its name and by how far it moves a print.
 """
 
-import string
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from printmend.effects.effect import Effect, Places, Scene
+from printmend.messages import say, say_own
 
 NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its standard deviations …
 LEAST = {"mm": 0.002, "%": 0.005, "°": 0.001}  # … and than this in its unit: smaller faults move no print
 LEAST_SHOWN_MM = 0.005  # a fault whose size is said with two decimals would be said to be 0.00 below this
 SOON_MM = 0.1  # effect on a print above which a part should be looked at
-CARRIES = "printmend carries all of it: mend each file."
+CARRIES = say("printmend-carries-all")
 PLACES = 201  # places along an axis at which the size of an effect is looked at
 
 
 @dataclass(frozen=True)
 class Message:
-    """A sentence with places {a}, {b}, … for values, in English and in German; calling it fills them in, in English."""
+    """A sentence of an effect from outside, in English and in German, with places {a}, {b}, … that calling it fills.
+
+    The sentences of printmend's own effects are in the catalogue (`messages`), by id.
+    """
 
     english: str
     german: str = ""
 
     def __call__(self, *values: object) -> str:
-        return self.english.format(**dict(zip(string.ascii_lowercase, values, strict=False)))
+        return say_own((self.english, self.german), *values)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from printmend.effects.sample import drawn_places
 from printmend.errors import RefusedError
 from printmend.export.firmware import EXPORTS, NO_BACKLASH, Export, Simple, simple_part
 from printmend.infer.part import DRAWS
+from printmend.messages import say
 from printmend.promise.belief import Belief, parse_belief
 from printmend.promise.filament import UNTOLD
 from printmend.promise.misfit import refusals
@@ -41,7 +42,7 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
     """
     if said := refusals(model.document):
         raise RefusedError(
-            "export", wanted="a model that fits its own measurement", came=said[0], todo="measure again and learn"
+            "export", wanted=say("model-fits-own-measurement"), came=said[0], todo="measure again and learn"
         )
     mechanism, belief = model.mechanism, parse_belief(model)
     make, every = EXPORTS[firmware], _settings(model, belief)

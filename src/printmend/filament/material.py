@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from printmend.errors import ConfigError
+from printmend.messages import say
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9+._-]{0,39}")
 # Other names of the polymers of the table, as they stand on spools.
@@ -51,7 +52,7 @@ def material_of(name: str) -> Material:
     begins = [each for each in known if name.lower().startswith(each)]
     if not _NAME.fullmatch(name) or not begins:
         raise ConfigError(
-            "--filament", wanted=f"a name that begins with its polymer ({', '.join(_table())})", came=repr(name),
-            todo="call it like pla-black: up to 40 letters, digits, dots, dashes",
+            say("filament-option"), wanted=say("name-begins-polymer", ", ".join(_table())), came=repr(name),
+            todo=say("call-like-pla-black-up-40"),
         )  # fmt: skip
     return known[max(begins, key=len)]

@@ -19,6 +19,7 @@ from printmend.machine import Mechanism, healthy_mechanism
 from printmend.machine.contacts import contacts_of
 from printmend.measure.silhouette import ACROSS_MM
 from printmend.measure.walls import Walls
+from printmend.messages import say
 from printmend.path import FLATBED, Instrument
 from printmend.printer import Printer
 from printmend.twin import Twin
@@ -168,7 +169,7 @@ def _block(layer: Layer, printer: Printer, mechanism: Mechanism | None) -> _Bloc
     walls, outline = layer.walls, layer.outline
     seen = np.flatnonzero(np.isfinite(layer.stands_mm) & (outline.group != NOWHERE))
     if len(seen) < 20:
-        raise ScanError("the scan", wanted="walls of the part", came=f"{len(seen)} places", todo="scan it at 600 dpi")
+        raise ScanError("the scan", wanted=say("walls-part"), came=say("places", len(seen)), todo=say("scan-600-dpi-2"))
     n, group = walls.normal[seen], outline.group[seen]
     x, y = ((outline.edge_mm[seen] - outline.edge_mm[seen].mean(axis=0)) / SHARE_MM).T
     motor = printer.to_motor(walls.commanded_mm)

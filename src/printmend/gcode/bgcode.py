@@ -54,7 +54,7 @@ def read_header(handle: IO[bytes], name: str) -> tuple[bytes, bool]:
         )
     magic, version, checksum = _HEADER.unpack(raw)
     if magic != MAGIC or version != 1 or checksum > 1:
-        came = f"version {version} with checksum type {checksum}"
+        came = say("version-with-checksum", version, checksum)
         raise GcodeError(name, wanted=say("bgcode-version-1-crc-32-no"), came=came, todo=say("export-plain-g-code"))
     return raw, checksum == 1
 
@@ -67,7 +67,7 @@ def read_blocks(handle: IO[bytes], name: str, *, checked: bool) -> Iterator[Bloc
             raise _cut_off(name)
         kind, compression, size = _BLOCK.unpack(head)
         if kind >= _BLOCK_KINDS or compression > 3 or size > _MAX_BLOCK_BYTES:
-            came = f"type {kind}, compression {compression}, {size} bytes"
+            came = say("block-of-type", kind, compression, size)
             raise GcodeError(name, wanted=say("bgcode-block"), came=came, todo=say("slice-copy-file-again"))
         length = size
         if compression:
@@ -83,7 +83,7 @@ def read_blocks(handle: IO[bytes], name: str, *, checked: bool) -> Iterator[Bloc
                 )
         unpacked, packed = unpacked + size, packed + _BLOCK.size + length
         if unpacked > max(_RATIO_MATTERS_BYTES, _MAX_RATIO * packed):
-            came = f"{packed} bytes that would unpack to {unpacked}"
+            came = say("bytes-unpack-to", packed, unpacked)
             raise GcodeError(name, wanted=say("plain-bgcode"), came=came, todo=say("slice-copy-file-again"))
         parameters = handle.read(6 if kind == THUMBNAIL else 2)
         data = handle.read(length) if length <= _MAX_BLOCK_BYTES else b""
@@ -107,7 +107,7 @@ def block_text(block: Block, name: str) -> bytes:
     if block.kind != GCODE or block.encoding == 0:
         return data
     if block.encoding > 2:
-        came = f"encoding {block.encoding}"
+        came = say("encoding", block.encoding)
         raise GcodeError(name, wanted=say("bgcode-no-encoding-meatpack"), came=came, todo=say("export-plain-g-code"))
     packed = np.frombuffer(data, np.uint8)
     out = np.empty(2 * len(packed) + 2, np.uint8)
@@ -185,7 +185,7 @@ def _gcode_block(text: bytes, like: Block, checked: bool) -> bytes:
     data = text
     if like.encoding:
         if b"\xff" in text:  # would read as the start of a command
-            came = "a byte 0xFF in the text"
+            came = say("byte-0xff")
             raise GcodeError("bgcode", wanted=say("text-meatpack-can-hold"), came=came, todo=say("export-plain-g-code"))
         out = np.empty(2 * len(text) + 6 * text.count(b"\n") + 16, np.uint8)
         data = out[: k.pack(np.frombuffer(text, np.uint8), True, out)].tobytes()

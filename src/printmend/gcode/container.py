@@ -201,7 +201,7 @@ def _whole_lines(pieces: Iterable[bytes], name: str) -> Iterator[np.ndarray]:
 
 def endless_line(name: str) -> GcodeError:
     """Return the error of a file that has a line too long for G-code."""
-    came = f"a line of more than {MAX_LINE_BYTES} bytes"
+    came = say("line-of-more-bytes", MAX_LINE_BYTES)
     return GcodeError(name, wanted=say("g-code-lines"), came=came, todo=say("give-sliced-file"))
 
 

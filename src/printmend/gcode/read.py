@@ -15,7 +15,6 @@ from printmend.gcode.mark import find_e_rule
 from printmend.messages import say
 from printmend.path import frozen
 from printmend.printer import Printer
-from printmend.units import counted
 
 RECORDS = 1 << 16
 """Records a call of the interpreter: 10 MB."""
@@ -205,10 +204,10 @@ def guessed_e_rule(part: Part, state: MachineState) -> tuple[int, int] | None:
     return int(state.counts.rule), int(state.counts.m83)
 
 
-_RULES = {
-    k.E_EITHER: "G91 makes E relative too (as in Klipper)",
-    k.E_FOLLOWS: "G90 and G91 set E too (as in Marlin 2)",
-    k.E_APART: "G90 and G91 leave E as it is (as in RepRapFirmware)",
+_RULES = {  # the message of each
+    k.E_EITHER: "e-rule-either",
+    k.E_FOLLOWS: "e-rule-follows",
+    k.E_APART: "e-rule-apart",
 }
 
 
@@ -222,13 +221,9 @@ def e_warning(state: MachineState) -> str | None:
         return say("file-prints-before-says-m82-m83")
     rule = int(state.counts.rule)
     if rule != state.flavour.g90_influences_e:
-        return say("numbers-file-fit-only-printer-another", _RULES[rule])
+        return say("numbers-file-fit-only-printer-another", say(_RULES[rule]))
     if state.unsure_moves:
-        return (
-            f"firmwares read E of {counted(state.unsure_moves, 'printing move')} of this file differently (G91 stands "
-            f"with M82, or G90 with M83): here {_RULES[rule]}; for another printer let the file say M82 or M83 after "
-            "its last G90 or G91"
-        )
+        return say("firmwares-read-e-differently", state.unsure_moves, say(_RULES[rule]))
     return None
 
 

@@ -49,11 +49,11 @@ def open_zip(handle: IO[bytes], name: str) -> zipfile.ZipFile:
         many = whole > _MAX_WHOLE_BYTES or (whole > _RATIO_MATTERS_BYTES and whole > _MAX_RATIO * max(packed, 1))
         bad_path = path.startswith("/") or "\\" in path or ":" in path or ".." in path.split("/")
         for wrong, came in (
-            (bad_path, f"the path {path!r}"),
-            (path in seen, f"{path!r} twice"),
-            (size > limit or bomb, f"{path!r} that would unpack to {size} bytes"),
-            (many, f"members that would unpack to more than {whole} bytes together"),
-            (member.flag_bits & 1, f"the encrypted member {path!r}"),
+            (bad_path, say("the-path", repr(path))),
+            (path in seen, say("twice", repr(path))),
+            (size > limit or bomb, say("would-unpack-to", repr(path), size)),
+            (many, say("members-unpack-to", whole)),
+            (member.flag_bits & 1, say("encrypted-member", repr(path))),
         ):
             if wrong:
                 raise GcodeError(name, wanted=say("plain-gcode-3mf"), came=came, todo=say("export-plate-again"))
@@ -65,7 +65,7 @@ def plates(archive: zipfile.ZipFile, name: str) -> tuple[str, ...]:
     """Return the G-code members in the order of their plates."""
     found = [path for path in archive.namelist() if _PLATE.fullmatch(path)]
     if not found:
-        came = "no Metadata/plate_N.gcode"
+        came = say("no-plate")
         raise GcodeError(name, wanted=say("sliced-gcode-3mf"), came=came, todo=say("slice-plate-before-exporting"))
     return tuple(sorted(found, key=lambda path: int(re.findall(r"\d+", path)[-1])))
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from printmend.errors import ConfigError, ModelError
 from printmend.machine import GainMechanism, Mechanism
+from printmend.messages import say
 from printmend.path import Trace
 from printmend.plugins import LEARNERS, is_plugin, load_plugin, plugin_names
 from printmend.printer import Printer
@@ -68,7 +69,7 @@ def fit(
     if name != ORACLE:
         return fitted(learner(name), trace, printer, rng=rng)
     if truth is None:
-        raise ConfigError(ORACLE, wanted="the true mechanism", came="none", todo="use a learner on real prints")
+        raise ConfigError(ORACLE, wanted="the true mechanism", came=say("none"), todo="use a learner on real prints")
     from printmend.learn.mechanism_model import MechanismModel
 
     return MechanismModel(truth)

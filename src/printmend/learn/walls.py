@@ -14,6 +14,7 @@ from printmend.errors import TraceError
 from printmend.infer.fit import fitted
 from printmend.learn.greybox.rows import wall_shares
 from printmend.machine import contacts_of, healthy_mechanism
+from printmend.messages import say
 from printmend.path import Instrument, Trace
 from printmend.printer import Printer
 from printmend.units import SIGMA_PER_MEDIAN
@@ -44,8 +45,8 @@ def fit_walls(trace: Trace, printer: Printer) -> WallFit:
     walls = np.flatnonzero(trace.wall_rows)
     if len(walls) < LEAST_WALLS or trace.normal is None or trace.offset_mm is None:
         raise TraceError(
-            "trace", wanted=f"at least {LEAST_WALLS} measured places of walls", came=f"{len(walls)}",
-            todo="measure more of the part",
+            say("trace"), wanted=say("least-places-of-walls", LEAST_WALLS), came=f"{len(walls)}",
+            todo=say("measure-more-of-part"),
         )  # fmt: skip
     whole = replace(trace, instrument=Instrument())  # where walls lie in the picture, its own stretch included
     scene = scene_of(whole, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))

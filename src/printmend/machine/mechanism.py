@@ -21,6 +21,7 @@ from printmend.errors import ConfigError
 from printmend.machine.bed import BedMap
 from printmend.machine.kernels import run
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS, WAVE_RATE
+from printmend.messages import say
 from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
@@ -98,7 +99,7 @@ def z_grid_mm(printer: Printer) -> tuple[np.ndarray, float, float]:
     if places > _MOST_Z_PLACES:
         raise ConfigError(
             printer.name, wanted=f"[z] at most {_MOST_Z_PLACES} micro-steps long", came=f"{places:.3g}",
-            todo="check mm_per_turn, steps_per_turn and microsteps",
+            todo=say("check-mm-per-turn-steps-per"),
         )  # fmt: skip
     first_mm, pitch_mm = axis.min_mm - axis.mm_per_turn, axis.mm_per_step / axis.microsteps
     return first_mm + pitch_mm * np.arange(places + 1), first_mm, pitch_mm

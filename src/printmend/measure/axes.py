@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from printmend.messages import say
+
 LEAST_RANK_CORRELATION = 0.8  # Spearman's, of a measured column and the commanded one that it belongs to
 LEAST_MARGIN = 0.25  # by how much less the other column must correlate
-AXES_TODO = "swap the columns back, or let each axis of the measurement grow with the printer's"
+AXES_TODO = say("swap-columns-back-let-each-axis")
 LEAST_SPREAD_MM = 15.0  # spread of an axis below which nothing can be told
 MOST_LOOKED_AT = 4000  # rows that are looked at: more take time and say the same
 
@@ -25,12 +27,12 @@ def wrong_axes(commanded_mm: np.ndarray, measured_mm: np.ndarray) -> str | None:
     own, across = np.diag(together), np.array([together[0, 1], together[1, 0]])
     if np.abs(across).min() > LEAST_RANK_CORRELATION and np.abs(own).max() < np.abs(across).min() - LEAST_MARGIN:
         if (across > 0).all():
-            return "x and y swapped"
+            return say("axes-swapped")
         if (across < 0).all():
-            return "x and y swapped and both mirrored"
-        return f"everything turned by a quarter, {'left' if across[0] > 0 else 'right'}"
+            return say("axes-swapped-mirrored")
+        return say("all-turned-left" if across[0] > 0 else "all-turned-right")
     if np.abs(own).min() < LEAST_RANK_CORRELATION or np.abs(own).min() < np.abs(across).max() + LEAST_MARGIN:
         return None
     if (own < 0).all():
-        return "everything turned by half a turn (both axes mirrored)"
-    return "x mirrored" if own[0] < 0 else "y mirrored" if own[1] < 0 else None
+        return say("all-turned-half")
+    return say("x-mirrored") if own[0] < 0 else say("y-mirrored") if own[1] < 0 else None

@@ -10,6 +10,7 @@ import numpy as np
 from printmend.errors import TraceError
 from printmend.files import read_text
 from printmend.measure.plan import ProbePlan
+from printmend.messages import say
 from printmend.path import frozen
 
 MOST_DISTANCES = 12  # distances that are asked for; more try an owner's patience
@@ -53,9 +54,9 @@ def measurable_pairs(plan: ProbePlan) -> np.ndarray:
     if len(pairs) < MOST_DISTANCES:
         raise TraceError(
             "the probe",
-            wanted=f"{MOST_DISTANCES} pairs of large dots {SHORTEST_MM:.0f} to {LONGEST_MM:.0f} mm apart",
+            wanted=say("pairs-large-dots-mm-apart", MOST_DISTANCES, f"{SHORTEST_MM:.0f}", f"{LONGEST_MM:.0f}"),
             came=f"{len(pairs)}",
-            todo="print a larger probe",
+            todo=say("print-larger-probe"),
         )
     return pairs
 
@@ -83,7 +84,9 @@ def parse_readings(text: str, distances: Distances, *, subject: str) -> np.ndarr
     while lines and not lines[-1]:
         lines.pop()
     if len(lines) > len(distances.pairs):
-        raise TraceError(subject, wanted=f"{len(distances.pairs)} distances", came=f"{len(lines)}", todo="one a line")
+        raise TraceError(
+            subject, wanted=say("distances-2", len(distances.pairs)), came=f"{len(lines)}", todo=say("one-a-line")
+        )
     readings = np.full(len(distances.pairs), np.nan)
     for row, line in enumerate(lines):
         cell = line.rsplit(",", 1)[-1].strip()
@@ -93,18 +96,18 @@ def parse_readings(text: str, distances: Distances, *, subject: str) -> np.ndarr
         value = number_in(line, about_mm)
         if value is None:
             raise TraceError(
-                subject, wanted=f"distance {row + 1} in mm", came=repr(cell[:30]), todo="write numbers like 123.45"
+                subject, wanted=say("distance-mm", row + 1), came=repr(cell[:30]), todo=say("write-numbers-like-123-45")
             )
         readings[row] = value
         _check_reading(subject, row + 1, value, about_mm)
     if not np.isfinite(readings).any():
-        raise TraceError(subject, wanted="at least one distance", came="none", todo="measure a few of the list")
+        raise TraceError(subject, wanted=say("least-distance"), came=say("none"), todo=say("measure-few-list"))
     return readings
 
 
 def read_readings(path: str | Path, distances: Distances) -> np.ndarray:
     """Read distances [K] from a file, as `parse_readings` does."""
-    text = read_text(path, wanted="a list of distances", todo="write them one a line", error=TraceError)
+    text = read_text(path, wanted=say("list-distances"), todo=say("write-them-line"), error=TraceError)
     return parse_readings(text, distances, subject=str(path))
 
 
@@ -132,7 +135,7 @@ def _check_reading(subject: str, number: int, came_mm: float, about_mm: float) -
     inches = abs(came_mm * 25.4 / about_mm - 1) <= SLIP_SHARE
     raise TraceError(
         subject,
-        wanted=f"distance {number} of about {about_mm:.1f} mm",
-        came=f"{came_mm:g}" + (" (inches: a factor of 25.4)" if inches else ""),
-        todo="measure it again in mm, or leave its line empty",
+        wanted=say("distance-about-mm", number, f"{about_mm:.1f}"),
+        came=say("inches-factor", f"{came_mm:g}") if inches else f"{came_mm:g}",
+        todo=say("measure-again-mm-leave-line-empty"),
     )

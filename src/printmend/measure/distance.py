@@ -15,7 +15,7 @@ import numpy as np
 from printmend.errors import TraceError
 from printmend.measure.plan import ProbePlan
 from printmend.measure.ruler import Ruler
-from printmend.messages import say
+from printmend.messages import Said, say, together
 from printmend.path import Instrument
 
 LONGEST_MM, SHORTEST_MM = 145.0, 40.0  # of a distance that is asked for: the common callipers open 150 mm
@@ -23,7 +23,11 @@ READING_MM = 0.06  # standard deviation of a reading: the callipers, the hand, t
 MOST_SCALE_SHARE = 0.02  # no instrument is off by a larger share: such a distance is another one than was asked for
 UNIT_SHARE = 0.05  # a length that is right to this share in another unit is taken to be in that unit
 
+_SIDES = (  # messages, by thirds of a plate
+    ("front-left", "front", "front-right"), ("left", "middle", "right"), ("back-left", "back", "back-right"),
+)  # fmt: skip
 _OPEN = {"sheet": "scale-of-sheet", "paper": "scale-of-paper", "scanner": "scale-of-scanner"}  # messages
+ASKING = (*_OPEN.values(), "widths-asked", "width-asked")  # messages that ask an owner for a distance
 
 
 def choose_span(plan: ProbePlan, measured_mm: np.ndarray) -> tuple[int, int] | None:
@@ -45,11 +49,8 @@ def choose_span(plan: ProbePlan, measured_mm: np.ndarray) -> tuple[int, int] | N
 def open_scale(scale: str, *, ruled: bool = False) -> str:
     """Say whose scale a picture has, in a sentence that goes on with what would settle it; ``scale`` is where it came
     from, in words. With a ruler in the picture (``ruled``) it is open across that."""
-    whose = {"sheet": "the printed sheet's", "paper": "the paper's", "scanner": "the scanner's"}[_whose(scale)]
-    return (
-        f"{'across the ruler ' if ruled else ''}the scale is {whose}: it may be off by 0.1 to 0.2 %, and up to 0.5 % "
-        "of the printer's own cannot be told from that. To settle it, measure"
-    )
+    name = _OPEN[_whose(scale)]
+    return say(f"open-{name}-across") if ruled else say(f"open-{name}")
 
 
 def _whose(scale: str) -> str:
@@ -58,7 +59,7 @@ def _whose(scale: str) -> str:
 
 def is_asking(note: str) -> bool:
     """Say whether a note of a measurement asks its owner for a distance."""
-    return note.startswith(("the scale is ", "across the ruler "))
+    return isinstance(note, Said) and note.id in ASKING
 
 
 def asked(plan: ProbePlan, span: tuple[int, int], across_mm: float, scale: str) -> str:
@@ -77,7 +78,7 @@ def side_of(plan: ProbePlan, mark: int) -> str:
     marks = plan.marks_mm[plan.sheet_of == plan.sheet_of[mark]]
     low, high = marks.min(axis=0), marks.max(axis=0)
     third = np.clip(3 * (plan.marks_mm[mark] - low) / np.maximum(high - low, 1e-9), 0, 2).astype(int)
-    return " ".join(filter(None, (("front", "", "back")[third[1]], ("left", "", "right")[third[0]]))) or "middle"
+    return say(_SIDES[third[1]][third[0]])
 
 
 def scaled_by(
@@ -92,8 +93,9 @@ def scaled_by(
     excess = seen / distance_mm - 1.0  # of the image's lengths
     if not abs(excess) <= MOST_SCALE_SHARE:
         raise TraceError(
-            "--distance", wanted=say("about-mm-from-dot-dot-outer", f"{seen:.2f}", span[0], span[1]),
-            came=f"{distance_mm:g}{inches(distance_mm, seen)}", todo=say("measure-these-two-dots-again-mm"),
+            say("distance-option"), wanted=say("about-mm-from-dot-dot-outer", f"{seen:.2f}", span[0], span[1]),
+            came=together("", [f"{distance_mm:g}", inches(distance_mm, seen)]),
+            todo=say("measure-these-two-dots-again-mm"),
         )  # fmt: skip
     stretch, left, note = settled(excess, math.atan2(other[1] - one[1], other[0] - one[0]), distance_mm, instrument)
     middle = np.nanmean(measured_mm, axis=0)
@@ -109,7 +111,8 @@ def scaled_by_rulers(
     """
     if not rulers:
         return places_mm, instrument, []
-    notes, taken = [], np.eye(2)
+    notes: list[str] = []
+    taken = np.eye(2)
     for ruler, matrix in rulers:
         seen = ruler.on_bed(matrix).stretched(taken)
         angle = math.atan2(seen.along[1], seen.along[0])
@@ -117,18 +120,15 @@ def scaled_by_rulers(
             seen.excess, angle, seen.length_mm, instrument, reading_mm=seen.sd * seen.length_mm
         )
         taken = stretch @ taken
-        share = f"{100 * ruler.excess:+.2f} %"
-        notes.append(
-            f"by the ruler beside it ({ruler.lines} lines over {ruler.length_mm:.0f} mm) the image is {share} too "
-            f"large along it: taken off; {note.partition('; ')[2]}"
-        )
+        share, known = f"{100 * ruler.excess:+.2f}", note.values["b"]
+        notes.append(say("image-too-large-by-ruler", ruler.lines, f"{ruler.length_mm:.0f}", share, known))
     middle = np.nanmean(places_mm, axis=0)
     return (places_mm - middle) @ np.linalg.inv(taken).T + middle, instrument, notes
 
 
 def settled(
     excess: float, angle_rad: float, distance_mm: float, instrument: Instrument, *, reading_mm: float = READING_MM
-) -> tuple[np.ndarray, Instrument, str]:
+) -> tuple[np.ndarray, Instrument, Said]:
     """Return by what an image is stretched [2, 2] where a length at an angle came out too long by the share ``excess``,
     what is still open of the instrument, and a note. ``reading_mm`` is the standard deviation of the reading."""
     double = 2 * angle_rad
@@ -139,8 +139,7 @@ def settled(
     left = prior - np.outer(gain, row @ prior)
     sds = np.sqrt(np.diag(left))
     stretch = np.array([[1 + common + half, lean], [lean, 1 + common - half]])
-    note = f"by the callipers the image is {100 * excess:+.2f} % too large: taken off; lengths along it are known to "
-    note += f"{100 * math.sqrt(row @ left @ row):.2f} % now"
+    note = say("image-too-large-by-callipers", f"{100 * excess:+.2f}", f"{100 * math.sqrt(row @ left @ row):.2f}")
     together = left / np.maximum(np.outer(sds, sds), 1e-18)
     known = replace(
         instrument, scale_sd=float(sds[0]), axes_sd=float(sds[1]), lean_sd=float(sds[2]),
@@ -151,7 +150,7 @@ def settled(
 
 def inches(given_mm: float, wanted_mm: float) -> str:
     """Say so where a length that should be about ``wanted_mm`` seems to be in inches or centimetres, else nothing."""
-    for name, unit_mm in (("inches", 25.4), ("cm", 10.0)):
+    for message, unit_mm in (("looks-like-inches", 25.4), ("looks-like-cm", 10.0)):
         if abs(given_mm * unit_mm / wanted_mm - 1) < UNIT_SHARE:
-            return f", which looks like {name}"
+            return say(message)
     return ""

@@ -38,14 +38,14 @@ def read_image(path: str | Path) -> tuple[np.ndarray, float | None]:
                 pixels = _pixels(image)
     except (Image.DecompressionBombError, MemoryError) as error:
         said = re.search(r"\((\d+) pixels\)", str(error))
-        came = say("million", int(said[1]) // 10**6) if said else "an image that would fill the memory"
+        came = say("million", int(said[1]) // 10**6) if said else say("image-fills-memory")
         raise _too_large(path, came) from None
     except FileNotFoundError:
         raise ScanError(path, wanted=say("scan"), came=say("no-such-file"), todo=say("check-path")) from None
     except IsADirectoryError:
         raise ScanError(path, wanted=say("scan"), came=say("folder"), todo=say("name-image")) from None
     except (OSError, SyntaxError, ValueError, EOFError, IndexError, TypeError) as error:
-        came = "a damaged image" if "truncated" in str(error).lower() else "no image that can be read"
+        came = say("damaged-image") if "truncated" in str(error).lower() else say("no-image")
         raise ScanError(path, wanted=say("png-tiff-jpeg-scan"), came=came, todo=say("scan-again")) from None
     return pixels, _dpi(stated)
 
@@ -85,7 +85,7 @@ def _check_size(path: str | Path, size: tuple[int, int]) -> None:
         raise ScanError(
             path,
             wanted=say("scan-least-pixels-side", LEAST_SIDE_PX),
-            came=f"{size[0]} × {size[1]}",
+            came=say("two-sizes", size[0], size[1]),
             todo=say("scan-600-dpi"),
         )
 

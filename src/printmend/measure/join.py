@@ -101,10 +101,9 @@ def joined(places: Sequence[np.ndarray], readings: Sequence[Reading], plan: Prob
     both = np.isfinite(stack[..., 0]).sum(axis=0) > 1
     off = (stack - mean)[:, both]
     apart = float(np.sqrt(np.nanmean(np.sum(off**2, axis=2))))
-    sheets = f" of {len(plan.sheets)} sheets" if len(plan.sheets) > 1 else ""
-    note = (
-        f"{len(stack)} scans{sheets} joined by {int(both.sum())} marks that they share: these agree to {apart:.3f} mm"
-    )
+    counts = (len(stack), len(plan.sheets)) if len(plan.sheets) > 1 else (len(stack),)
+    message = "scans-sheets-joined-marks-they-share" if len(plan.sheets) > 1 else "scans-joined-marks-they-share-these"
+    note = say(message, *counts, int(both.sum()), f"{apart:.3f}")
     return [pose.apply(one * np.array([1.0, -1.0])) for one in stack], note
 
 

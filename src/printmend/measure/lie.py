@@ -149,7 +149,7 @@ def _check_resolution(shown: np.ndarray, plastic: np.ndarray, thicken_mm: float,
     if max(_tried(_padded(scaled, reach), _padded(wanted, reach)[::-1]))[0] > LEAST_OVERLAP:
         likely = min(COMMON_DPI, key=lambda value: abs(np.log(value * scale / dpi)))
         raise ScanError(
-            subject, wanted="the part at its own size", came=f"one of {1 / scale:.2f} times its size at {dpi:g} dpi",
+            subject, wanted=say("part-own-size"), came=say("part-of-other-size", f"{1 / scale:.2f}", f"{dpi:g}"),
             todo=say("scan-seems-have-dpi-say-dpi", f"{likely:g}", f"{likely:g}"),
         )  # fmt: skip
 
@@ -164,15 +164,15 @@ def _refuse(tried: list[Try], shown_pieces: int, wanted_pieces: int, subject: st
     """Raise `ScanError` that says the likeliest reason why nothing fits."""
     if shown_pieces > wanted_pieces:
         raise ScanError(
-            subject, wanted=f"the {'part' if wanted_pieces == 1 else f'{wanted_pieces} pieces'} of this file alone",
-            came=f"{shown_pieces} pieces",
-            todo="scan one part at a time, or give the file that was printed",
+            subject, wanted=say("part-alone") if wanted_pieces == 1 else say("pieces-alone", wanted_pieces),
+            came=say("pieces", shown_pieces),
+            todo=say("scan-one-part"),
         )  # fmt: skip
     raise ScanError(
         subject,
-        wanted="the part of this file",
-        came=f"an outline that overlaps it by {max(tried)[0]:.0%} at best",
-        todo="give the file that was printed, and the --layer whose side lay on the glass",
+        wanted=say("part-file"),
+        came=say("outline-overlaps-best", f"{max(tried)[0]:.0%}"),
+        todo=say("give-file-printed-layer-whose-side"),
     )
 
 
@@ -183,10 +183,9 @@ def _check_side(tried: list[Try], best: Try, walls: Walls, subject: str) -> None
         return
     if walls.layer == 1 and not best[1]:
         raise ScanError(
-            subject, wanted="the underside of the part, which a scan shows as a mirror image of the file",
-            came="its upper side, upside down on the glass",
-            todo="lay the side on the glass that lay on the bed; for a first layer alone, give the file that "
-            "`printmend probe --first-layer` wrote",
+            subject, wanted=say("underside-part-scan-shows-mirror-image"),
+            came=say("upper-side-upside-down-glass"),
+            todo=say("lay-side-glass-lay-bed-first"),
         )  # fmt: skip
 
 
@@ -206,10 +205,10 @@ def _unsure(tried: list[Try], best: Try, walls: Walls, subject: str) -> tuple[st
     upright = [one for one in (best, *alike) if abs(one[2]) < UPRIGHT_DEG]
     if not upright or max(abs(one[2]) for one in upright) - min(abs(one[2]) for one in upright) > SAME_TURN_DEG:
         raise ScanError(
-            subject, wanted="a part that looks different from every side",
-            came="one that looks the same turned or mirrored",
-            todo="lay it as it lay on the bed, front edge down, or measure a part without symmetry",
+            subject, wanted=say("part-looks-different-every-side"),
+            came=say("looks-same-turned-mirrored"),
+            todo=say("lay-as-on-bed"),
         )  # fmt: skip
     taken = max(upright)
-    how = "mirrored" if all(one[1] != taken[1] for one in alike) else "turned"
-    return f"the part looks the same {how}: taken to lie as it lay on the bed", taken
+    mirrored = all(one[1] != taken[1] for one in alike)
+    return say("looks-same-mirrored" if mirrored else "looks-same-turned"), taken

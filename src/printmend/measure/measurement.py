@@ -104,8 +104,8 @@ def _measured(
         notes += said
         if motion is not None:
             notes.append(motion_said(motion))
-        kept = "the x axis keeps its direction" if plan.kinematics == "cartesian" else "the motors share the turn"
-        notes.append(f"position and turn are those that fit the commanded marks best ({kept})")
+        cartesian = plan.kinematics == "cartesian"
+        notes.append(say("position-turn-fitted-x-keeps" if cartesian else "position-turn-fitted-motors-share"))
         span = choose_span(plan, measured)
         if span is not None and distance_mm is not None:
             widths = [_among_all(_widths(reading), plan.sheet_of == reading.sheet) for reading in readings]
@@ -169,8 +169,8 @@ def _known(reading: Reading, scanner_error: float) -> Instrument:
     """Return how far a scanner is to be trusted whose owner knows how far lengths in its scans are off."""
     if "dpi" not in reading.scale:
         raise ScanError(
-            reading.path, wanted="a scan without a sheet, whose scale is the scanner's own, for --scanner-error",
-            came=reading.scale, todo="leave that option out",
+            reading.path, wanted=say("scan-without-sheet"),
+            came=reading.scale, todo=say("leave-option-out"),
         )  # fmt: skip
     return FLATBED.known(scanner_error)
 
@@ -227,7 +227,7 @@ def missing_said(found: np.ndarray, plan: ProbePlan) -> list[str]:
         return []
     gone, middle = plan.marks_mm[~found].mean(axis=0), plan.marks_mm.mean(axis=0)
     axis = int(np.argmax(np.abs(gone - middle)))
-    side = (("left", "right"), ("front", "back"))[axis][int(gone[axis] > middle[axis])]
+    side = say((("left", "right"), ("front", "back"))[axis][int(gone[axis] > middle[axis])])
     return [say("marks-missing-at-side", int((~found).sum()), len(plan), side)]
 
 

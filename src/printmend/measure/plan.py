@@ -205,7 +205,7 @@ def read_plan(path: str | Path) -> ProbePlan:
             path, wanted=say("probe-json"), came=say("another-json-file"), todo=say("write-again-printmend-probe")
         )
     if table.get("version") != VERSION:
-        came = f"version {table.get('version')!r}"
+        came = say("version", repr(table.get("version")))
         raise InputError(
             path, wanted=say("version-probe-json", VERSION), came=came, todo=say("write-again-printmend-probe")
         )

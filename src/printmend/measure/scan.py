@@ -207,11 +207,13 @@ def _resolution_error(
 
 
 def _unknown_dots(path: str | Path, dots: Dots, plan: ProbePlan) -> ScanError:
-    spacing = f" about {lattice_pitch(dots.centre_px):.0f} px apart" if len(dots) > 4 else ""
+    came = say("dots-not-they", len(dots))
+    if len(dots) > 4:
+        came = say("dots-about-px-apart-they", len(dots), f"{lattice_pitch(dots.centre_px):.0f}")
     return ScanError(
         path,
         wanted=say("marks-probe-json", len(plan)),
-        came=say("dots-not-they", len(dots), spacing),
+        came=came,
         todo=say("give-print-s-own-probe-json"),
     )
 

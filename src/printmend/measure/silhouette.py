@@ -58,8 +58,8 @@ def find_silhouette(
     colour, level = _plastic_colour(excess)
     if level is None:
         raise ScanError(
-            subject, wanted="plastic that stands out against its background", came=say("page-without-any"),
-            todo="lay paper of another colour behind the part: white behind dark plastic, black behind light",
+            subject, wanted=say("plastic-stands-out-against-background"), came=say("page-without-any"),
+            todo=say("lay-paper-another-colour-behind-part"),
         )  # fmt: skip
     mask = (excess @ colour > level).astype(np.uint8)
     for way, width in ((cv2.MORPH_OPEN, SPECK_MM), (cv2.MORPH_CLOSE, GAP_MM)):
@@ -75,13 +75,13 @@ def find_silhouette(
         areas[np.unique(labels[ruler > 0])] = 0.0
     keep = (areas >= LEAST_PIECE_MM2) & (areas >= LEAST_PIECE_SHARE * areas.max())
     if not keep.any():
-        raise ScanError(subject, wanted="a printed part", came="a page without one", todo=say("scan-printed-side"))
+        raise ScanError(subject, wanted=say("printed-part"), came=say("page-without"), todo=say("scan-printed-side"))
     kept = keep[labels]
     if kept[0].any() or kept[-1].any() or kept[:, 0].any() or kept[:, -1].any():
         raise ScanError(
-            subject, wanted="the whole part with a free margin around it",
-            came="plastic that the image's edge cuts off",
-            todo="move the part away from the edge of the glass, and scan it again",
+            subject, wanted=say("whole-part-free-margin-around"),
+            came=say("plastic-image-edge-cuts-off"),
+            todo=say("move-part-away-edge-glass-scan"),
         )  # fmt: skip
     cells = round(MARGIN_MM / COARSE_MM)
     y, x = (np.flatnonzero(kept.any(axis=axis)) for axis in (1, 0))

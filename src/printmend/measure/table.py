@@ -51,7 +51,7 @@ _SAME_PLACES_SHARE = 0.35
 _MOST_MOTION_MM2 = 1.0  # a head that strays by a millimetre prints nothing
 _MOST_LAYERS = 1_000_000  # number of a layer
 _FARTHEST_WALL_MM = 50.0  # that a wall may lie from where it was commanded
-HEADER_TODO = f"start the file with the line {','.join(REQUIRED)}"
+HEADER_TODO = say("start-with-header", ",".join(REQUIRED))
 
 # Stands for an empty cell while the table is parsed; no printer goes there, and a literal nan stays visible.
 _EMPTY = -9.25e303
@@ -256,7 +256,7 @@ def _check_header(path: Path, names: list[str], line: str) -> None:
     if missing and line.count("\t") >= len(REQUIRED) - 1:
         raise TraceError(path, wanted=say("cells-separated-commas"), came=say("tabs"), todo=say("save-commas"))
     if missing:
-        came = f"the header {line[:80]!r}" if line.strip() else "an empty first line"
+        came = say("header", repr(line[:80])) if line.strip() else say("empty-first-line")
         raise TraceError(path, wanted=say("column", missing[0]), came=came, todo=HEADER_TODO)
     known = [name for name in names if name in KNOWN]
     if twice := sorted({name for name in known if known.count(name) > 1}):
@@ -388,7 +388,7 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
     if (wrong := wrong_axes(commanded, measured)) is not None:
         raise TraceError(path, wanted=say("positions-along-printer-s-own-x"), came=wrong, todo=AXES_TODO)
     wide = np.median(np.abs(y)) / max(float(np.median(np.abs(x))), 1e-9)  # shuffled rows have no slope, but their width
-    for factor, unit in ((MM_PER_INCH, "inches"), (10.0, "centimetres")):
+    for factor, unit in ((MM_PER_INCH, say("inches")), (10.0, say("centimetres"))):
         for column, ratio in (("measured", slope * factor), ("commanded", slope / factor)):
             # a commanded table in inches spans a few units only, hence no lower limit on its spread
             if 0.63 < ratio < 1.58 and wide < 3 * abs(slope) and (spread > 4.0 or column == "commanded"):
@@ -412,7 +412,7 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
                 came=say("slope-between-them", f"{slope:.3g}", axis),
                 todo=say("check-unit-order-rows-whether-x"),
             )
-    for factor, unit in ((MM_PER_INCH, "inches"), (10.0, "centimetres")):
+    for factor, unit in ((MM_PER_INCH, say("inches")), (10.0, say("centimetres"))):
         if np.abs(home).max() > 20 and np.allclose(commanded[0] * factor, home, atol=0.02 * factor):
             raise TraceError(
                 path,

@@ -14,9 +14,9 @@ import numpy as np
 from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, Program
+from printmend.messages import say
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.units import counted
 
 STEP_MM = 1.2  # distance between the places of a wall
 RASTER_MM = 0.06  # side of a pixel of the drawn layer
@@ -110,8 +110,8 @@ def read_walls(program: Program, printer: Printer, *, layer: int = 1) -> Walls:
     either = keep[0] | keep[1]
     if either.sum() < LEAST_PLACES:
         raise GcodeError(
-            program.name, wanted=f"a layer {layer} with walls that a scan can show", came="hardly any",
-            todo="choose a part of at least 30 mm with its outline printed",
+            program.name, wanted=say("layer-walls-scan-can-show", layer), came=say("hardly-any"),
+            todo=say("choose-part-least-30-mm-outline"),
         )  # fmt: skip
     commanded, rows = _with_places(path, part_of, printed, place, either)
     commanded = commanded[: rows.max() + 1]  # the layers above tell nothing of this one
@@ -130,7 +130,10 @@ def _layer_of(program: Program, moves: Moves, layer: int) -> tuple[int, int, boo
     numbers = np.unique(moves.layer[moves.extruding & (moves.layer >= 0)])
     if not 1 <= layer <= len(numbers):
         raise GcodeError(
-            program.name, wanted=f"a layer {layer}", came=counted(len(numbers), "layer"), todo="say another --layer"
+            program.name,
+            wanted=say("layer", layer),
+            came=say("so-many-layers", len(numbers)),
+            todo=say("say-another-layer"),
         )
     index = int(numbers[layer - 1])
     lines = moves.line[moves.layer == index]
@@ -142,11 +145,11 @@ def _layer_of(program: Program, moves: Moves, layer: int) -> tuple[int, int, boo
     raft = layer == 1 and _RAFT_LAYER.search(program.text[: last + 1].tobytes()) is not None
     said = [kind for kind in kinds if kind.lower() != "custom"]  # whatever a program makes may call itself that
     if raft or (said and all(_NO_PART.search(kind) for kind in kinds)):
-        came = "a raft" if raft else ", ".join(sorted(set(kinds))).lower()
+        came = say("a-raft") if raft else ", ".join(sorted(set(kinds))).lower()
         named = sorted(set(_NAMED.findall(came)))
         raise GcodeError(
-            program.name, wanted=f"a part in layer {layer}", came=f"only {came}",
-            todo=f"slice it without {' and '.join(named) or 'it'}, or scan and name a higher --layer",
+            program.name, wanted=say("part-in-layer", layer), came=say("only", came),
+            todo=say("slice-without-scan-name-higher-layer", " / ".join(named) or came),
         )  # fmt: skip
     return index, len(numbers), any("skirt" in kind.lower() for kind in kinds)
 
@@ -163,9 +166,7 @@ def _waypoints(moves: Moves, printer: Printer) -> tuple[np.ndarray, np.ndarray, 
     known = moves.known[:, :2].all(axis=1) & (np.arange(len(moves)) >= first)
     moved = known & (moves.end_mm[:, :2] != moves.start_mm[:, :2]).any(axis=1)
     if not moved.any():
-        raise GcodeError(
-            "G-code", wanted="moves in X and Y from a known place", came="none", todo="home with G28 first"
-        )
+        raise GcodeError("G-code", wanted=say("moves-from-known-place"), came=say("none"), todo=say("home-g28-first"))
     points, row_of, place = [home], np.full(len(moves), -1), home
     for index in np.flatnonzero(moved):
         if not np.array_equal(moves.start_mm[index, :2], place):  # a macro went there

@@ -14,6 +14,7 @@ import numpy as np
 from printmend.errors import TraceError
 from printmend.measure.distance import LONGEST_MM, MOST_SCALE_SHARE, inches, open_scale, settled
 from printmend.measure.walls import RASTER_MM, Walls
+from printmend.messages import say, together
 from printmend.path import Instrument
 
 SHORTEST_MM = 25.0  # shortest width that callipers are asked for
@@ -36,8 +37,8 @@ class Width:
     def words(self) -> str:
         """The direction, for the owner."""
         degrees = round(math.degrees(self.angle_rad))
-        named = {0: "X (from its left to its right end)", 90: "Y (from its front to its back end)"}
-        return "across the part along " + named.get(degrees, f"the direction {degrees}° from X towards Y")
+        named = {0: "across-part-along-x", 90: "across-part-along-y"}
+        return say(named[degrees]) if degrees in named else say("across-part-at-angle", degrees)
 
     def across_mm(self, edge_mm: np.ndarray) -> float:
         """Return the width between edges [S, 2] mm."""
@@ -74,9 +75,8 @@ def choose_widths(walls: Walls) -> tuple[Width, ...]:
 def widths_asked(widths: Sequence[Width], edge_mm: np.ndarray, scale: str, *, ruled: bool = False) -> str:
     """Say which widths would settle the ``scale``, which came from where these words say; ``edge_mm`` [S, 2] is where
     the image shows the walls."""
-    said = " and ".join(f"{width.words} (about {width.across_mm(edge_mm):.0f} mm)" for width in widths)
-    shown = "what they show as --distance" if len(widths) == 1 else "each of what they show as a --distance of its own"
-    return f"{open_scale(scale, ruled=ruled)} with callipers at the scanned side {said}, and give {shown}"
+    said = together(" / ", [say("width-about", width.words, f"{width.across_mm(edge_mm):.0f}") for width in widths])
+    return say("width-asked" if len(widths) == 1 else "widths-asked", open_scale(scale, ruled=ruled), said)
 
 
 def scaled_by_widths(
@@ -89,8 +89,8 @@ def scaled_by_widths(
     """
     if len(distances_mm) > len(widths):
         raise TraceError(
-            "--distance", wanted=f"{len(widths)} widths: so many this part has between walls, 25 to 145 mm apart",
-            came=str(len(distances_mm)), todo="leave the others out; the scan's own scale is taken",
+            say("distance-option"), wanted=say("so-many-widths", len(widths)),
+            came=str(len(distances_mm)), todo=say("leave-others-out-scan-own-scale"),
         )  # fmt: skip
     begun, notes = edge_mm, []
     for distance_mm, width in zip(distances_mm, widths, strict=False):
@@ -98,14 +98,14 @@ def scaled_by_widths(
         excess = seen / distance_mm - 1.0
         if not abs(excess) <= MOST_SCALE_SHARE:
             raise TraceError(
-                "--distance", wanted=f"about {width.across_mm(begun):.2f} mm {width.words}",
-                came=f"{distance_mm:g}{inches(distance_mm, seen)}", todo="measure it again, in mm",
+                say("distance-option"), wanted=say("about-mm", f"{width.across_mm(begun):.2f}", width.words),
+                came=together("", [f"{distance_mm:g}", inches(distance_mm, seen)]), todo=say("measure-again-in-mm"),
             )  # fmt: skip
         stretch, instrument, note = settled(excess, width.angle_rad, distance_mm, instrument, reading_mm=READING_MM)
-        notes.append(f"{width.words}: {note}")
+        notes.append(together(": ", [width.words, note]))
         middle = edge_mm.mean(axis=0)
         edge_mm = (edge_mm - middle) @ np.linalg.inv(stretch).T + middle
-    return offset_mm + np.sum((edge_mm - begun) * walls.normal, axis=1), instrument, "; ".join(notes)
+    return offset_mm + np.sum((edge_mm - begun) * walls.normal, axis=1), instrument, together("; ", notes)
 
 
 def _unit(angle_rad: float) -> np.ndarray:

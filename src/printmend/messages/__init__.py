@@ -3,9 +3,10 @@
     raise ScanError(path, wanted=say("some-marks", least, count), came=say("few-marks", found), todo=say("scan-whole"))
 
 `say` returns a `Said`: the English text, which remembers its id and values. Whoever shows texts in another language
-takes these along (`messages_of`) and looks the id up. `together` puts texts together and remembers them.
+takes these along (`messages_of`) and looks the id up (`translated`). `together` puts texts together and remembers them.
 """
 
+import re
 import string
 from collections.abc import Iterable, Mapping
 from functools import cache
@@ -14,46 +15,86 @@ from typing import Any
 
 import polib
 
-_DEEPEST = 4  # messages within messages
+ENGLISH, GERMAN = "en", "de"
+_DEEPEST = 8  # messages within messages
+# Numbers that a German reader gets with a comma: no version of a program among them.
+_NUMBERS = re.compile(r"(?!.*\d\.\d+\.)[\s\d.±+–-]*\d\.\d[\s\d.±+–-]*( ?[%°a-z]+)?")
+_AFTER_SEMICOLON = re.compile(r"; (Der|Die|Das|Ein|Eine|Es|Alle|Jede)\b")
 PAGE = "/page"  # ends the id of a message that a page says otherwise, where the terminal's names a command or an option
 
 
 class Said(str):
-    """A message in English that knows its ``id`` and its ``values``, texts or messages themselves."""
+    """A message in English that knows its ``id`` and its ``values``, texts or messages themselves.
+
+    ``texts`` are its English and German where the catalogue does not have its id: those of an effect from outside.
+    """
 
     id: str
     values: dict[str, str]
+    texts: tuple[str, str] | None = None
 
     def replace(self, old: str, new: str, /, *count: Any) -> "Said":
         """Return the message with the text ``new`` in place of ``old``, in its values too."""
         values = {name: value.replace(old, new) for name, value in self.values.items()}
-        return said(self.id, values, str(self).replace(old, new))
+        return said(self.id, values, str(self).replace(old, new), self.texts)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return said, (self.id, self.values, str(self))
+        return said, (self.id, self.values, str(self), self.texts)
 
 
-def said(name: str, values: dict[str, str], english: str) -> Said:
+def said(name: str, values: dict[str, str], english: str, texts: tuple[str, str] | None = None) -> Said:
     """Return an English text as the message of an id."""
     text = Said(english)
-    text.id, text.values = name, values
+    text.id, text.values, text.texts = name, values, texts
     return text
 
 
 def say(name: str, *values: object) -> Said:
     """Return the message of an id; ``values`` fill its places {a}, {b}, …. Raises `KeyError` for an unknown id."""
-    english = catalogue()[name][0]
-    filled = {
-        place: value if isinstance(value, Said) else str(value)
-        for place, value in zip(string.ascii_lowercase, values, strict=False)
-    }
-    return said(name, filled, english.format(**filled))
+    filled = places_of(values)
+    return said(name, filled, catalogue()[name][0].format(**filled))
+
+
+def say_own(texts: tuple[str, str], *values: object) -> Said:
+    """Return a message that is not in the catalogue, from its English and German."""
+    filled = places_of(values)
+    return said(texts[0], filled, texts[0].format(**filled), texts)
+
+
+def places_of(values: Iterable[object]) -> dict[str, str]:
+    """Return values by the places that they fill, a, b, …"""
+    filled = (value if isinstance(value, Said) else str(value) for value in values)
+    return dict(zip(string.ascii_lowercase, filled, strict=False))
 
 
 def together(between: str, parts: Iterable[str]) -> Said:
-    """Return texts one after the other, with the text ``between`` them."""
-    values = dict(zip(string.ascii_letters, parts, strict=False))
+    """Return texts one after the other, with the text ``between`` them; one message stays as it is."""
+    values = {str(place): part for place, part in enumerate(parts)}
+    if len(values) == 1 and isinstance(values["0"], Said):
+        return values["0"]
     return said(between, values, between.join(values.values()))
+
+
+def translated(text: str, language: str) -> str:
+    """Return a message in a language; a text without an id stays as it is."""
+    return _german(text) if language == GERMAN else str(text)
+
+
+def _german(text: str) -> str:
+    if not isinstance(text, Said):
+        return text
+    values = {name: _value(value) for name, value in text.values.items()}
+    german = (catalogue().get(text.id) or text.texts or ("", ""))[1]
+    if german:
+        return german.format(**values)
+    return _AFTER_SEMICOLON.sub(lambda found: found[0].lower(), text.id.join(values.values()))
+
+
+def _value(text: str) -> str:
+    """Return what fills a place of a message in German: numbers get a comma."""
+    if isinstance(text, Said):
+        return _german(text)
+    return text.replace(".", ",") if _NUMBERS.fullmatch(text) else text
 
 
 def within(sentence: str) -> str:
@@ -97,6 +138,8 @@ def _gather(value: Any, found: dict[str, Any]) -> None:
     if isinstance(value, Said):
         _gather(value.values, found)
         found[str(value)] = {"id": value.id, "values": dict(value.values)}
+        if value.texts is not None:
+            found[str(value)]["texts"] = list(value.texts)
     elif isinstance(value, Mapping):
         for item in value.values():
             _gather(item, found)
@@ -111,4 +154,6 @@ def _restored(text: str, messages: Mapping[str, Any], deep: int) -> str:
     if not deep or not isinstance(told, Mapping) or not isinstance(told.get("values"), Mapping):
         return text
     values = {str(name): _restored(str(part), messages, deep - 1) for name, part in told["values"].items()}
-    return said(str(told.get("id")), values, text)
+    texts = told.get("texts")
+    own = (str(texts[0]), str(texts[1])) if isinstance(texts, list) and len(texts) == 2 else None
+    return said(str(told.get("id")), values, text, own)

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from printmend.errors import TraceError
+from printmend.messages import say
 
 
 def rmse(target: np.ndarray, printed: np.ndarray) -> float:
@@ -24,7 +25,7 @@ def abrmse(body_rmses: Iterable[float]) -> float:
     """Return the paper's Average Body RMSE: the plain mean of the bodies' RMSE, whatever their size."""
     values = np.asarray(list(body_rmses), float)
     if not len(values):
-        raise TraceError("ABRMSE", wanted="at least one body", came="none", todo="give it results")
+        raise TraceError("ABRMSE", wanted="at least one body", came=say("none"), todo="give it results")
     return float(values.mean())
 
 

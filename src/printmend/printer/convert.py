@@ -7,15 +7,16 @@ import tomli_w
 
 from printmend.errors import ConfigError
 from printmend.files import read_text
+from printmend.messages import say
 from printmend.printer.homing import homing_section
 from printmend.printer.klipper import is_klipper, parse_klipper
 from printmend.printer.printer import PAUSE, Printer
 from printmend.printer.slicer import is_slicer_profile, parse_slicer, profile_of
 from printmend.printer.toml import parse_printer, read_printer
 
-_WANTED = "a printer.cfg, a slicer's printer profile (.ini or .json) or a printer in TOML"
-_TODO = "export the printer's profile from the slicer, or start from a preset: `printmend printer ender3`"
-_TOO = "add --like ender3, too: a preset with the same motors and end stops"
+_WANTED = say("printer-cfg-slicer-printer-profile-ini")
+_TODO = say("export-printer-profile-slicer-start-preset")
+_TOO = say("add-like-too")
 
 
 def convert(path: Path, *, like: str | None = None, model: str | None = None) -> tuple[Printer, tuple[str, ...]]:
@@ -30,21 +31,19 @@ def convert(path: Path, *, like: str | None = None, model: str | None = None) ->
     text, subject = read_text(path, wanted=_WANTED, todo=_TODO, error=ConfigError), str(path)
     left: tuple[str, ...] = ()
     if not text.strip():
-        raise ConfigError(subject, wanted=_WANTED, came="an empty file", todo=_TODO)
+        raise ConfigError(subject, wanted=_WANTED, came=say("empty-file"), todo=_TODO)
     if is_klipper(text):
         printer = parse_klipper(text, name=path.stem, subject=subject)
     elif is_slicer_profile(text):
-        todo = "name a preset with the same motors and end stops: --like ender3"
+        todo = say("name-preset-like")
         values = profile_of(text, model=model, subject=subject, todo="" if like else _TOO)
         if like is None:
-            raise ConfigError(
-                subject, wanted="to know its motors", came="a slicer's profile, which does not say", todo=todo
-            )
+            raise ConfigError(subject, wanted=say("know-motors"), came=say("slicer-profile-say"), todo=todo)
         printer, left = parse_slicer(values, like=read_printer(like), name=path.stem, subject=subject)
     elif "=" in text:
         printer = parse_printer(text, subject=subject)
     else:
-        raise ConfigError(subject, wanted=_WANTED, came="neither", todo=_TODO)
+        raise ConfigError(subject, wanted=_WANTED, came=say("neither"), todo=_TODO)
     parse_printer(printer_text(printer), subject=subject)
     return printer, left
 

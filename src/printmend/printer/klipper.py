@@ -4,12 +4,13 @@ import configparser
 from configparser import SectionProxy
 
 from printmend.errors import ConfigError
+from printmend.messages import say
 from printmend.printer.homing import Homing, Switch
 from printmend.printer.printer import KLIPPER_PAUSE, Axis, MotionLimits, Printer
 
 # What Klipper takes where a key is absent (its Config Reference).
 _FULL_STEPS, _MICROSTEPS = 200, 16
-_TODO = "give the file that holds the sections [stepper_x], [stepper_y] and [stepper_z], or start from a preset"
+_TODO = say("give-file-holds-sections-stepper-stepper")
 
 
 def is_klipper(text: str) -> bool:
@@ -27,11 +28,11 @@ def parse_klipper(text: str, *, name: str, subject: str) -> Printer:
         config.read_string(text)
     except configparser.Error as error:
         came = str(error).splitlines()[0]
-        raise ConfigError(subject, wanted="a printer.cfg", came=came, todo=_TODO) from None
+        raise ConfigError(subject, wanted=say("printer-cfg"), came=came, todo=_TODO) from None
     kinematics = config.get("printer", "kinematics", fallback="none")
     if kinematics not in ("cartesian", "corexy"):
         todo = "other machines than cartesian and CoreXY ones cannot be learned yet"
-        raise ConfigError(subject, wanted="kinematics: cartesian or corexy", came=kinematics, todo=todo)
+        raise ConfigError(subject, wanted=say("kinematics-cartesian-corexy"), came=kinematics, todo=todo)
     x, y, z = (_axis(config, axis, subject) for axis in "xyz")
     return Printer(
         name,
@@ -50,7 +51,7 @@ def _limits(config: configparser.RawConfigParser, subject: str) -> MotionLimits:
     try:
         speed, accel = (config.getfloat("printer", key, fallback=None) for key in ("max_velocity", "max_accel"))
     except ValueError as error:
-        wanted = "numbers for max_velocity and max_accel in [printer]"
+        wanted = say("numbers-max-velocity-max-accel-printer")
         raise ConfigError(subject, wanted=wanted, came=str(error), todo=_TODO) from None
     return MotionLimits(speed, accel)
 
@@ -59,7 +60,7 @@ def _axis(config: configparser.RawConfigParser, name: str, subject: str) -> Axis
     """Return one axis, with the rules of Klipper's own reader for what is not said."""
     section = f"stepper_{name}"
     if not config.has_section(section):
-        raise ConfigError(subject, wanted=f"a section [{section}]", came="none", todo=_TODO)
+        raise ConfigError(subject, wanted=say("section", section), came=say("none"), todo=_TODO)
     stepper = config[section]
 
     def number(key: str, otherwise: float | None = None) -> float:
@@ -68,8 +69,10 @@ def _axis(config: configparser.RawConfigParser, name: str, subject: str) -> Axis
                 return otherwise
             return float(stepper[key])
         except (KeyError, ValueError):
-            came = stepper.get(key, "no such key")
-            raise ConfigError(subject, wanted=f"a number for {key} in [{section}]", came=came, todo=_TODO) from None
+            came = stepper.get(key, say("such-key"))
+            raise ConfigError(
+                subject, wanted=say("number-for-key-in-section", key, section), came=came, todo=_TODO
+            ) from None
 
     steps, microsteps = round(number("full_steps_per_rotation", _FULL_STEPS)), round(number("microsteps", _MICROSTEPS))
     if "rotation_distance" in stepper:
@@ -95,7 +98,7 @@ def _gear_ratio(stepper: SectionProxy, subject: str) -> float:
         try:
             ratio *= float(teeth) / float(motor)
         except (ValueError, ZeroDivisionError):
-            raise ConfigError(subject, wanted="gear_ratio as 80:16", came=pair, todo=_TODO) from None
+            raise ConfigError(subject, wanted=say("gear-ratio-80-16"), came=pair, todo=_TODO) from None
     return ratio
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from printmend.errors import ConfigError
-from printmend.messages import say
+from printmend.messages import say, together
 from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, RRF_PAUSE, Axis, Extruder, Printer
 
 # A slicer that draws the filament back by less than this has its motor on the tool head, mm. Bowden profiles of
@@ -130,7 +130,7 @@ def _chosen(sections: list[str], model: str | None, subject: str, todo: str) -> 
         raise ConfigError(
             subject, wanted=say("bundle-printer"), came=say("none"), todo=say("export-printer-s-profile-from-slicer")
         )
-    advice = "; ".join(filter(None, (todo, f"a part of a name is enough: {', '.join(models)}")))
+    advice = together("; ", filter(None, (todo, say("part-name-enough", ", ".join(models)))))
     raise ConfigError(
         subject, wanted=say("one-printer-named-model") if not wanted else say("printer-bundle", repr(model)),
         came=f"{len(models)}" if fitting else say("none"), todo=advice,
@@ -192,7 +192,7 @@ def _bed_mm(values: Mapping[str, Any], subject: str) -> tuple[tuple[float, float
             todo=say("export-printer-s-profile-from-slicer"),
         ) from None
     if len(points) != 4 or len(xs) != 2 or len(ys) != 2:
-        todo = "round beds belong to machines that cannot be learned yet"
+        todo = say("round-beds-not-yet")
         raise ConfigError(subject, wanted=say("rectangular-bed"), came=say("corners", len(points)), todo=todo)
     return (min(xs), min(ys)), (max(xs), max(ys))
 
@@ -234,6 +234,5 @@ def _start_gcode(text: str) -> tuple[str, tuple[str, ...]]:
     lines = text.removeprefix('"').removesuffix('"').replace("\\n", "\n")
     filled = _PLACEHOLDER.sub(lambda found: _PLA.get(found[1], found[0]), lines)
     if unknown := re.search(r"[{\[][^}\]]*[}\]]", filled):
-        why = f"start code: {unknown[0][:40]} is filled in by the slicer alone"
-        return "", (f"{why}; `printmend probe --start-from PART.gcode` copies the start of a sliced file instead",)
+        return "", (say("start-code-of-slicer", unknown[0][:40]),)
     return filled.strip() + "\n" if filled.strip() else "", ()

@@ -9,6 +9,7 @@ from typing import Any
 
 from printmend.errors import ConfigError, InputError
 from printmend.files import read_text
+from printmend.messages import say
 from printmend.printer.homing import SWITCHES, Homing
 from printmend.printer.klipper import is_klipper
 from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, Axis, MotionLimits, Printer
@@ -26,7 +27,7 @@ _FAR_MM, _FAREST_MM = 1000.0, 1e5
 _MOST_SCATTER_MM = 5.0  # of an end stop
 _LEAST_TURN_MM = 0.01  # of belt that a motor's turn moves
 _MOST_PLACES = 5_000_000  # a machine is tabulated at its micro-steps; 300 mm at 256 a step are 400 000
-_TODO = "compare with `printmend printer ender3`, which prints a preset"
+_TODO = say("compare-printmend-printer-ender3-prints-preset")
 
 
 def preset_names() -> tuple[str, ...]:
@@ -38,7 +39,7 @@ def preset_names() -> tuple[str, ...]:
 def check_preset(name: str) -> None:
     """Raise `InputError` for a name that is none of `preset_names`."""
     if name not in preset_names():
-        raise InputError("printer", wanted=f"one of {', '.join(preset_names())}", came=repr(name), todo="correct it")
+        raise InputError("printer", wanted=say("one", ", ".join(preset_names())), came=repr(name), todo=say("correct"))
 
 
 def preset_text(name: str) -> str:
@@ -53,19 +54,19 @@ def read_printer(source: str | Path) -> Printer:
     if not os.path.isfile(source):
         raise ConfigError(
             source,
-            wanted=f"a printer preset ({', '.join(preset_names())}) or a TOML file",
-            came="no such file" if Path(source).suffix else "neither",
-            todo="check the name, or write a TOML file; " + _TODO,
+            wanted=say("printer-preset-toml-file", ", ".join(preset_names())),
+            came=say("no-such-file") if Path(source).suffix else say("neither"),
+            todo=say("check-name-write-toml-file-compare"),
         )
     return parse_printer(
-        read_text(source, wanted="a printer in TOML", todo=_TODO, error=ConfigError), subject=str(source)
+        read_text(source, wanted=say("printer-toml"), todo=_TODO, error=ConfigError), subject=str(source)
     )
 
 
 def check_name(name: object, *, subject: str) -> str:
     """Return a printer's name; raise `ConfigError` for one that cannot stand in a comment of G-code."""
     if not isinstance(name, str) or name.splitlines() not in ([], [name]):
-        raise ConfigError(subject, wanted="name as text of one line", came=repr(name)[:40], todo=_TODO)
+        raise ConfigError(subject, wanted=say("name-text-line"), came=repr(name)[:40], todo=_TODO)
     return name
 
 
@@ -75,15 +76,15 @@ def parse_printer(text: str, *, subject: str) -> Printer:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         other = is_klipper(text) or is_slicer_profile(text)
-        todo = f"it reads as another program's: `printmend printer {subject} > mine.toml` makes one" if other else _TODO
-        raise ConfigError(subject, wanted="a printer in TOML", came=f"broken TOML ({error})", todo=todo) from None
+        todo = say("reads-as-other-programs", subject) if other else _TODO
+        raise ConfigError(subject, wanted=say("printer-toml"), came=say("broken-toml", error), todo=todo) from None
     refuse_unknown(table, _KEYS, subject, "the top level")
     name, kinematics = check_name(table.get("name", subject), subject=subject), table.get("kinematics")
     if kinematics not in ("cartesian", "corexy"):
-        raise ConfigError(subject, wanted='kinematics = "cartesian" or "corexy"', came=repr(kinematics), todo=_TODO)
+        raise ConfigError(subject, wanted=say("kinematics-cartesian-corexy-2"), came=repr(kinematics), todo=_TODO)
     extruder, start_gcode = table.get("extruder", "bowden"), table.get("start_gcode", "")
     if extruder not in _EXTRUDERS:
-        raise ConfigError(subject, wanted='extruder = "bowden" or "direct"', came=repr(extruder), todo=_TODO)
+        raise ConfigError(subject, wanted=say("extruder-bowden-direct"), came=repr(extruder), todo=_TODO)
     if not isinstance(start_gcode, str) or len(start_gcode) > _MOST_START_GCODE:
         wanted = f"start_gcode as text of at most {_MOST_START_GCODE} characters"
         raise ConfigError(subject, wanted=wanted, came=repr(start_gcode)[:40], todo=_TODO)
@@ -95,9 +96,9 @@ def parse_printer(text: str, *, subject: str) -> Printer:
     if kinematics == "corexy" and (x.mm_per_step, x.microsteps) != (y.mm_per_step, y.microsteps):
         raise ConfigError(
             subject,
-            wanted="equal motors on a CoreXY",
-            came="[x] and [y] with different steps",
-            todo="make them equal",
+            wanted=say("equal-motors-corexy"),
+            came=say("different-steps"),
+            todo=say("make-them-equal"),
         )
     homing = _homing(table.get("homing", {}), subject)
     limits = _limits(table.get("limits", {}), subject)
@@ -106,43 +107,43 @@ def parse_printer(text: str, *, subject: str) -> Printer:
 
 def _homing(table: Any, subject: str) -> Homing:
     if not isinstance(table, dict):
-        raise ConfigError(subject, wanted="homing as a section [homing]", came=repr(table)[:40], todo=_TODO)
+        raise ConfigError(subject, wanted=say("homing-section-homing"), came=repr(table)[:40], todo=_TODO)
     refuse_unknown(table, {"switch", "scatter_mm"}, subject, "[homing]")
     switch, scatter = table.get("switch", "unknown"), table.get("scatter_mm")
     if switch not in SWITCHES:
         raise ConfigError(
             subject,
-            wanted=f"[homing] switch as one of {', '.join(SWITCHES)}",
+            wanted=say("homing-switch", ", ".join(SWITCHES)),
             came=repr(switch)[:40],
-            todo="correct it",
+            todo=say("correct"),
         )
     if scatter is None:
         return Homing(switch)
     if isinstance(scatter, bool) or not isinstance(scatter, int | float) or not 0 <= scatter <= _MOST_SCATTER_MM:
-        wanted = f"[homing] scatter_mm from 0 to {_MOST_SCATTER_MM:g}"
-        raise ConfigError(subject, wanted=wanted, came=repr(scatter)[:40], todo="give the standard deviation in mm")
+        wanted = say("homing-scatter-mm", f"{_MOST_SCATTER_MM:g}")
+        raise ConfigError(subject, wanted=wanted, came=repr(scatter)[:40], todo=say("give-standard-deviation-mm"))
     return Homing(switch, float(scatter))
 
 
 def _limits(table: Any, subject: str) -> MotionLimits:
     if not isinstance(table, dict):
-        raise ConfigError(subject, wanted="a section [limits]", came=repr(table)[:40], todo=_TODO)
+        raise ConfigError(subject, wanted=say("section-limits"), came=repr(table)[:40], todo=_TODO)
     refuse_unknown(table, set(_LIMITS), subject, "[limits]")
     for key, value in table.items():
         low, high = _LIMITS[key]
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            wanted = f"a number from {low:g} to {high:g} for [limits] {key}"
-            raise ConfigError(subject, wanted=wanted, came=repr(value)[:40], todo="give what your firmware is set to")
+            wanted = say("number-limits", f"{low:g}", f"{high:g}", key)
+            raise ConfigError(subject, wanted=wanted, came=repr(value)[:40], todo=say("give-what-your-firmware-set"))
     return MotionLimits(**{key: float(value) for key, value in table.items()})
 
 
 def _axis(table: Any, name: str, subject: str) -> Axis:
     if not isinstance(table, dict):
-        raise ConfigError(subject, wanted=f"a section [{name}]", came="none", todo=_TODO)
+        raise ConfigError(subject, wanted=say("section", name), came=say("none"), todo=_TODO)
     section = f"[{name}]"
     refuse_unknown(table, _AXIS_KEYS, subject, section)
     if missing := sorted(_AXIS_KEYS - set(table)):
-        raise ConfigError(subject, wanted=f"{missing[0]} in {section}", came="no such key", todo=_TODO)
+        raise ConfigError(subject, wanted=say("key-in-section", missing[0], section), came=say("such-key"), todo=_TODO)
     for key in _NUMBERS:
         value = table[key]
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _FAREST_MM:
@@ -151,31 +152,29 @@ def _axis(table: Any, name: str, subject: str) -> Axis:
     for key in _COUNTS:
         value = table[key]
         if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= 100_000:
-            raise ConfigError(subject, wanted=f"a positive whole {section} {key}", came=repr(value), todo=_TODO)
+            raise ConfigError(subject, wanted=say("positive-whole", section, key), came=repr(value), todo=_TODO)
     if table["home_side"] not in ("min", "max"):
-        raise ConfigError(
-            subject, wanted=f'{section} home_side = "min" or "max"', came=repr(table["home_side"]), todo=_TODO
-        )
+        raise ConfigError(subject, wanted=say("home-side-min-max", section), came=repr(table["home_side"]), todo=_TODO)
     if table["max_mm"] <= table["min_mm"] or table["max_mm"] - table["min_mm"] > 10_000:
         raise ConfigError(
             subject,
-            wanted=f"{section} max_mm above min_mm, by 10 m at the most",
-            came=f"{table['min_mm']} to {table['max_mm']}",
-            todo="give the bed in mm",
+            wanted=say("max-mm-above-min-mm-10", section),
+            came=say("to", table["min_mm"], table["max_mm"]),
+            todo=say("give-bed-mm"),
         )
     if not _LEAST_TURN_MM <= table["mm_per_turn"] <= 1000:
         wanted = f"{section} mm_per_turn in {_LEAST_TURN_MM:g}–1000"
         raise ConfigError(subject, wanted=wanted, came=repr(table["mm_per_turn"]), todo=_TODO)
     if not table["min_mm"] - _FAR_MM <= table["home_mm"] <= table["max_mm"] + _FAR_MM:
         came = f"{table['home_mm']:g}"
-        raise ConfigError(subject, wanted=f"{section} home_mm within a metre of the axis", came=came, todo=_TODO)
+        raise ConfigError(subject, wanted=say("home-mm-within-metre-axis", section), came=came, todo=_TODO)
     places = (table["max_mm"] - table["min_mm"]) * table["steps_per_turn"] * table["microsteps"] / table["mm_per_turn"]
     if name != "z" and places > _MOST_PLACES:
         raise ConfigError(
             subject,
-            wanted=f"{section} at most {_MOST_PLACES} micro-steps long",
+            wanted=say("most-micro-steps-long", section, _MOST_PLACES),
             came=f"{places:.3g}",
-            todo="check mm_per_turn, steps_per_turn and microsteps",
+            todo=say("check-mm-per-turn-steps-per"),
         )
     return Axis(name=name, **table)
 
@@ -185,7 +184,7 @@ def refuse_unknown(table: dict, known: set[str], subject: str, section: str) -> 
     if unknown := sorted(set(table) - known):
         raise ConfigError(
             subject,
-            wanted=f"only {', '.join(sorted(known))} in {section}",
-            came=f"the unknown key {unknown[0]!r}",
-            todo="remove or correct it",
+            wanted=say("only-2", ", ".join(sorted(known)), section),
+            came=say("unknown-key", repr(unknown[0])),
+            todo=say("remove-correct"),
         )

@@ -62,7 +62,7 @@ def square_mm(printer: Printer, size_mm: float) -> tuple[np.ndarray, np.ndarray]
     middle = (low + high) / 2
     if size_mm > (high - low).max():
         raise ConfigError(
-            "--size", wanted=say("most-mm", f"{(high - low).max():.0f}", printer.name),
+            say("size"), wanted=say("most-mm", f"{(high - low).max():.0f}", printer.name),
             came=say("mm-2", f"{size_mm:g}"), todo=say("make-smaller-leave-out-whole-bed"),
         )  # fmt: skip
     return np.maximum(low, middle - size_mm / 2), np.minimum(high, middle + size_mm / 2)

@@ -11,6 +11,7 @@ import numpy as np
 
 from printmend.errors import ConfigError
 from printmend.measure.plan import ProbePlan, approaches
+from printmend.messages import say
 from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.probe.layout import EDGE_MM
@@ -35,7 +36,7 @@ def with_net(plan: ProbePlan, printer: Printer) -> ProbePlan:
         high - plan.marks_mm.max(axis=0)
     ).min() < LEAST_FRAME_MM:
         raise ConfigError(
-            "--net", wanted=f"{EDGE_MM + LEAST_FRAME_MM:.0f} mm of bed around the dots", came="less",
+            "--net", wanted=f"{EDGE_MM + LEAST_FRAME_MM:.0f} mm of bed around the dots", came=say("less"),
             todo="make --size smaller",
         )  # fmt: skip
     frame = np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])

@@ -7,6 +7,7 @@ import numpy as np
 
 from printmend.errors import ConfigError
 from printmend.measure.plan import ProbePlan, approaches
+from printmend.messages import say
 from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.probe.layout import EDGE_MM, GLASS_EDGE_MM
@@ -72,7 +73,8 @@ def _paper(plan: ProbePlan, printer: Printer, paper_mm: tuple[float, float]) -> 
     if not ways:
         raise ConfigError(
             "the paper", wanted=f"a sheet for dots over {last[0] - first[0]:.0f} × {last[1] - first[1]:.0f} mm",
-            came=f"{paper_mm[0]:g} × {paper_mm[1]:g} mm", todo="make --size smaller, or name a larger --scanner",
+            came=say("mm", f"{paper_mm[0]:g}", f"{paper_mm[1]:g}"),
+            todo="make --size smaller, or name a larger --scanner",
         )  # fmt: skip
     size = min(ways, key=lambda way: float(np.maximum(way - np.ptp(bed, axis=1), 0.0).sum()))
     low = np.maximum(np.minimum((first + last - size) / 2, bed[:, 1] - size), bed[:, 0])

@@ -10,6 +10,7 @@ from printmend.errors import GcodeError, InputError
 from printmend.files import read_text, replacing
 from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan, plan_text, write_plan
+from printmend.messages import say
 from printmend.path import Trace
 from printmend.printer import Extruder, Printer
 from printmend.printer.printer import PAUSE
@@ -49,7 +50,7 @@ def design_probe(
     """
     if design == "layer":
         if part is None:
-            raise InputError("--design layer", wanted="a part", came="none", todo="name it: --for part.gcode")
+            raise InputError("--design layer", wanted="a part", came=say("none"), todo="name it: --for part.gcode")
         return layer_plan(printer, longest_layer_mm(part), marks=marks)
     if design == "fixed":
         return walk(printer, lay_out(printer, *_area_mm(printer, size_mm, part, glass_mm), marks=marks))
@@ -156,9 +157,9 @@ def gcode_of(path: Path, plan: ProbePlan) -> list[Path]:
 
 def keep_plan(path: Path, plan: ProbePlan) -> None:
     """Raise `InputError` where ``path`` holds another plan: perhaps that of the plate that is on the bed."""
-    todo = "write it again with `printmend probe`"
-    if path.exists() and read_text(path, wanted="a probe.json", todo=todo) != plan_text(plan):
+    todo = say("write-again-printmend-probe")
+    if path.exists() and read_text(path, wanted=say("probe-json"), todo=todo) != plan_text(plan):
         raise InputError(
-            path, wanted="a name that is free", came="the plan of another test print, which `measure` may still need",
-            todo="choose another -o, or say --overwrite",
+            path, wanted=say("name-free"), came=say("plan-another-test-print-measure-may"),
+            todo=say("choose-another-say-overwrite"),
         )  # fmt: skip

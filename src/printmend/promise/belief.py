@@ -12,6 +12,7 @@ import numpy as np
 from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
 from printmend.errors import ModelError
 from printmend.infer.part import DRAWS, Part
+from printmend.messages import say
 from printmend.path import Motion
 from printmend.promise.filament import known_filaments
 from printmend.saved import SavedModel, ScrewSeries, screw_of
@@ -97,12 +98,12 @@ def parse_belief(model: SavedModel) -> Belief | None:
     if section is None:
         return None
     if not isinstance(section, dict) or section.get("version") != VERSION:
-        refuse(_SUBJECT, f"a section of version {VERSION}", "another")
+        refuse(_SUBJECT, f"a section of version {VERSION}", say("another"))
     spans = {name: _spans(section, name) for name in ("motor_span_mm", "bed_span_mm")}
     turns = numbers(section, "turns_mm", _SUBJECT, 2)
     way_mm = number(section, "way_mm", _SUBJECT, 1e9)
     if len(turns) != 2 or turns.min() <= 0 or way_mm < 0:
-        refuse(_SUBJECT, "two positive turns_mm and a way_mm", "something else")
+        refuse(_SUBJECT, "two positive turns_mm and a way_mm", say("something-else"))
     placed = bool(section.get("placed"))
     scene = Scene(
         model.printer, (float(turns[0]), float(turns[1])), spans["motor_span_mm"], spans["bed_span_mm"], way_mm, placed,
@@ -129,8 +130,8 @@ def belief_of(model: SavedModel) -> Belief:
 def says_nothing() -> ModelError:
     """Return the refusal of a model that cannot be brought up to date."""
     return ModelError(
-        "the model", wanted="one that says what it does not know", came="one of an older printmend or learner",
-        todo="learn it again from its trace",
+        "the model", wanted=say("one-says-what-does-not-know"), came=say("one-older-printmend-learner"),
+        todo=say("learn-again-from-trace"),
     )  # fmt: skip
 
 
@@ -146,27 +147,27 @@ def _motion(section: dict[str, Any]) -> Motion | None:
 def _spans(section: dict[str, Any], name: str) -> tuple[tuple[float, float], tuple[float, float]]:
     rows = [numbers({"row": row}, "row", _SUBJECT, 2) for row in section_of(section, name, list, _SUBJECT)]
     if len(rows) != 2 or any(len(row) != 2 or row[0] > row[1] for row in rows):
-        refuse(_SUBJECT, f"{name} as two rising pairs", "something else")
+        refuse(_SUBJECT, f"{name} as two rising pairs", say("something-else"))
     return (float(rows[0][0]), float(rows[0][1])), (float(rows[1][0]), float(rows[1][1]))
 
 
 def _shifts(section: dict[str, Any]) -> tuple[tuple[float, float], ...]:
     rows = [numbers({"row": row}, "row", _SUBJECT, 2) for row in section.get("homed_again_mm", [])[:_MOST_SHIFTS]]
     if any(len(row) != 2 for row in rows):
-        refuse(_SUBJECT, "homed_again_mm as pairs of a shift and its deviation", "something else")
+        refuse(_SUBJECT, "homed_again_mm as pairs of a shift and its deviation", say("something-else"))
     return tuple((float(row[0]), abs(float(row[1]))) for row in rows)
 
 
 def _part(row: Any, scene: Scene) -> Part:
     if not isinstance(row, dict) or row.get("effect") not in EFFECTS:
-        refuse(_SUBJECT, "parts of known effects", "something else")
+        refuse(_SUBJECT, "parts of known effects", say("something-else"))
     where = number(row, "where", _SUBJECT)
     shape = numbers(row, "shape", _SUBJECT, 8)
     acts = numbers(row, "acts", _SUBJECT, _MOST_SIZES)
     drawn = section_of(row, "draws", list, _SUBJECT)
     there = np.arange(DRAWS) if "there" not in row else numbers(row, "there", _SUBJECT, DRAWS).astype(int)
     if where not in (0, 1, 2, 3) or len(drawn) != len(acts) or (there < 0).any() or (there >= DRAWS).any():
-        refuse(_SUBJECT, "parts with a place and sizes for each draw", "something else")
+        refuse(_SUBJECT, "parts with a place and sizes for each draw", say("something-else"))
     draws = np.zeros((len(acts), DRAWS))
     for at, each in enumerate(drawn):
         values = numbers({"row": each}, "row", _SUBJECT, DRAWS)

@@ -15,6 +15,7 @@ from printmend.infer.distances import machines_by_hand, printer_of
 from printmend.infer.machine import machine_of
 from printmend.infer.part import DRAWS, Part
 from printmend.measure.callipers import Distances
+from printmend.messages import say
 from printmend.printer import Printer
 from printmend.promise.belief import belief_section
 from printmend.saved import SavedModel, saved_model
@@ -34,12 +35,15 @@ class _Asked(NamedTuple):
 
 
 OF_MOTOR = (
-    _Asked("scale error (+: prints too large)", "scale", 0, "%", 1.0),
-    _Asked("belt's play", "play", 0, "mm", 1.0),
-    _Asked("pulley off its centre, sine part", "pulley", len(HARMONICS), "mm", 1.0),
-    _Asked("pulley off its centre, cosine part", "pulley", 0, "mm", 1.0),
+    _Asked(say("estimate-scale"), "scale", 0, "%", 1.0),
+    _Asked(say("estimate-play"), "play", 0, "mm", 1.0),
+    _Asked(say("estimate-sine"), "pulley", len(HARMONICS), "mm", 1.0),
+    _Asked(say("estimate-cosine"), "pulley", 0, "mm", 1.0),
 )
-OF_WHOLE = (_Asked("skew", "skew", 0, "°", math.degrees(1 / SCALE_MM)), _Asked("dot width", "bead", 0, "mm", 2.0))
+OF_WHOLE = (
+    _Asked(say("estimate-skew"), "skew", 0, "°", math.degrees(1 / SCALE_MM)),
+    _Asked(say("estimate-dot"), "bead", 0, "mm", 2.0),
+)
 
 
 @dataclass(frozen=True)
@@ -54,11 +58,13 @@ class Estimate:
     supported: bool
     corrected: bool
 
-    def __str__(self) -> str:
-        said = f"{self.name}: {self.value:+.3f} ± {self.sd:.3f} {self.unit}"
+    @property
+    def words(self) -> str:
+        """Say it in one line."""
+        said = say("estimate", self.name, f"{self.value:+.3f}", f"{self.sd:.3f}", self.unit)
         if not self.supported:
-            return said + ", which these distances cannot tell"
-        return said if self.corrected else said + ", none to be seen"
+            return say("these-distances-cannot-tell", said)
+        return said if self.corrected else say("none-seen", said)
 
 
 def model_by_hand(distances: Distances, readings_mm: np.ndarray, printer: Printer) -> SavedModel:
@@ -68,7 +74,7 @@ def model_by_hand(distances: Distances, readings_mm: np.ndarray, printer: Printe
     """
     scene, parts = _machines(distances, readings_mm, printer)
     mechanism, branches = machine_of(scene, [part.acting() for part in parts if part.acts_mm.any()])
-    findings = tuple(map(str, _estimates(scene, parts)))
+    findings = tuple(each.words for each in _estimates(scene, parts))
     details = {"promise": belief_section(scene, parts, by_hand=True)}
     return saved_model(mechanism, learner="callipers", branches=branches, findings=findings, details=details)
 
@@ -80,13 +86,13 @@ def estimates_by_hand(distances: Distances, readings_mm: np.ndarray) -> list[Est
 
 def _machines(distances: Distances, readings_mm: np.ndarray, printer: Printer) -> tuple[Scene, list[Part]]:
     if not np.isfinite(readings_mm).any():
-        raise TraceError("the distances", wanted="at least one", came="none", todo="measure a few of the list")
+        raise TraceError(say("distances"), wanted=say("least"), came=say("none"), todo=say("measure-few-list"))
     return machines_by_hand(distances, readings_mm, printer, np.random.default_rng(SEED))
 
 
 def _estimates(scene: Scene, parts: Sequence[Part]) -> list[Estimate]:
     asked = [
-        (motor, each._replace(words=f"{name.upper()} {each.words}"))
+        (motor, each._replace(words=say("motor-quantity", name.upper(), each.words)))
         for motor, name in enumerate(scene.printer.motors)
         for each in OF_MOTOR
     ] + [(0, each) for each in OF_WHOLE]

@@ -7,6 +7,7 @@ import numpy as np
 from printmend.effects.effect import SCALE_MM
 from printmend.filament import Entry, material_of
 from printmend.infer.part import DRAWS, Part
+from printmend.messages import say
 from printmend.saved import SavedModel
 from printmend.saved.values import number, numbers, refuse, section_of
 
@@ -23,7 +24,7 @@ def parse_entries(model: SavedModel) -> tuple[Entry, ...] | None:
     if section is None:
         return None
     if not isinstance(section, dict):
-        refuse(_SUBJECT, "a section", "something else")
+        refuse(_SUBJECT, "a section", say("something-else"))
     rows = section_of(section, "measured", list, _SUBJECT)
     if len(rows) > MOST:
         refuse(_SUBJECT, f"at most {MOST} measured scales", str(len(rows)))
@@ -42,7 +43,7 @@ def entry_section(entry: Entry) -> dict[str, Any]:
 
 def _entry(row: Any) -> Entry:
     if not isinstance(row, dict) or row.get("kind") not in ("print", "rule"):
-        refuse(_SUBJECT, "measured scales of a print or a rule", "something else")
+        refuse(_SUBJECT, "measured scales of a print or a rule", say("something-else"))
     filament = row.get("filament")
     if filament is not None:
         _check_name(filament)

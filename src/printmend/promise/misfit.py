@@ -7,10 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from printmend.messages import say
+
 NOTE, WARNING, REFUSAL = "note", "warning", "refusal"
 SEVERITIES = (NOTE, WARNING, REFUSAL)
 REFITTED = "refitted"  # the kind of the refusal in a model whose belts were worked on
-PHASE_TODO = "print `printmend probe --phase`, measure it, and run `printmend learn trace.csv --phase` with this model"
+PHASE_TODO = say("print-printmend-probe-phase-measure-run")
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,9 @@ def misfit_words(document: Mapping[str, Any]) -> tuple[str, ...]:
     section = document.get("misfit")
     found = section.get("found", []) if isinstance(section, dict) else []
     return tuple(
-        f"{each['severity']}: {each['words']}"
+        say(each["severity"], each["words"])
         for each in found
-        if isinstance(each, dict) and {"severity", "words"} <= set(each)
+        if isinstance(each, dict) and each.get("severity") in SEVERITIES and "words" in each
     )
 
 
@@ -69,5 +71,6 @@ def misfit_sizes(document: Mapping[str, Any]) -> tuple[tuple[str, float], ...]:
 
 def refusals(document: Mapping[str, Any]) -> tuple[str, ...]:
     """Return why a model's document says that nothing should be mended with it, a sentence each."""
-    opening = f"{REFUSAL}: "
-    return tuple(each.removeprefix(opening) for each in misfit_words(document) if each.startswith(opening))
+    section = document.get("misfit")
+    found = section.get("found", []) if isinstance(section, dict) else []
+    return tuple(each["words"] for each in found if isinstance(each, dict) and each.get("severity") == REFUSAL)

@@ -14,6 +14,7 @@ import numpy as np
 from printmend.identify.drive.fit import independent_share, robust_sigma_mm
 from printmend.machine import Transmission, healthy_mechanism, print_path
 from printmend.measure.table import AT_HOME_MM
+from printmend.messages import say
 from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.promise.misfit import NOTE, WARNING, Misfit
@@ -56,17 +57,9 @@ def another_printers(left_mm: np.ndarray, trace: Trace, printer: Printer) -> tup
         if their_mm > BETTER_SHARE[printer.kinematics] * ours_mm:
             return ()
     if is_corexy:
-        words = (
-            f"the table looks as if a printer with a motor for each axis made it, no CoreXY: such a one leaves "
-            f"{their_mm:.2f} mm unexplained, this one {ours_mm:.2f}. If it is another printer's, learn again with that "
-            "--printer; if not, the rails or the head have play, not the belts"
-        )
+        words = say("table-looks-printer-motor-each-axis", f"{their_mm:.2f}", f"{ours_mm:.2f}")
     else:
-        words = (
-            f"the table looks as if a CoreXY made it, no printer with a motor for each axis: that leaves "
-            f"{their_mm:.2f} mm unexplained, this one {ours_mm:.2f}. If it is another printer's, learn again with that "
-            "--printer"
-        )
+        words = say("table-looks-corexy-made-printer-motor", f"{their_mm:.2f}", f"{ours_mm:.2f}")
     return (Misfit("printer", WARNING, ours_mm, nats, words),)
 
 
@@ -77,9 +70,12 @@ def another_home(trace: Trace, printer: Printer) -> tuple[Misfit, ...]:
         return ()
     if not any(_is_at(first, read_printer(name)) for name in preset_names()):
         return ()
-    words = (
-        f"the table begins at ({first[0]:g}, {first[1]:g}), where other printers home, not at ({printer.home_mm[0]:g}, "
-        f"{printer.home_mm[1]:g}): if this print began there, learn again with the --printer that homes there"
+    words = say(
+        "table-begins-where-other-printers-home",
+        f"{first[0]:g}",
+        f"{first[1]:g}",
+        f"{printer.home_mm[0]:g}",
+        f"{printer.home_mm[1]:g}",
     )
     return (Misfit("home", NOTE, 0.0, 0.0, words),)
 

@@ -18,6 +18,7 @@ from printmend.identify.drive.turn import roughly_turned
 from printmend.learn.greybox.rows import FARTHEST_MM, motor_rows, trial_of
 from printmend.measure.axes import AXES_TODO, wrong_axes
 from printmend.measure.table import AT_HOME_MM
+from printmend.messages import say, together
 from printmend.metrics.shape import nearest, spacing
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -53,13 +54,10 @@ def passed_over(trace: Trace, copies: int) -> tuple[Misfit, ...]:
     found = []
     if copies:
         every = copies + int(trace.measured_rows.sum() + trace.wall_rows.sum())
-        words = f"{copies} of {every} measured rows are copies of others to the last digit: a table that was pasted or "
-        found.append(Misfit("rows-repeated", NOTE, 0.0, 0.0, f"{words}exported twice. Each is counted once"))
+        words = say("measured-rows-copies-others-last-digit", copies, every)
+        found.append(Misfit("rows-repeated", NOTE, 0.0, 0.0, words))
     if trace.blank_rows:
-        words = (
-            f"blank rows inside the table were passed over ({trace.blank_rows}). If the printer went to a place that "
-            "is missing there, write its x_mm and y_mm and leave only the measured cells empty"
-        )
+        words = say("blank-rows-inside-table-passed-over", trace.blank_rows)
         found.append(Misfit("rows-blank", NOTE, 0.0, 0.0, words))
     return tuple(found)
 
@@ -70,9 +68,7 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
     Raises `TraceError` where the rows are certainly in no order that can be put right, or the axes are not the bed's.
     """
     if (wrong := wrong_axes(trace.commanded_mm, trace.measured_mm)) is not None:
-        raise TraceError(
-            "trace", wanted="measured positions along the printer's own x and y", came=wrong, todo=AXES_TODO
-        )
+        raise TraceError(say("trace"), wanted=say("measured-positions-along-printer-own"), came=wrong, todo=AXES_TODO)
     seen = np.flatnonzero(trace.measured_rows)
     if len(seen) < LEAST_ROWS or not np.isfinite(trace.commanded_mm).all():
         return InOrder(trace)
@@ -84,14 +80,14 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
         if learned_roughly(again, printer).left_mm < BETTER_SHARE * (
             left_mm := learned_roughly(trace, printer).left_mm
         ):
-            return _put_right(again, "the rows were in the reversed order", left_mm, kind="rows-reversed")
+            return _put_right(again, say("rows-reversed-order"), left_mm, kind="rows-reversed")
     plain = _map(commanded, measured)
     plain_mm = _missed_mm(plain, commanded, measured)
     backwards = _map(commanded, measured[::-1])
     if _missed_mm(backwards, commanded, measured[::-1]) < BETTER_SHARE * plain_mm:
         again = _with(trace, seen, measured[::-1])
         if learned_roughly(again, printer).left_mm < BETTER_SHARE * learned_roughly(trace, printer).left_mm:
-            return _put_right(again, "the measured rows were in the reversed order", plain_mm, kind="rows-reversed")
+            return _put_right(again, say("measured-rows-reversed-order"), plain_mm, kind="rows-reversed")
     shifted = _shifted(trace, seen, printer, _mapped(plain, trace.commanded_mm))
     if shifted is not None:
         return _put_right(*shifted, plain_mm)
@@ -120,9 +116,7 @@ def _turned_round(trace: Trace, printer: Printer) -> Trace:
 
 
 def _put_right(trace: Trace, words: str, size_mm: float, *, kind: str = "rows-shifted") -> InOrder:
-    found = Misfit(
-        kind, WARNING, size_mm, LEAST_NATS_SAVED, f"{words}; they were put right. Check the table all the same."
-    )
+    found = Misfit(kind, WARNING, size_mm, LEAST_NATS_SAVED, say("rows-put-right", words))
     return InOrder(trace, (found,))
 
 
@@ -241,9 +235,10 @@ def _history_words(seen: np.ndarray, history: np.ndarray) -> str:
     parts = []
     for start in starts[:3]:
         shift = int(history[start])
-        way = f"{abs(shift)} row{'s' if abs(shift) > 1 else ''} too {'low' if shift > 0 else 'high'}"
-        parts.append(f"from row {seen[start] + 1} on " + (way if shift else "right again"))
-    return "the measured cells stood " + ", ".join(parts) + (", …" if len(starts) > 3 else "")
+        low, high = ("row-too-low", "row-too-high") if abs(shift) == 1 else ("rows-too-low", "rows-too-high")
+        way = say(low if shift > 0 else high, abs(shift)) if shift else say("right-again")
+        parts.append(say("from-row-on", seen[start] + 1, way))
+    return say("measured-cells-stood", together(", ", [*parts, *(["…"] if len(starts) > 3 else [])]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,10 +286,10 @@ def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:
     single = counts[to] == 1
     if np.quantile(away, LEAST_MATCHED_SHARE) > CLOSE_SHARE * apart or single.mean() < LEAST_MATCHED_SHARE:
         raise TraceError(
-            "trace", wanted="each measured point in the row of its own command",
-            came="the same points in another order",
-            todo="measure again in the order of the rows, or let `printmend measure` write the table",
+            say("trace"), wanted=say("each-measured-point-row-own-command"),
+            came=say("same-points-another-order"),
+            todo=say("measure-again-order-rows-let-printmend"),
         )  # fmt: skip
     again = _with(trace, seen[to[single]], measured[single])
-    words = f"the measured rows were shuffled ({int(single.sum())} of {len(seen)} are certain)"
+    words = say("measured-rows-shuffled-certain", int(single.sum()), len(seen))
     return _put_right(again, words, plain_mm, kind="rows-shuffled")

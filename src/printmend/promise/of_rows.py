@@ -9,6 +9,7 @@ from printmend.identify.drive.fit import robust_sigma_mm
 from printmend.identify.drive.period import NEAR_SHARE, TOOTH_MM
 from printmend.learn.greybox.model import GreyboxModel, LearnedDrive
 from printmend.measure.once import RANDOM_SDS, in_no_order
+from printmend.messages import say
 from printmend.path import Trace
 from printmend.promise.misfit import NOTE, REFUSAL, WARNING, Misfit
 
@@ -52,11 +53,7 @@ def _jumped(box: GreyboxModel) -> Iterator[Misfit]:
     """Name motors that lost their place: the model is without that, and a part may meet it anywhere."""
     for drive, jumps in zip(box.drives, box.jumps, strict=True):
         if jumps:
-            words = (
-                f"{drive.name.upper()} skipped during the test print. A part may be off by as much from any place on, "
-                "and no file can mend that: tighten the belt, print slower or give the motor more current, then print "
-                "a new test print"
-            )
+            words = say("skipped-during-test-print-part-may", drive.name.upper())
             yield Misfit("jump", WARNING, max(abs(jump.size_mm) for jump in jumps), 0.0, words)
 
 
@@ -70,10 +67,7 @@ def _unfit(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:
     left, whole = (float(np.sqrt(np.mean(np.square(each).sum(axis=1)))) for each in (left_mm[kept], off_mm))
     if left < max(UNFIT_MM, UNFIT_SHARE * whole):
         return []
-    words = (
-        f"the model leaves {left:.2f} mm of {whole:.2f} mm: this measurement is not of a printer that repeats itself, "
-        "or its rows are not those of the print"
-    )
+    words = say("model-leaves-mm-mm-measurement-printer", f"{left:.2f}", f"{whole:.2f}")
     return [Misfit("unfit", REFUSAL, left, SURE_NATS, words)]
 
 
@@ -93,18 +87,12 @@ def _random_order(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:
     size_mm = np.sqrt(np.mean(np.square(kept), axis=0))
     kurtosis = np.mean(kept**4, axis=0) / np.maximum(size_mm**4, 1e-18)
     if ((kurtosis < TWO_VALUED) & (size_mm > LEAST_TWO_MM)).any():
-        words = (
-            f"the rows are in a random order, and {left:.2f} mm of the error go one way or the other, as play does: "
-            "without the order of the print its play cannot be learned. Put the rows in the order of the print"
-        )
+        words = say("rows-random-order-mm-error-go", f"{left:.2f}")
         return [Misfit("rows-random", REFUSAL, left, SURE_NATS, words)]
     as_noise = (kurtosis > NOISE_KURTOSIS - RANDOM_SDS * np.sqrt(24 / len(kept))).all()  # 24/n: its variance by chance
     if left < LEAST_SCATTER_MM or (as_noise and left <= UNFIT_MM):
         return []
-    words = (
-        f"the rows are in a random order, and {left:.2f} mm stay unexplained: if the printer did not go to these "
-        "places in this order, put the rows in the order of the print"
-    )
+    words = say("rows-random-order-mm-stay-unexplained", f"{left:.2f}")
     return [Misfit("rows-random", REFUSAL if left > UNFIT_MM else WARNING, left, SURE_NATS, words)]
 
 
@@ -120,15 +108,10 @@ def _other_turns(box: GreyboxModel) -> list[Misfit]:
             period /= times
         teeth = round(period / TOOTH_MM)
         is_toothed = times == 1 and abs(period - teeth * TOOTH_MM) < 1e-9
-        cause = (
-            f"a pulley of {teeth} teeth, or an idler's" if is_toothed else "an idler's or the belt's own, or a pulley's"
-        )
+        cause = say("pulley-teeth-idler", teeth) if is_toothed else say("idler-belt-own-pulley")
         if abs(period / usual - 1) < NEAR_SHARE:
-            cause = "its steps a millimetre were calibrated, or it is another pulley"
-        words = (
-            f"the error of {drive.name.upper()} repeats every {period:.1f} mm, not every {usual:g} as the printer's "
-            f"pulley would: {cause}. The model turns by that"
-        )
+            cause = say("steps-millimetre-calibrated-another-pulley")
+        words = say("error-repeats-every-mm-every-printer", drive.name.upper(), f"{period:.1f}", f"{usual:g}", cause)
         found.append(Misfit("turn", NOTE, 0.0, SURE_NATS, words))
     return found
 
@@ -148,8 +131,6 @@ def _left_out(left_mm: np.ndarray) -> list[Misfit]:
         return []
     size = float(np.sqrt(np.mean(np.square(left_mm[lost]).sum(axis=1))))
     severity = REFUSAL if share > MOST_LOST else WARNING if share > MANY_LOST else NOTE
-    advice = "many wrong points may be one wrong row: check the table" if share > MANY_LOST else "dirt, or wrong cells"
-    words = (
-        f"{count} of {int(known.sum())} points ({100 * share:.1f} %) lie {size:.2f} mm off and are left out: {advice}"
-    )
+    message = "points-lie-mm-off-left-out" if share > MANY_LOST else "points-lie-mm-off-left-out-2"
+    words = say(message, count, int(known.sum()), f"{100 * share:.1f}", f"{size:.2f}")
     return [Misfit("left-out", severity, size, float(count), words)]

@@ -12,7 +12,9 @@ from printmend.effects.aspect import SHARES
 from printmend.effects.effect import SCALE_MM
 from printmend.infer.part import Part
 from printmend.measure.table import TOGETHER
+from printmend.messages import say
 from printmend.promise.belief import parse_belief
+from printmend.promise.misfit import WARNING
 from printmend.saved import SavedModel
 
 LEAST_DOUBT = 0.001  # share: a tenth of a millimetre in 100; a smaller doubt is said in the expected error alone
@@ -99,20 +101,9 @@ def instrument_of(model: SavedModel) -> dict[str, float]:
 def in_words(shown: np.ndarray, acts: np.ndarray, doubt: float, *, length_given: bool = False) -> str:
     """Say by which shares the print is too large in the picture in X and Y [2], which of them act [2], how sure that
     is, and what would settle it beyond a length that was given."""
-    seen, taken = (" and ".join(f"{100 * v:+.2f} % in {a}" for v, a in zip(each, "XY", strict=True))
-                   for each in (shown, acts))  # fmt: skip
-    does = f"Mending takes off {taken}" if np.abs(acts).max() >= LEAST_DOUBT / 10 else "Mending takes nothing of it off"
-    todo = (
-        "Callipers settle it: measure again with each --distance that it names; for dots with a second scan, turned by "
-        "a quarter, too"
-    )
-    if length_given:
-        todo = (
-            "Along the length that was given it is known; across that a second scan of the same plate settles it, "
-            "turned by a quarter: measure again with both scans and that length"
-        )
-    return (
-        f"warning: the scale is not settled: the print is {seen} too large in the picture, and nobody knows how much "
-        f"of that is the picture's own (scanners: 0.1 to 0.2 %). {does}, which may be wrong by {100 * doubt:.1f} mm in "
-        f"100 mm. {todo}"
-    )
+    seen, taken = (say("scale-x-and-y", *(f"{100 * v:+.2f}" for v in each)) for each in (shown, acts))
+    known = "-length-known" if length_given else ""
+    may_mm = f"{100 * doubt:.1f}"
+    if np.abs(acts).max() >= LEAST_DOUBT / 10:
+        return say(WARNING, say(f"scale-not-settled-taken-off{known}", seen, taken, may_mm))
+    return say(WARNING, say(f"scale-not-settled{known}", seen, may_mm))

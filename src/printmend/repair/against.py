@@ -12,6 +12,7 @@ from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, read_gcode
 from printmend.machine import Mechanism, print_from_home
+from printmend.messages import say
 from printmend.promise.predict import Errors, without_doubt
 from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Heights, Prediction
@@ -63,14 +64,14 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
     same = wanted.layer.max(initial=-1) == given.layer.max(initial=-1)
     if mechanism.screw is None and not same and not _is_sloped(wanted):
         raise GcodeError(
-            output, wanted=f"the {wanted.layer.max(initial=-1) + 1} layers of {source}",
-            came=f"{given.layer.max(initial=-1) + 1}", todo="give the file that was made from it",
+            output, wanted=say("layers-of-file", wanted.layer.max(initial=-1) + 1, source),
+            came=f"{given.layer.max(initial=-1) + 1}", todo=say("give-file-made-from-it"),
         )  # fmt: skip
     used, got = _advance(wanted).sum(), _advance(given).sum()
     if not same and abs(got - used) > _FILAMENT_SHARE * used:
         raise GcodeError(
-            output, wanted=f"the {used:.1f} mm of filament of {source}", came=f"{got:.1f} mm",
-            todo="give the file that was made from it",
+            output, wanted=say("filament-of-file", f"{used:.1f}", source), came=say("mm-2", f"{got:.1f}"),
+            todo=say("give-file-made-from-it"),
         )  # fmt: skip
     before = _distances(wanted, wanted, mechanism)
     after = _distances(wanted, given, mechanism)
@@ -93,7 +94,7 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
         duration = replace(duration, after_s=file_seconds(output, duration.limits, mechanism.printer))
     return replace(
         prediction, duration=duration, before=without_doubt(_errors(before)), after=without_doubt(_errors(after)),
-        layers=tuple(layers), commands=len(given), distance_to="the nearest wanted line of its layer", heights=heights,
+        layers=tuple(layers), commands=len(given), distance_to=say("nearest-wanted-line"), heights=heights,
     )  # fmt: skip
 
 

@@ -22,6 +22,7 @@ from printmend.errors import InputError, TraceError
 from printmend.files import read_text, replacing
 from printmend.measure.plan import plan_text, read_plan
 from printmend.measure.table import KNOWN, ORIGIN, REQUIRED
+from printmend.messages import say
 from printmend.printer import preset_names, read_printer
 from printmend.printer.known import printers_named
 from printmend.repair.history import history_of, read_history
@@ -63,7 +64,7 @@ def donation(
     """
     for path in filter(None, (plan, *scans, trace, model, *checks)):
         if not path.is_file():
-            raise InputError(path, wanted="a file", came="none, or no plain one", todo="check the path")
+            raise InputError(path, wanted=say("file"), came="none, or no plain one", todo=say("check-path"))
     pictures = [path for path in (*scans, *checks) if path.suffix.lower() != ".csv"]
     if len(pictures) > MOST_PICTURES:
         todo = "choose those that measure takes"
@@ -73,7 +74,7 @@ def donation(
         parts.append(part)
         if (size := sum(len(part.data) for part in parts)) > MOST_BYTES:
             came, todo = f"{size / 1e6:.0f} MB or more", "crop the scans, or give fewer"
-            raise InputError("donation", wanted=f"at most {MOST_BYTES / 1e6:.0f} MB", came=came, todo=todo)
+            raise InputError("donation", wanted=say("most-mb", f"{MOST_BYTES / 1e6:.0f}"), came=came, todo=todo)
     return tuple(parts)
 
 
@@ -142,14 +143,14 @@ def _scan(path: Path, name: str, what: str) -> Part:
 
 def _table(path: Path, name: str, what: str) -> Part:
     """Return the columns of a trace that printmend knows, and of them the rows that hold numbers only."""
-    text = read_text(path, wanted="a trace.csv", todo="save it as CSV, UTF-8", error=TraceError)
+    text = read_text(path, wanted=say("trace-csv"), todo=say("save-csv-utf-8"), error=TraceError)
     try:
         rows = list(csv.reader(io.StringIO(text, newline=""), strict=True))
     except csv.Error as error:
-        raise TraceError(path, wanted="a trace.csv", came=str(error), todo="save it as CSV, UTF-8") from None
+        raise TraceError(path, wanted=say("trace-csv"), came=str(error), todo=say("save-csv-utf-8")) from None
     names = [cell.strip() for cell in rows[0]] if rows else []
     if not set(REQUIRED) <= set(names):
-        raise TraceError(path, wanted=f"columns {', '.join(REQUIRED)}", came="others", todo="check the path")
+        raise TraceError(path, wanted=f"columns {', '.join(REQUIRED)}", came="others", todo=say("check-path"))
     places = {key: names.index(key) for key in (*KNOWN, *ORIGIN) if key in names}
     given, whose = [list(places)], None
     for row in rows[1:]:

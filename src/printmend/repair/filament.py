@@ -17,6 +17,7 @@ from printmend.errors import ConfigError, ModelError
 from printmend.filament import CLAIM_SD, Entry, Split, material_of, split
 from printmend.infer.part import DRAWS, Part
 from printmend.machine import Frame, Mechanism
+from printmend.messages import say, together
 from printmend.path import Instrument, Trace
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, belief_section
@@ -53,8 +54,8 @@ def parse_travel(text: str) -> Entry:
     sent, went = (float(each.replace(",", ".")) for each in found.groups()[1:]) if found else (0.0, 0.0)
     if found is None or not TRAVELS_MM[0] <= sent <= TRAVELS_MM[1] or abs(went / sent - 1) > MOST_OFF:
         raise ConfigError(
-            "--travel", wanted="an axis, how far the head was sent and how far it went, in mm, as x=200:199.6",
-            came=repr(text), todo="send it 50 mm or more, and read the rule again",
+            "--travel", wanted=say("axis-how-far-head-sent-how"),
+            came=repr(text), todo=say("send-50-mm-more-read-rule"),
         )  # fmt: skip
     scale, sd = np.full(2, np.nan), np.ones(2)
     axis = "xy".index(found[1].lower())
@@ -72,10 +73,10 @@ def learn_in(
         return learn_model(trace, printer, model=model, rng=rng)
     if model not in (AUTO, "greybox"):
         raise ConfigError(
-            "--filament and --travel",
-            wanted="a learner that knows scales: auto",
+            say("filament-and-travel"),
+            wanted=say("learner-knows-scales-auto"),
             came=model,
-            todo="leave --learner out",
+            todo=say("leave-learner-out"),
         )
     learned = learn_model(grown(trace, printer, filament), printer, model=model, rng=rng)
     return _settled(learned, (), (_shown(learned, filament), *travels))
@@ -133,9 +134,8 @@ def printed_in(model: SavedModel, filament: str | None) -> SavedModel:
     known = known_filaments(model)
     if filament not in known:
         raise ModelError(
-            "--filament", wanted=f"one that this model knows: {', '.join(known) or 'none yet'}", came=filament,
-            todo="measure a part printed in it, and learn --update with --filament; or leave --filament out: the "
-            "slicer's shrinkage compensation serves, too",
+            say("filament-option"), wanted=say("model-knows", ", ".join(known) or 'none yet'), came=filament,
+            todo=say("measure-part-printed-learn-update-filament"),
         )  # fmt: skip
     share = np.array([part.acts_mm[0] for part in known[filament]]) / SCALE_MM
     return replace(model, mechanism=shrunk(model.mechanism, share), filament=filament)
@@ -161,16 +161,11 @@ def filament_words(model: SavedModel) -> tuple[str, ...]:
     splits = [split(entries, axis) for axis in range(2)]
     lines = []
     if all(_acts(each, entries, axis) for axis, each in enumerate(splits)):
-        own = " and ".join(
-            f"{100 * one.mean:+.2f} ± {100 * one.sd:.2f} % in {a}" for one, a in zip(splits, "XY", strict=True)
-        )
-        lines.append(f"the machine's own scale: {own}")
+        own = (f"{100 * one.mean:+.2f} ± {100 * one.sd:.2f}" for one in splits)
+        lines.append(say("machines-own-scale", say("scale-x-and-y", *own)))
     for name, parts in known_filaments(model).items():
-        by = " and ".join(
-            f"{part.draws_mm.mean():.2f} ± {part.draws_mm.std():.2f} % in {a}"
-            for part, a in zip(parts, "XY", strict=True)
-        )
-        lines.append(f"parts in {name} shrink by {by}")
+        by = (f"{part.draws_mm.mean():.2f} ± {part.draws_mm.std():.2f}" for part in parts)
+        lines.append(say("parts-shrink-by", name, say("scale-x-and-y", *by)))
     return tuple(lines)
 
 
@@ -262,7 +257,7 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
         },
     }  # fmt: skip
     mechanism, branches = _stretched(model, belief, acts - axis_scales(belief.scene, belief.parts)[0])
-    findings, series = ("; ".join([diagnosis.summary, *of_z]), *diagnosis.gaps), screw_of(model)
+    findings, series = (together("; ", [diagnosis.summary, *of_z]), *diagnosis.gaps), screw_of(model)
     settled = saved_model(
         mechanism if series is None else replace(mechanism, screw=None), learner=model.learner, branches=branches,
         noise_mm=model.noise_mm, findings=findings, details=details,
@@ -351,19 +346,16 @@ def _untold(entries: Sequence[Entry], axes: Sequence[int]) -> str:
     seen = []
     for name in names:
         last = [each for each in entries if each.filament == name][-1]
-        said = " and ".join(
-            f"{100 * last.scale[axis]:+.2f} % in {'XY'[axis]}" for axis in axes if np.isfinite(last.scale[axis])
-        )
-        seen.append(f"{said} ({name})")
-    shows = f"{UNTOLD} that of {' and '.join('XY'[axis] for axis in axes)} may be the machine's or the filament's"
+        shares = [
+            say("percent-in-axis", f"{100 * last.scale[a]:+.2f}", "XY"[a]) for a in axes if np.isfinite(last.scale[a])
+        ]
+        seen.append(say("scale-of-filament", _both(shares), name))
+    which = _both(["XY"[axis] for axis in axes])
     if any(each.filament is None for each in entries):
-        return (
-            f"{shows}, for the scale of the print that cannot shrink is not settled. Measure that again with the "
-            "--distance that `measure` names, or give what a steel rule says of the head's travel "
-            "(--travel x=200:199.6)"
-        )
-    return (
-        f"{shows}: prints are off by {', '.join(seen)}. With --filament they are mended, and nothing of it is "
-        "given to the firmware. To tell them apart, learn --update from a print that cannot shrink, without "
-        "--filament, or give what a steel rule says of the head's travel (--travel x=200:199.6)"
-    )
+        return say("whose-scale-not-settled", which)
+    return say("whose-scale-untold", which, together(", ", seen))
+
+
+def _both(words: Sequence[str]) -> str:
+    """Return one or two as one."""
+    return say("and", *words) if len(words) == 2 else together("", words)

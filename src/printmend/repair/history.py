@@ -20,6 +20,7 @@ from printmend.diagnosis.named import kind_words
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import ModelError
 from printmend.files import read_text, replacing
+from printmend.messages import say
 from printmend.saved.model import SavedModel
 
 if TYPE_CHECKING:
@@ -206,7 +207,7 @@ def read_history(model_path: Path) -> tuple[dict[str, Any], ...]:
     path = history_of(model_path)
     if not path.exists():
         raise ModelError(
-            path, wanted="a history", came="none", todo="learn, update or verify this model: each adds to it"
+            path, wanted="a history", came=say("none"), todo="learn, update or verify this model: each adds to it"
         )
     events = []
     text = read_text(path, wanted="a history", todo=_TODO, error=ModelError)
@@ -428,7 +429,7 @@ def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
     for event in events:
         if event.get("event") == "verified":
             at_most = event.get("now_at_most_mm")
-            now = f"{event['now_mm']:.3f}" if not isinstance(at_most, float) else f"less than {at_most:.3f}"
+            now = f"{event['now_mm']:.3f}" if not isinstance(at_most, float) else say("less-than", f"{at_most:.3f}")
             said = (
                 f"{now} mm, {event['promised_low_mm']:.3f} to {event['promised_high_mm']:.3f} was "
                 f"promised: {event.get('result', 'kept' if event.get('kept') else 'broken')}"

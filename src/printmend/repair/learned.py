@@ -29,6 +29,7 @@ from printmend.learn.walls import with_walls
 from printmend.machine import Mechanism, healthy_mechanism, healthy_transmission
 from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
+from printmend.messages import say, together
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import belief_section
@@ -56,8 +57,8 @@ LEAST_POWER_MM = 1e-9  # a smaller coefficient of a power above the 0th counts a
 GUESSED_LOG = (-0.5, 1.1)
 DIGESTS = "measurements"  # the document's key of what tells the measurements that it was learned from
 Z_SAID = "z"  # the document's key of what was said of Z, kind by kind
-_TOWER_TODO = "A tower of two turns of the Z screw, measured at several heights, shows the rest: see docs/owners.md."
-_PROBE_TODO = "`printmend probe` writes a print that shows all of it."
+_TOWER_TODO = say("tower-two-turns-screw-measured-several")
+_PROBE_TODO = say("printmend-probe-writes-print-shows-all")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +94,7 @@ def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.G
 
 
 def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> Learned:
-    check_origin("the measurement", trace.origin, printer)
+    check_origin(say("measurement-2"), trace.origin, printer)
     digests = (digest_of(trace),)
     trace, copies = counted_once(trace)
     ordered = in_order(near_bed(with_walls(trace, printer), printer), printer)
@@ -230,7 +231,7 @@ def _learned_without_parts(
     scene = scene_of(trace, printer, turns)
     promise = belief_section(scene, _left_by_place(scene, left))
     details = {"misfit": misfit_section(told), "promise": promise}
-    finding = f"learned by {name}, which knows no play, no direction and no uncertainty"
+    finding = say("learned-by-other", name)
     saved = saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
     return Learned(saved, None, trace)
 
@@ -385,7 +386,7 @@ def with_screw_found(model: SavedModel, found: ScrewFound, series: ScrewSeries |
         off = (trace.measured_mm - trace.commanded_mm)[trace.measured_rows]
         before_mm = float(np.sqrt(np.mean(np.square(off).sum(axis=1))))
         details["trace"] = {**model.document["trace"], "residual_before_mm": round(before_mm, 6)}
-    findings = ("; ".join(filter(None, (summary, found.sentence))), *gaps, *found.gaps.values())
+    findings = (together("; ", filter(None, (summary, found.sentence))), *gaps, *found.gaps.values())
     return with_screw(model, series, findings=findings, details=details)
 
 
@@ -416,10 +417,10 @@ def scatter_words(model: SavedModel) -> str:
     found, trace = PLANE_FACTOR * model.noise_mm, model.document.get("trace", {})
     own = PLANE_FACTOR * float(trace["instrument_mm"]) if "instrument_mm" in trace else None
     if own is None:
-        return f"measuring, or the printer from dot to dot, scatters by {found:.3f} mm"
+        return say("scatter-of-either", f"{found:.3f}")
     if found <= DOUBTED_SCATTER * own:
-        return f"measuring alone scatters by {found:.3f} mm"
-    return f"the dots scatter by {found:.3f} mm where measuring does by {own:.3f}"
+        return say("scatter-of-measuring", f"{found:.3f}")
+    return say("scatter-of-dots", f"{found:.3f}", f"{own:.3f}")
 
 
 def report(model: SavedModel) -> str:
@@ -428,19 +429,20 @@ def report(model: SavedModel) -> str:
     lines = [first]
     if "trace" in model.document:
         trace = model.document["trace"]
-        without = f", {trace['left_out']} of them left out," if "left_out" in trace else ""
-        lines.append(
-            f"{trace['measured']} measured points{without} lie {trace['residual_before_mm']:.3f} mm off, typically; "
-            f"{trace['residual_after_mm']:.3f} mm of that nothing explains, and {scatter_words(model)}"
-        )
-    return "\n".join(
+        sizes = (f"{trace['residual_before_mm']:.3f}", f"{trace['residual_after_mm']:.3f}", scatter_words(model))
+        if "left_out" in trace:
+            lines.append(say("error-before-without", trace["measured"], trace["left_out"], *sizes))
+        else:
+            lines.append(say("error-before", trace["measured"], *sizes))
+    return together(
+        "\n",
         [
             *lines,
             *scale_words(model),
             *misfit_words(model.document),
-            *(f"not told by this trace: {gap}" for gap in gaps),
+            *(say("not-shown-by-trace", gap) for gap in gaps),
             *todo(gaps),
-        ]
+        ],
     )
 
 

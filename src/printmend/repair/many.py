@@ -14,7 +14,7 @@ from printmend.files import replacing
 from printmend.gcode.container import open_gcode
 from printmend.gcode.mark import find_mark, is_test_print
 from printmend.invert import Fineness
-from printmend.messages import say
+from printmend.messages import say, together
 from printmend.repair.mend import AS_USUAL, Mended, is_healthy, mend_gcode
 from printmend.saved import SavedModel
 
@@ -52,18 +52,20 @@ class FileOutcome:
         prediction.pop("layers", None)
         return {**said, "output": str(self.output) if self.output else None, "prediction": prediction}
 
-    def __str__(self) -> str:
+    @property
+    def words(self) -> str:
+        """Say what became of the file."""
         if self.test_print:
-            return f"{self.source}: a test print of printmend's must show the printer as it is: copied to {self.output}"
+            return say("test-print-copied", self.source, self.output)
         if self.already:
-            return f"{self.source}: mended already" + (
-                "" if self.output == self.source else f": {self.output} (--overwrite does it anew)"
-            )
+            if self.output == self.source:
+                return say("mended-already", self.source)
+            return say("terminal-mended-already-to", self.source, self.output)
         if self.mended is None:
-            return f"{self.error}"
+            return self.error or ""
         before, after = self.mended.prediction.before, self.mended.prediction.after
-        said = f"{self.source}: {before.rms_mm:.3f} mm → {after.rms_mm:.3f} mm, written: {self.output}"
-        return "\n".join([said, *(f"warning: {each}" for each in self.mended.prediction.warnings)])
+        said = say("mended-from-to", self.source, f"{before.rms_mm:.3f}", f"{after.rms_mm:.3f}", self.output)
+        return together("\n", [said, *(say("warning", each) for each in self.mended.prediction.warnings)])
 
 
 def mended_path(source: Path) -> Path:
@@ -87,7 +89,7 @@ def gcode_files(paths: Sequence[Path]) -> dict[Path, Path]:
             continue
         inside = [item for item in sorted(path.rglob("*")) if is_gcode_name(item.name) and item.is_file()]
         if not inside:
-            raise InputError(path, wanted="a folder with G-code", came=say("none-2"), todo="name another")
+            raise InputError(path, wanted=say("folder-with-gcode"), came=say("none-2"), todo=say("name-another"))
         found.update({item: item.relative_to(path) for item in inside if item not in found})
     return found
 
@@ -102,8 +104,8 @@ def refuse_overwriting(target: Path | None, source: Path) -> None:
     """Raise `InputError` where a file of another content would be written over."""
     if target is not None and target.is_file() and not (source.exists() and target.samefile(source)):
         raise InputError(
-            target, wanted="a name for a new file", came="a file that is there already",
-            todo="use --overwrite, or another -o",
+            target, wanted=say("name-for-new-file"), came=say("file-there-already"),
+            todo=say("use-overwrite"),
         )  # fmt: skip
 
 
@@ -154,9 +156,9 @@ def mend_files(
                 if target.resolve() in taken:
                     raise InputError(
                         source,
-                        wanted="an output of its own",
-                        came=f"{target}, another file's too",
-                        todo="mend it apart",
+                        wanted=say("output-of-its-own"),
+                        came=say("another-files-too", target),
+                        todo=say("mend-it-apart"),
                     )
                 taken.add(target.resolve())
             if source in spare_done and is_done(source, target, model):
@@ -169,9 +171,9 @@ def mend_files(
                 return FileOutcome(source, target, test_print=True)
             return FileOutcome(source, target, mend_gcode(source, model, target, force=force, fineness=fineness))
         except PrintmendError as error:
-            return FileOutcome(source, target, error=str(error), code=error.exit_code)
+            return FileOutcome(source, target, error=error.message, code=error.exit_code)
         except OSError as error:
-            return FileOutcome(source, target, error=f"{source}: {reason(error)}", code=2)
+            return FileOutcome(source, target, error=together(": ", [str(source), reason(error)]), code=2)
         except Exception as error:  # one file must not cost the others
             return FileOutcome(source, target, error=f"{source}: {type(error).__name__}: {error}", code=1)
 

@@ -35,7 +35,7 @@ def refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
         and _has_other_bed(said, printer)
         and (other is not None or not _is_within(said, printer))
     ):
-        for_whom = f" of {said.names[0]}" if other is not None else ""
+        for_whom = say("of-printer", said.names[0]) if other is not None else ""
         own, theirs = _bed_words(_bed_mm(printer)), _bed_words(said.bed_mm)
         raise ModelError(name, wanted=say("g-code-bed-from", own), came=say("bed-from", theirs, for_whom), todo=todo)
     if said.print_mm is not None:
@@ -65,7 +65,7 @@ def _bed_mm(printer: Printer) -> Corners:
 
 def _bed_words(bed_mm: Corners) -> str:
     """Return from where to where a bed goes."""
-    return " to ".join(f"({x:g}, {y:g})" for x, y in bed_mm) + " mm"
+    return say("from-corner-to-corner", *(f"{x:g}, {y:g}" for x, y in bed_mm))
 
 
 def _has_other_bed(said: Described, printer: Printer) -> bool:

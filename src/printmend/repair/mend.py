@@ -20,6 +20,7 @@ from printmend.gcode.read import guessed_e_rule
 from printmend.gcode.sliced import sliced
 from printmend.gcode.write import Plan, TimePlace, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
+from printmend.messages import say
 from printmend.promise.misfit import PHASE_TODO, REFITTED, refusals, said_of
 from printmend.promise.words import in_words
 from printmend.provenance import sealed
@@ -106,7 +107,7 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
         refuse_mended(file)
         refuse_grown(file, model.filament)
         if said := said_of(model.document, REFITTED):  # nobody knows where the errors are now
-            raise RefusedError(file.name, wanted="a model measured after the work", came=said[0], todo=PHASE_TODO)
+            raise RefusedError(file.name, wanted=say("model-measured-after-work"), came=said[0], todo=PHASE_TODO)
         fineness, fewer = with_few_moves(file, model, AS_USUAL)
         planner = start(model.mechanism)
         read = plan_file(file, planner, model, fineness, progress)
@@ -128,8 +129,8 @@ def refuse_mended(file: GcodeFile) -> None:
     for part in file.parts:
         if (digest := find_mark(*part.hints())) is not None:
             raise GcodeError(
-                part.name, wanted="a file as the slicer wrote it", came=f"one that was mended with model {digest}",
-                todo="give the original (for `check`, the mended one with --against)",
+                part.name, wanted=say("file-slicer-wrote"), came=say("mended-model", digest),
+                todo=say("give-original-check-mended-against"),
             )  # fmt: skip
 
 
@@ -138,9 +139,9 @@ def refuse_grown(file: GcodeFile, filament: str | None) -> None:
     for part in file.parts if filament is not None else ():
         if share := sliced(*part.hints()).shrinkage:
             raise GcodeError(
-                part.name, wanted="a part that its slicer did not enlarge against shrinkage",
-                came=f"one enlarged against {100 * share:.2f} %",
-                todo="leave --filament out; or set the slicer's shrinkage compensation to none and slice it again",
+                part.name, wanted=say("part-slicer-did-enlarge-against-shrinkage"),
+                came=say("enlarged-against", f"{100 * share:.2f}"),
+                todo=say("leave-filament-out-set-slicer-shrinkage"),
             )  # fmt: skip
 
 
@@ -179,10 +180,7 @@ def _crossing_words(planner: Planner, fineness: Fineness) -> str | None:
     """Say that crossings keep the file's acceleration although they need not, because nobody knows what it is."""
     if fineness.crossing_mm_s2 is None or planner.counts.hurried or not planner.counts.takeups:
         return None
-    return (
-        "no crossing is sped up: neither the file (M204) nor accel_mm_s2 under [limits] in the printer's file says a "
-        "smaller acceleration to go back to"
-    )
+    return say("no-crossing-sped-up")
 
 
 @contextmanager
@@ -208,38 +206,35 @@ def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Predict
     for part in file.parts:
         refuse_contradiction(part.name, described(*part.hints()), model.printer)
     _refuse_misfit(file, model)
-    todo = "print the original, or use --force"
+    todo = say("print-original-use-force")
     if prediction.extruding + prediction.unknown == 0:
         raise RefusedError(
-            file.name, wanted="a print", came=f"{prediction.moves} moves that extrude nothing",
-            todo="put M83 at its top if each E is meant to add to the last, or use --force to mend them as travels",
+            file.name, wanted=say("print"), came=say("moves-extrude-nothing", prediction.moves),
+            todo=say("put-m83-top-each-meant-add"),
         )  # fmt: skip
     if prediction.length_mm == 0:
         raise RefusedError(
-            file.name, wanted="extruding moves from a known place", came="none", todo="home with G28 before printing"
+            file.name, wanted=say("extruding-moves-known-place"), came=say("none"), todo=say("home-g28-before-printing")
         )
     if prediction.held_mm > _MOST_HELD_SHARE * prediction.length_mm:
         raise RefusedError(
-            file.name, wanted="a print that this printer can reach",
-            came=f"{prediction.clamped_extruding} extruding commands "
-            f"{prediction.beyond_mm:.2f} mm beyond the edge of the bed",
-            todo="move the object that much away from it, give the scale to the firmware first (`printmend export`), "
-            "or use --force",
-        )  # fmt: skip
+            file.name,
+            wanted=say("print-printer-can-reach"),
+            came=say(
+                "extruding-commands-mm-beyond-edge-bed", prediction.clamped_extruding, f"{prediction.beyond_mm:.2f}"
+            ),
+            todo=say("move-object-much-away-give-scale"),
+        )
     if not prediction.is_better and not _is_probe(file):
-        came = f"{prediction.after.rms_mm:.4f} mm instead of {prediction.before.rms_mm:.4f} mm"
+        came = say("mm-instead-mm", f"{prediction.after.rms_mm:.4f}", f"{prediction.before.rms_mm:.4f}")
         if prediction.heights is not None:
             before, after = prediction.heights
-            came += f", in height {after.rms_mm:.4f} mm instead of {before.rms_mm:.4f} mm"
+            came = say("and-in-height", came, f"{after.rms_mm:.4f}", f"{before.rms_mm:.4f}")
         if (worse := prediction.chance_of_none) > 0 and prediction.after.rms_mm < prediction.before.rms_mm:
-            share = max(1, round(100 * worse))
-            came += f" expected, but no gain in {share} of 100 machines that the measurement allows"
+            came = say("expected-but-no-gain", came, max(1, round(100 * worse)))
             cause = max(prediction.after.made_of.items(), key=lambda item: item[1], default=("", 0.0))[0]
-            if cause in EFFECTS:
-                todo = f"put right what `printmend learn` said of {in_words(cause)} and measure again, or {todo}"
-            else:
-                todo = f"measure more (a whole probe, or with callipers the --distance that `measure` names), or {todo}"
-        raise RefusedError(file.name, wanted="a smaller error after mending, surely", came=came, todo=todo)
+            todo = say("put-right-cause", in_words(cause)) if cause in EFFECTS else say("measure-more-or-original")
+        raise RefusedError(file.name, wanted=say("smaller-error-after-mending-surely"), came=came, todo=todo)
 
 
 def _is_probe(file: GcodeFile) -> bool:
@@ -249,16 +244,14 @@ def _is_probe(file: GcodeFile) -> bool:
 
 def _refuse_misfit(file: GcodeFile, model: SavedModel) -> None:
     if said := said_of(model.document, REFITTED):
-        raise RefusedError(file.name, wanted="a model measured after the work", came=said[0], todo=PHASE_TODO)
+        raise RefusedError(file.name, wanted=say("model-measured-after-work"), came=said[0], todo=PHASE_TODO)
     if said := refusals(model.document):
         raise RefusedError(
-            file.name, wanted="a model that fits its own measurement", came=said[0],
-            todo="measure again and learn, or use --force",
+            file.name, wanted=say("model-fits-own-measurement"), came=said[0],
+            todo=say("measure-again-learn-use-force"),
         )  # fmt: skip
 
 
 def _refuse_motionless(file: GcodeFile, prediction: Prediction) -> None:
     if prediction.moves == 0:
-        raise GcodeError(
-            file.name, wanted="G-code with motion", came="no G0–G3 move in X or Y", todo="give a sliced file"
-        )
+        raise GcodeError(file.name, wanted=say("g-code-motion"), came=say("g0-g3-move"), todo=say("give-sliced-file"))

@@ -94,9 +94,9 @@ def measure_part(
     found, shown = int(np.isfinite(edges.offset_mm).sum()), int((~edges.hidden).sum())
     if found < LEAST_FOUND_SHARE * shown or fit.sigma_mm > LARGEST_SIGMA_MM:
         raise ScanError(
-            path, wanted="the walls of this file where it commands them",
-            came=f"{found} of {shown} that scatter by {fit.sigma_mm:.2f} mm",
-            todo="give the file that was printed; if it is the one, the printer skipped steps: print again",
+            path, wanted=say("walls-file-where-commands-them"),
+            came=say("walls-that-scatter", found, shown, f"{fit.sigma_mm:.2f}"),
+            todo=say("give-file-printed-printer-skipped-steps"),
         )  # fmt: skip
     if page.tagged:
         check_sheet(path, _scales(walls, edges))
@@ -115,9 +115,9 @@ def measure_part(
         offset, instrument, asked = scaled_by_widths(distances_mm, widths, edge_mm, walls, offset, instrument)
     elif widths:
         asked = widths_asked(widths, edge_mm, page.scale, ruled=bool(rulers))
-    side = "seen from below, " if lie.mirrored else ""
+    message = "part-seen-from-below" if lie.mirrored else "part-seen"
     notes = (
-        f"{path}: {found} of {len(walls.row)} places of walls, {side}turned by {lie.turned_deg:.1f}°, {page.scale}",
+        say(message, path, found, len(walls.row), f"{lie.turned_deg:.1f}", page.scale),
         lie.unsure,
         beads_said,
         *(*ruled, asked),
@@ -153,20 +153,9 @@ def _beads(
     if side.hole_mm is not None and (outline.group == OUTER).any():
         more_mm = side.hole_mm - side.outline_mm
         if abs(more_mm) > max(SURE_SDS * side.extra_sd_mm, LEAST_HOLES_MM):
-            words = (
-                f"the outline stands {abs(side.outline_mm):.2f} mm farther {_way(side.outline_mm)} than the file has "
-                f"it, the walls of holes {abs(side.hole_mm):.2f} mm farther {_way(side.hole_mm)}, as beads do: no "
-                "fault, taken off; `printmend fit` says what the slicer must be told"
-            )
+            words = say("outline-and-holes-stand", f"{side.outline_mm:+.2f}", f"{side.hole_mm:+.2f}")
             return np.where(outline.group > OUTER, side.hole_mm, side.outline_mm), words
-    words = (
-        f"all walls stand {abs(fit.swell_mm):.2f} mm farther {_way(fit.swell_mm)} than the file has them, as beads do"
-    )
-    return np.full(len(walls.row), fit.swell_mm), f"{words}: no fault, taken off"
-
-
-def _way(out_mm: float) -> str:
-    return "out" if out_mm >= 0 else "in"
+    return np.full(len(walls.row), fit.swell_mm), say("all-walls-stand", f"{fit.swell_mm:+.2f}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +187,7 @@ def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer, p
         edges = _look(silhouette, walls, pose, printed, swell, capture_mm, eye)
         if np.isfinite(edges.offset_mm).sum() < LEAST_WALLS:
             raise ScanError(
-                "the scan", wanted="edges along the part's walls", came="hardly any", todo="scan it again at 600 dpi"
+                "the scan", wanted=say("edges-along-part-walls"), came=say("hardly-any"), todo=say("scan-again-600-dpi")
             )
         trace = walls.trace(edges.offset_mm, np.full(len(walls.row), EDGE_SIGMA_MM))
         fit = fit_walls(trace, printer)

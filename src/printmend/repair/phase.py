@@ -17,6 +17,7 @@ from printmend.infer.update import both_seen
 from printmend.learn.walls import with_walls
 from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
+from printmend.messages import say, together
 from printmend.path import Trace
 from printmend.promise.misfit import REFITTED, REFUSAL
 from printmend.promise.misfit_rows import in_order, passed_over
@@ -34,10 +35,10 @@ def refitted(model: SavedModel, motors: Sequence[str]) -> SavedModel:
     names = model.printer.motors
     if unknown := [name for name in motors if name.lower() not in names]:
         raise InputError(
-            "--refitted", wanted=f"a motor of this printer: {' or '.join(names)}", came=unknown[0], todo="correct it"
+            "--refitted", wanted=say("motor-of-this-printer", ", ".join(names)), came=unknown[0], todo=say("correct")
         )
     named = " and ".join(name.upper() for name in names if name in {motor.lower() for motor in motors})
-    words = f"the belt or pulley of {named} was worked on, so that its errors are elsewhere now"
+    words = say("belt-pulley-worked-errors-elsewhere-now", named)
     found = [one for one in _found(model) if one.get("kind") != REFITTED]
     refusal = {"kind": REFITTED, "severity": REFUSAL, "size_mm": 0.0, "evidence": 0.0, "words": words}
     misfit = {"misfit": {"found": [refusal, *found]}}
@@ -55,34 +56,32 @@ def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> U
     Raises `ModelError` for a model that says nothing of its doubt, `TraceError` like `learn`, for a measurement that
     the model was learned from, and where the print is of another machine.
     """
-    check_origin("the measurement", trace.origin, old.printer)
+    check_origin(say("measurement-2"), trace.origin, old.printer)
     digest = digest_of(trace)
     if digest in known_digests(old):
         raise TraceError(
-            "the measurement", wanted="a print after the work", came="the one that the model was learned from",
-            todo="print `printmend probe --phase` and measure that",
+            say("measurement-2"), wanted=say("print-after-work"), came=say("measurement-model-learned-from"),
+            todo=say("print-probe-phase"),
         )  # fmt: skip
     belief = believed(old)
     with threadpool_limits(1, user_api="blas"):
         once, copies = counted_once(trace)
         ordered = in_order(near_bed(with_walls(once, old.printer), old.printer), old.printer)
         if not ordered.trace.measured_rows.any() and not ordered.trace.wall_rows.any():
-            raise TraceError("trace", wanted="measured marks", came="none", todo="check the trace")
+            raise TraceError(say("trace"), wanted=say("measured-marks"), came=say("none"), todo=say("check-trace"))
         scene = both_seen(belief.scene, scene_of(ordered.trace, old.printer, belief.scene.turns_mm))
         phase = found_phase(belief.parts, old.mechanism, ordered.trace, scene, max(old.noise_mm, LEAST_NOISE_MM))
         moved = replace(belief, parts=phase.parts)
         machine = replace(old, mechanism=replace(phase.mechanism, rest_share=old.mechanism.rest_share))
         found = measured_again(machine, moved, ordered.trace, rng)
-        others = [*("another drive" for _ in found.story.anew)]
+        others: list[str] = [*(say("another-drive") for _ in found.story.anew)]
         others += [effect for effect, _, _ in found.changes if not wear_share(effect)]
         noise_mm, own_mm = found.now.noise_mm, max(old.noise_mm, LEAST_NOISE_MM)
         if found.story.whole or others or noise_mm > MOST_NOISE * own_mm:
-            came = (
-                ", ".join(dict.fromkeys(others)) or f"marks that scatter by {noise_mm:.3f} mm instead of {own_mm:.3f}"
-            )
+            scatter = say("marks-scatter-instead", f"{noise_mm:.3f}", f"{own_mm:.3f}")
             raise TraceError(
-                "the phase print", wanted="the machine of the model, with its motors elsewhere", came=came,
-                todo="print a whole test print and learn anew: `printmend probe`",
+                say("phase-print"), wanted=say("machine-of-model-elsewhere"), todo=say("print-whole-and-learn-anew"),
+                came=together(", ", dict.fromkeys(others)) if others else scatter,
             )  # fmt: skip
         # the work, not the end stop, moved the motors: it tells nothing of how the end stops scatter
         updated = _updated(
@@ -102,6 +101,6 @@ def _shifts(old: SavedModel, phase: Phase) -> list[Change]:
     for motor, name in enumerate(old.printer.motors):
         by_mm, sd_mm = float(phase.by_mm[motor]), float(phase.sd_mm[motor])
         if np.isfinite(sd_mm) and abs(by_mm) > max(LEAST_SHIFT_MM, 2 * sd_mm):
-            words = f"{name.upper()} stands {by_mm:+.2f} mm of belt (± {sd_mm:.2f}) from where it stood"
+            words = say("motor-stands-elsewhere", name.upper(), f"{by_mm:+.2f}", f"{sd_mm:.2f}")
             found.append(Change(name.upper(), "phase", 0.0, by_mm, sd_mm, "mm", words))
     return found

@@ -1,6 +1,7 @@
 """What the model says about a file before and after mending."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -9,14 +10,13 @@ import numpy as np
 from printmend.clock import Duration
 from printmend.invert import Planner
 from printmend.invert import layout as k
-from printmend.messages import say
+from printmend.messages import say, together
 from printmend.promise.belief import parse_belief
 from printmend.promise.misfit import said_of
 from printmend.promise.predict import Errors, PathPlaces, Promise, best_shift, promised, shape_of, without_doubt
 from printmend.promise.scale import knows_a_length, knows_all_but_a_reading
 from printmend.promise.words import in_a_line, in_words
 from printmend.saved.model import SavedModel
-from printmend.units import counted
 
 _EDGE_MM = 0.5  # a print that is less than this beyond the bed's edge, as slicers round it, is on the bed
 _LEAST_GAIN_MM = 0.0005  # a smaller gain is none: the numbers in a file resolve no more
@@ -94,7 +94,7 @@ class Prediction:
     printed_high_mm: tuple[float, float]
     on_bed: bool
     unknown_lines: tuple[int, ...] = ()
-    distance_to: str = "the wanted path"
+    distance_to: str = field(default_factory=lambda: say("the-wanted-path"))
     heights: tuple[Heights, Heights] | None = None
     advice: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -126,8 +126,9 @@ class Prediction:
         """The lines of the moves that were left as they are, in brackets; empty where that is not known."""
         if not self.unknown_lines:
             return ""
-        more = "" if self.unknown == len(self.unknown_lines) else " …"
-        return f" (line{'s' * (self.unknown > 1)} {', '.join(map(str, self.unknown_lines))}{more})"
+        more = [] if self.unknown == len(self.unknown_lines) else ["…"]
+        message = "in-line" if self.unknown == 1 else "in-lines"
+        return say(message, together(", ", [*map(str, self.unknown_lines), *more]))
 
     @property
     def is_untouched(self) -> bool:
@@ -143,11 +144,8 @@ class Prediction:
         x_mm, y_mm = self.shift_mm
         if math.hypot(x_mm, y_mm) < _SHIFT_MM or self.is_untouched:
             return ""
-        figures = "leave the shift out" if self.of_shape else "include the shift"
-        return (
-            f"as it is, the whole print is shifted by {math.hypot(x_mm, y_mm):.2f} mm "
-            f"(X {x_mm:+.2f}, Y {y_mm:+.2f} mm). These figures {figures}; mending removes it"
-        )
+        message = "print-shifted-left-out" if self.of_shape else "print-shifted-included"
+        return say(message, f"{math.hypot(x_mm, y_mm):.2f}", f"{x_mm:+.2f}", f"{y_mm:+.2f}")
 
     def json(self) -> dict[str, Any]:
         """Return plain values for a report."""
@@ -164,62 +162,54 @@ class Prediction:
 
     def summary(self) -> str:
         """Say it in a few lines for a terminal."""
-        rows = [
-            f"expected distance from {self.distance_to}, over {self.length_mm / 1000:.1f} m of printed lines [mm]:",
-            "           typical  9 of 10 prints  95 % within  largest",
-        ]
-        told = (("as it is", self.before), ("mended", self.after))[: 1 if self.is_untouched else 2]
+        rows: list[str] = [
+            say("expected-distance", self.distance_to, f"{self.length_mm / 1000:.1f}"), say("expected-columns"),
+        ]  # fmt: skip
+        told = (("as-it-is", self.before), ("mended", self.after))[: 1 if self.is_untouched else 2]
         for name, errors in told:
             ranged = f"{errors.rms_low_mm:.3f}–{errors.rms_high_mm:.3f}"
-            rows.append(f"  {name:8} {errors.rms_mm:7.3f}  {ranged:>15}  {errors.p95_mm:11.3f}  {errors.max_mm:7.3f}")
+            row = f"{errors.rms_mm:7.3f}  {ranged:>15}  {errors.p95_mm:11.3f}  {errors.max_mm:7.3f}"
+            rows.append(say(f"expected-{name}", row))
         for (name, _), height in zip(told, self.heights or (), strict=False):
-            rows.append(f"  {name:8} {height.rms_mm:7.3f}  {'':15}  {'':11}  {height.max_mm:7.3f}  in height")
+            rows.append(
+                say(f"expected-{name}-in-height", f"{height.rms_mm:7.3f}  {'':15}  {'':11}  {height.max_mm:7.3f}")
+            )
         if self.shift_words:
             rows.append(self.shift_words)
         if self.gain_mm is not None:
-            which = told[-1]
-            after = " after mending" if len(told) > 1 else ""
-            rows.append(f"causes of the error{after} [mm]: {in_a_line(which[1].made_of) or 'none above 0.001'}")
-        rows += [f"before you print: {each}" for each in self.advice]
-        rows += [f"warning: {each}" for each in self.warnings]
+            causes = in_a_line(told[-1][1].made_of) or say("none-above-0-001")
+            rows.append(say("causes-after-mending" if len(told) > 1 else "causes", causes))
+        rows += [say("before-you-print", each) for each in self.advice]
+        rows += [say("warning", each) for each in self.warnings]
+        return together("\n", [*rows, *self._moves_words()])
+
+    def _moves_words(self) -> Iterator[str]:
+        """Say what becomes of the moves, and which stay as they are."""
         if not (self.clamped_extruding or self.unknown or self.splines) and self.extruding:
             (x0, y0), (x1, y1) = self.printed_low_mm, self.printed_high_mm
-            where = "stays on the bed" if self.on_bed else "prints beyond the edge of the bed, as the file says"
-            rows.append(f"it {where}: X {x0:.0f} to {x1:.0f}, Y {y0:.0f} to {y1:.0f} mm")
+            ends = [f"{end:.0f}" for end in (x0, x1, y0, y1)]
+            yield say("stays-on-bed" if self.on_bed else "prints-beyond-bed", *ends)
         if self.is_untouched:
-            rows.append("nothing to mend: every move stays as it is")
+            yield say("nothing-to-mend-every-move-stays")
         else:
-            rows.append(
-                f"{counted(self.moves, 'move')} {'becomes' if self.moves == 1 else 'become'} {self.commands}"
-                + (f"; slack is taken up at {counted(self.takeups, 'turn')}" if self.takeups else "")
-                + (f", at {self.stops} of them the nozzle stops for a moment (a small seam)" if self.stops else "")
-            )
+            words = say("move-becomes" if self.moves == 1 else "moves-become", self.moves, self.commands)
+            if self.takeups:
+                words = say("slack-taken-up-at", words, self.takeups)
+            yield say("nozzle-stops-at", words, self.stops) if self.stops else words
         if self.duration is not None:
-            rows.append(self.duration.words(mended=not self.is_untouched))
+            yield self.duration.words(mended=not self.is_untouched)
         if self.coarse:
-            coarse = counted(self.coarse, "place")
-            rows.append(f"the error exceeds the tolerance at {coarse}: the firmware takes no shorter moves")
+            yield say("places-beyond-tolerance", self.coarse)
         if self.unknown:
-            unknown = counted(self.unknown, "printing move")
-            why = "words that cannot be read, or the file does not say where the head is"
-            rows.append(f"{unknown} left as written{self.where_unknown}: {why}")
+            yield say("moves-left-as-written", self.unknown, self.where_unknown)
         if self.splines:
-            rows.append(
-                f"{counted(self.splines, 'curve')} (G5) not corrected: the file does not say where they begin, or "
-                "lacks I J or P Q"
-            )
+            yield say("curves-not-corrected", self.splines)
         if self.geometry:
-            times = counted(self.geometry, "time")
-            rows.append(
-                f"the file sets the firmware's own skew, scale or backlash {times} (M425, M556, M579, M852, SET_SKEW): "
-                "this prediction holds only if the test print was printed with the same settings"
-            )
-        if self.clamped:
-            rows.append(
-                f"{counted(self.clamped, 'move')} held back at the edge of the bed, {self.clamped_extruding} of them "
-                "printing" + (f", up to {self.beyond_mm:.2f} mm" if self.clamped_extruding else "")
-            )
-        return "\n".join(rows)
+            yield say("file-sets-own-geometry", self.geometry)
+        if self.clamped_extruding:
+            yield say("moves-held-back-printing", self.clamped, self.clamped_extruding, f"{self.beyond_mm:.2f}")
+        elif self.clamped:
+            yield say("moves-held-back", self.clamped)
 
 
 def prediction_of(planner: Planner) -> Prediction:
@@ -350,30 +340,21 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
         or name in ("planning", "rounding", "motion")
     ):
         return ()
-    most = "most of what is left"
     if name == "parameters":
         gaps = [gap for gap in model.findings[1:] if "turn" in gap]
         whole = model.document.get("trace", {}).get("measured", 0) >= _WHOLE_MARKS
-        todo = (
-            gaps[0]
-            if gaps
-            else say("second-test-print-taken-printmend-learn")
-            if whole
-            else say("whole-printmend-probe-printed-measured-settles")
-        )
-        return (f"{most} is what the test print {'left open' if whole and not gaps else 'did not show'}. {todo}",)
+        if gaps:
+            return (say("rest-not-shown", gaps[0]),)
+        if whole:
+            return (say("rest-left-open", say("second-test-print-taken-printmend-learn")),)
+        return (say("rest-not-shown", say("whole-printmend-probe-printed-measured-settles")),)
     if name == "instrument" and knows_all_but_a_reading(model):
-        return (f"{most} is the scale, as far as the callipers left it open.",)
+        return (say("rest-is-callipers"),)
     if name == "instrument" and knows_a_length(model):
-        return (
-            f"{most} is the scale of the scanner across the length that was given: a second scan of the same plate, "
-            "turned by a quarter, settles it.",
-        )
+        return (say("rest-is-scanner-across"),)
     if name == "instrument":
-        return (f"{most} is the scale of the scanner: give `printmend measure` the --distance that it asks for.",)
-    if name == "unexplained":
-        return (f"{most} follows no known fault: a mended check print shows what it does (`printmend verify`).",)
-    return (f"{most} is {in_words(name)}: see what `printmend learn` said of it.",)
+        return (say("rest-is-scanner"),)
+    return (say("rest-unexplained"),) if name == "unexplained" else (say("rest-is-cause", in_words(name)),)
 
 
 def _path_places(samples: np.record, layer_z_mm: np.ndarray) -> PathPlaces:

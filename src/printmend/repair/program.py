@@ -13,14 +13,12 @@ from printmend.gcode.mark import find_test_print
 from printmend.gcode.read import MachineState, e_warning, starting_state
 from printmend.gcode.write import follow
 from printmend.invert import Fineness, Planner
+from printmend.messages import say
 from printmend.printer import Printer
 from printmend.repair.meant import small_bed_words
 from printmend.saved.model import SavedModel
 
-_DOTS_WORDS = (
-    "only the lines of this test print are counted here, not its dots: a dot may be off in two directions, and these "
-    "figures are distances across a line"
-)
+_DOTS_WORDS = say("only-lines-counted")
 Progress = Callable[[int], None]
 
 
@@ -61,11 +59,11 @@ def _beginning(part: Part, model: SavedModel) -> MachineState:
     """Return the state before a program's first line; raise `GcodeError` where nobody knows what extrudes."""
     state = starting_state(part, printer=model.printer)
     if axis := state.odd_axis:
-        wanted, came = "moves that extrude with E", f"none, and moves that name {axis}"
+        wanted, came = say("moves-extrude"), say("none-moves-name", axis)
         if axis == "A":
-            todo = "write '; gcode_flavor = mach3' at its top if A is the extruder, else print it as it is"
+            todo = say("write-gcode-flavor-mach3-top-extruder")
             raise GcodeError(part.name, wanted=wanted, came=came, todo=todo)
-        raise GcodeError(part.name, wanted=wanted, came=came, todo="slice it for a firmware that extrudes with E")
+        raise GcodeError(part.name, wanted=wanted, came=came, todo=say("slice-firmware-extrudes"))
     return state
 
 

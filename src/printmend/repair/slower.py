@@ -10,6 +10,7 @@ from printmend.gcode import kernels as k
 from printmend.gcode.container import GcodeFile
 from printmend.gcode.write import Planned, follow
 from printmend.invert import Fineness, start
+from printmend.messages import say, together
 from printmend.promise.belief import parse_belief
 from printmend.repair.program import begun
 from printmend.saved.model import SavedModel
@@ -19,9 +20,9 @@ MOST_MOVES = 2.0  # that a line may become, on average, for a ripple
 _MOST_EASE = 1.0  # for that: lines without a type may be off by twice as much, outer walls by a quarter more
 _FEW_TRIALS = 2
 _NEAR_SHARE = 0.1  # of the limit: nearer to it no further one is tried
-_NAMES = {
-    k.ROLE_ASIDE: "skirt and support", k.ROLE_INFILL: "infill", k.ROLE_SOLID: "closed surfaces",
-    k.ROLE_INNER: "inner walls", k.ROLE_UNKNOWN: "lines without a type", k.ROLE_OUTER: "outer walls",
+_NAMES = {  # messages
+    k.ROLE_ASIDE: "role-aside", k.ROLE_INFILL: "role-infill", k.ROLE_SOLID: "role-solid",
+    k.ROLE_INNER: "role-inner", k.ROLE_UNKNOWN: "role-unknown", k.ROLE_OUTER: "role-outer",
 }  # fmt: skip
 
 
@@ -41,10 +42,10 @@ def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool
     if least > limit:
         if not force:
             raise RefusedError(
-                file.name, wanted=f"at most {100 * limit:g} % more printing time",
-                came=f"{100 * least:.1f} % with all lines as coarse as they may be", todo="allow more, or use --force",
+                file.name, wanted=say("at-most-more-time", f"{100 * limit:g}"),
+                came=say("share-with-coarsest", f"{100 * least:.1f}"), todo=say("allow-more-or-force"),
             )  # fmt: skip
-        return coarsest, f"it takes {100 * least:.1f} % longer, though {_words(coarsest, roles)}"
+        return coarsest, say("takes-longer-though", f"{100 * least:.1f}", _words(coarsest, roles))
     for _ in range(_TRIALS):
         ease = float(np.sqrt((1.0 + low) * (1.0 + high))) - 1.0
         share, _ = _planned(file, model, replace(fineness, ease=ease), roles)
@@ -55,7 +56,7 @@ def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool
         if share > (1.0 - _NEAR_SHARE) * limit:
             break
     found = replace(fineness, ease=high)
-    return found, f"to take no longer than it may, {_words(found, roles)}"
+    return found, say("to-take-no-longer", _words(found, roles))
 
 
 def with_few_moves(file: GcodeFile, model: SavedModel, fineness: Fineness) -> tuple[Fineness, str | None]:
@@ -74,7 +75,7 @@ def with_few_moves(file: GcodeFile, model: SavedModel, fineness: Fineness) -> tu
             many = _planned(file, model, replace(fineness, ease=ease), roles)[1] > MOST_MOVES
             low, high = (ease, high) if many else (low, ease)
     found = replace(fineness, ease=high)
-    return found, f"to have few moves, {_words(found, roles)}"
+    return found, say("to-have-few-moves", _words(found, roles))
 
 
 def _ripples(model: SavedModel) -> bool:
@@ -107,5 +108,5 @@ def _planned(file: GcodeFile, model: SavedModel, fineness: Fineness, roles: set[
 def _words(fineness: Fineness, roles: set[int]) -> str:
     """Say how far lines may be off."""
     tolerances = fineness.tolerances_mm
-    parts = [f"{name} within {tolerances[role]:.3f}" for role, name in _NAMES.items() if role in roles]
-    return f"lines are drawn less closely [mm]: {', '.join(parts)}"
+    drawn = [(say(name), f"{tolerances[role]:.3f}") for role, name in _NAMES.items() if role in roles]
+    return say("lines-less-closely", together(", ", [say("role-within", *each) for each in drawn]))

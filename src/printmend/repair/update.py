@@ -22,6 +22,7 @@ from printmend.infer.update import Renewed, both_seen, renewed
 from printmend.learn.walls import with_walls
 from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
+from printmend.messages import say, together
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, belief_section, says_nothing
@@ -44,18 +45,19 @@ from printmend.saved import SavedModel, saved_model, screw_of, with_screw
 
 LEAST_CHANGE = {"mm": 0.01, "%": 0.02, "°": 0.02}  # a smaller change is not worth a word
 PLAIN_CHANGE = 0.05  # a larger change is plain: it is told with two decimals
-# What of a motor {a}, or of the frame, grows or shrinks, by the kind of its fault without a number
+# What of a motor, or of the frame, grows or shrinks: its message, by the kind of its fault without a number
 QUANTITIES = {
-    "play": "{a} belt play", "loose-belt": "{a} belt play", "play-by-angle": "{a} belt play",
-    "friction": "{a} lost motion", "scale": "{a} scale error", "drift": "{a} change of scale along the axis",
-    "harmonic-1": "{a} pulley's eccentricity", "harmonic-2": "{a} pulley's ovalness",
-    "harmonic-3": "{a} pulley's three corners", "harmonic-4": "{a} pulley's four corners",
-    "harmonic": "{a} pulley's unevenness", "period": "{a} idler's or pulley's unevenness",
-    "elastic": "{a} belt's stretch", "splice": "{a} belt's joint or dent", "teeth": "{a} belt's ripple",
-    "ripple": "{a} motor's ripple", "bump": "{a} belt's dent", "rub": "the change of {a} lost motion",
-    "warp": "{a} belt's or guide's unevenness", "skew": "the frame's skew", "axes": "the difference of X and Y",
-    "bow": "the bend of the guides", "wavy": "the waves of the guides",
+    "play": "belt-play", "loose-belt": "belt-play", "play-by-angle": "belt-play",
+    "friction": "lost-motion", "scale": "scale-error", "drift": "change-scale-along-axis",
+    "harmonic-1": "pulley-eccentricity", "harmonic-2": "pulley-ovalness",
+    "harmonic-3": "pulley-three-corners", "harmonic-4": "pulley-four-corners",
+    "harmonic": "pulley-unevenness", "period": "idler-pulley-unevenness",
+    "elastic": "belt-stretch", "splice": "belt-joint-dent-2", "teeth": "belt-ripple",
+    "ripple": "motor-ripple", "bump": "belt-dent", "rub": "lost-motion-change",
+    "warp": "belt-guide-unevenness", "skew": "frame-skew", "axes": "difference-x-y",
+    "bow": "bend-guides", "wavy": "waves-guides",
 }  # fmt: skip
+OF_FRAME = ("skew", "axes", "bow", "wavy")  # kinds of fault that no motor has
 OF_ONE_PRINT = ("offset",)  # kinds of fault that differ from print to print: nobody lays a plate twice alike
 
 
@@ -86,12 +88,12 @@ class Updated:
     def words(self) -> str:
         """Say what changed."""
         if self.is_known:
-            return "the model was learned from this very measurement: it is counted once, and nothing changes"
+            return say("model-learned-very-measurement-counted-once")
         rows = [change.words for change in self.changes]
-        rows += [f"{name} is not the one that the old model knew: learned anew" for name in self.anew]
+        rows += [say("old-model-knew-learned-anew", name) for name in self.anew]
         if len(self.anew) == len(self.model.printer.motors):
-            rows.append("nothing of the old model is left: is this measurement of the same printer?")
-        return "\n".join(rows or ["nothing changed by more than this trace can tell"])
+            rows.append(say("nothing-old-model-left-measurement-same"))
+        return together("\n", rows or [say("nothing-changed-more-trace-can-tell")])
 
 
 def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: Ageing | None = None) -> Updated:
@@ -101,7 +103,7 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
     A measurement that the model was learned from is counted once: it changes nothing. Raises `ModelError` for a model
     that says nothing of its doubt, `TraceError` like `learn`.
     """
-    check_origin("the measurement", trace.origin, old.printer)
+    check_origin(say("measurement-2"), trace.origin, old.printer)
     digest = digest_of(trace)
     if digest in known_digests(old):
         return Updated(old, (), (), is_known=True)
@@ -116,10 +118,7 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
         said = (*passed_over(once, copies), *ordered.found)
         updated = _updated(old, belief, found, screw.trace, said, digest)
         if screw.said or screw.gaps or old.mechanism.screw is not None:
-            changes = tuple(
-                Change("Z", words=f"Z {one['kind']} was {one['before']:.3f}, is {one['now']:.3f} {one['unit']}", **one)
-                for one in screw_changes(old, screw)
-            )
+            changes = tuple(Change("Z", words=_z_changed(one), **one) for one in screw_changes(old, screw))
             model = with_seen_screw(old, updated.model, screw, ordered.trace)
             updated = replace(updated, model=model, changes=(*updated.changes, *changes))
         return updated
@@ -137,8 +136,8 @@ def same_machine(old: SavedModel, printer: Printer) -> None:
     """Raise `ModelError` where a model is of another machine than ``printer``."""
     if old.printer != printer:
         raise ModelError(
-            "--update", wanted=f"a model of {printer.name}", came=f"one of {old.printer.name}, or with other axes",
-            todo="leave --printer out, or name the printer of the old model",
+            say("update"), wanted=say("model", printer.name), came=say("other-axes", old.printer.name),
+            todo=say("leave-printer-out-name-printer-old"),
         )  # fmt: skip
 
 
@@ -148,7 +147,7 @@ def measured_again(
 ) -> Renewed:  # fmt: skip
     """Return what a flat trace says of the machine of a model. Raises `TraceError` where it measured nothing."""
     if not (trace.measured_rows | trace.wall_rows).any() or not np.isfinite(trace.commanded_mm).all():
-        raise TraceError("trace", wanted="measured marks", came="none or NaN", todo="check the trace")
+        raise TraceError(say("trace"), wanted=say("measured-marks"), came=say("none-nan"), todo=say("check-trace"))
     printer = old.printer
     scene = both_seen(belief.scene, scene_of(trace, printer, belief.scene.turns_mm))
     grown = {} if ageing is None else {
@@ -245,14 +244,28 @@ def _named(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]:
 
 
 def _change(was: Fault, new: Fault, sd: float) -> Change:
-    verb = "grew" if abs(new.value) > abs(was.value) else "shrank"
+    grew = abs(new.value) > abs(was.value)
     digits, space = 2 if abs(new.value - was.value) >= PLAIN_CHANGE else 3, "" if new.unit == "°" else " "
     old, value = (round(each.value, digits) + 0.0 for each in (was, new))  # never −0
-    name = new.part.upper() if new.part != "frame" else "the frame's"
-    plain = QUANTITIES.get(new.kind.rstrip("0123456789.").removesuffix("-"), f"{{a}} {new.kind.replace('_', ' ')}")
-    what = QUANTITIES.get(new.kind, plain).format(a=name)
-    words = f"{what} {verb} from {old:.{digits}f} to {value:.{digits}f}{space}{new.unit} (± {sd:.3f})"
+    name = new.part.upper() if new.part != "frame" else say("the-frames")
+    now = f"{value:.{digits}f}{space}{new.unit}"
+    words = say("grew" if grew else "shrank", _quantity(name, new.kind), f"{old:.{digits}f}", now, f"{sd:.3f}")
     return Change(name, new.kind, was.value, new.value, sd, new.unit, words)
+
+
+def _quantity(name: str, kind: str) -> str:
+    """Return what of a motor or of the frame grows or shrinks, by the kind of its fault."""
+    message = QUANTITIES.get(kind) or QUANTITIES.get(kind.rstrip("0123456789.").removesuffix("-"))
+    if message is None:
+        return say("motor-has", name, kind.replace("_", " "))
+    return say(message, name) if kind not in OF_FRAME else say(message)
+
+
+def _z_changed(change: dict[str, Any]) -> str:
+    was, now = (f"{change[name]:.3f}" for name in ("before", "now"))
+    kind, _, order = change["kind"].partition("-")
+    what = say(f"z-{kind}") if order in ("", "1") else together(" ", [say(f"z-{kind}"), order])
+    return say("z-was-is", what, was, now, change["unit"])
 
 
 def _turn(found: Renewed, motor: int, by_rad: float) -> Change:
@@ -264,5 +277,5 @@ def _turn(found: Renewed, motor: int, by_rad: float) -> Change:
     more_rad = -(HARMONICS * np.conj(old)) @ (cos - 1j * sin) / np.sum(HARMONICS**2 * np.abs(old) ** 2)
     angles = np.degrees(by_rad + more_rad.imag)
     value, sd, name = float(angles.mean()), float(angles.std()), found.now.scene.printer.motors[motor].upper()
-    words = f"{name} pulley turned on its shaft by {value:.1f}° (± {sd:.1f})"
+    words = say("pulley-turned-shaft", name, f"{value:.1f}°", f"{sd:.1f}")
     return Change(name, "phase", 0.0, value, sd, "°", words)

@@ -21,7 +21,7 @@ from printmend.learn.walls import with_walls
 from printmend.machine import print_from_home
 from printmend.measure.once import digest_of
 from printmend.measure.whose import check_origin
-from printmend.messages import say
+from printmend.messages import say, together
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, parse_belief
@@ -38,7 +38,6 @@ _UNMENDED_SHARE = 0.9  # a print with more than this share of the error before m
 _SAME_FAULT_SHARE = 0.5  # … if, of its error, less than this share is unlike the unmended print of the model
 SEEN_FACTOR = 2.0  # a promise is kept where an error of so many times its upper end is ruled out
 _SURELY_SDS = 2.0  # standard deviations by which an error must exceed the least that is found, to be found surely
-_NO_WAYS = ". Its table has no way-points between the marks, so from which side each was reached is a guess"
 _ASKED = "play"  # the effect that a measurement must be fine enough to show: none grows as often
 
 
@@ -92,37 +91,23 @@ class Verdict:
     @property
     def words(self) -> str:
         """Say it in one line, the numbers first."""
-        now = f"{self.now_mm:.3f}" if self.at_most_mm is None else f"less than {self.at_most_mm:.3f}"
-        numbers = (
-            f"{self.before_mm:.3f} mm before, {now} now, "
-            f"{self.promised_low_mm:.3f}–{self.promised_high_mm:.3f} was promised"
-        )
+        now = f"{self.now_mm:.3f}" if self.at_most_mm is None else say("less-than", f"{self.at_most_mm:.3f}")
+        promised = f"{self.promised_low_mm:.3f}–{self.promised_high_mm:.3f}"
+        numbers = say("before-now-promised", f"{self.before_mm:.3f}", now, promised)
         if abs(self.stretch_percent) >= _LEAST_STRETCH_PERCENT:
-            numbers += f" (a scale of {self.stretch_percent:+.2f} % may be the scanner's own and is taken off)"
+            numbers = say("scale-taken-off", numbers, f"{self.stretch_percent:+.2f}")
         if self.result == KEPT:
-            return "; but ".join([f"{numbers}: kept ({self.marks} marks)", *self.changed])
+            kept = say("verdict-kept", numbers, self.marks)
+            return say("kept-but", kept, together("; ", self.changed)) if self.changed else kept
         if self.result == UNSURE:
             if self.wanders_mm:
-                return (
-                    f"{numbers}: cannot tell. What measures wanders, so that place and scale may be off by "
-                    f"{self.wanders_mm:.2f} mm: fix it, let it warm up, and measure again"
-                )
-            how = "scan the print" if self.stated else "scan the print, or say in sigma_mm how exact the table is"
-            return (
-                f"{numbers}: cannot tell. This measurement is too coarse, it shows only errors above "
-                f"{self.shows_from_mm:.3f} mm: {how}{'' if self.ways_known else _NO_WAYS}"
-            )
+                return say("verdict-wanders", numbers, f"{self.wanders_mm:.2f}")
+            words = say("verdict-coarse" if self.stated else "verdict-unstated", numbers, f"{self.shows_from_mm:.3f}")
+            return words if self.ways_known else together(". ", [words, say("verdict-no-ways")])
         if self.now_mm > _UNMENDED_SHARE * self.before_mm:
-            if self.unlike_mm < _SAME_FAULT_SHARE * self.now_mm:
-                return (
-                    f"{numbers}: broken, and as far off as before mending. Was the mended file printed? And is it "
-                    "compared with the places of the original, not with those of the mended file?"
-                )
-            return (
-                f"{numbers}: broken, and as far off as before mending, but not as this printer was. Is it another "
-                "printer's? Else a part was replaced or came loose: learn from a new test print"
-            )
-        return f"{numbers}: broken. Mend again with the model that -o brings up to date with this measurement"
+            same = self.unlike_mm < _SAME_FAULT_SHARE * self.now_mm
+            return say("verdict-as-before-mending" if same else "verdict-another-fault", numbers)
+        return say("verdict-broken", numbers)
 
     def json(self) -> dict[str, Any]:
         """Return plain values."""
@@ -144,17 +129,17 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
             "the model", wanted=say("one-says-what-does-not-know"), came=say("one-older-printmend-learner"),
             todo=say("learn-again-from-trace"),
         )  # fmt: skip
-    check_origin("the check print", trace.origin, model.printer)
+    check_origin(say("check-print"), trace.origin, model.printer)
     if digest_of(trace) in known_digests(model):
         raise TraceError(
-            "the check print", wanted=say("print-mended"), came=say("measurement-model-learned-from"),
+            say("check-print"), wanted=say("print-mended"), came=say("measurement-model-learned-from"),
             todo=say("mend-test-print-print-measure-one"),
         )  # fmt: skip
     trace = with_walls(trace, model.printer)
     known = np.flatnonzero(trace.measured_rows)
     if len(known) < LEAST_MARKS:
         raise TraceError(
-            "the check print", wanted=say("least-measured-marks", LEAST_MARKS), came=f"{len(known)}",
+            say("check-print"), wanted=say("least-measured-marks", LEAST_MARKS), came=f"{len(known)}",
             todo=say("measure-more"),
         )  # fmt: skip
     placed = trace.placed and belief.placed

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from printmend.errors import InputError, PrintmendError
 from printmend.files import replacing
+from printmend.messages import say
 from printmend.repair.many import FileOutcome, is_gcode_name, mend_files
 from printmend.saved import SavedModel, read_model
 
@@ -40,7 +41,7 @@ class Watch:
     def __post_init__(self) -> None:
         if not self.source.is_dir():
             raise InputError(
-                self.source, wanted="a folder that files come into", came="none", todo="make it, or check the path"
+                self.source, wanted="a folder that files come into", came=say("none"), todo="make it, or check the path"
             )
         self.target.mkdir(parents=True, exist_ok=True)
         if self.source.resolve() == self.target.resolve():

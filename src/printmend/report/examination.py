@@ -12,6 +12,7 @@ from printmend.diagnosis.standard import Circle, Positioning, circle, positionin
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import InputError, TraceError
 from printmend.learn.greybox import GreyboxModel
+from printmend.messages import say, together
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import parse_belief
@@ -29,14 +30,11 @@ SUFFIXES = (".html", ".htm", ".pdf")
 MOST_ARROWS = 1200  # in a picture
 LEAST_ADVICE_MM = 0.01  # a fault that shifts a print by less is not worth a paragraph
 URGENCY = {
-    "repair": "Repair soon", "soon": "Repair when convenient", "software": "Leave it to the software",
+    "repair": say("urgency-repair"), "soon": say("urgency-soon"), "software": say("urgency-software"),
 }  # fmt: skip
 
 
-AFTER_WORK = (
-    "after work on a belt or pulley: run `printmend history MODEL --refitted MOTOR`, and measure again with "
-    "`printmend probe --phase`"
-)
+AFTER_WORK = say("after-work")
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +63,7 @@ class Examination:
     @property
     def title(self) -> str:
         """What stands above it."""
-        return "This printer is healthy" if self.is_healthy else "What is wrong with this printer"
+        return say("title-healthy" if self.is_healthy else "title-wrong")
 
     @property
     def is_healthy(self) -> bool:
@@ -102,27 +100,12 @@ class Examination:
         """One sentence for people in a hurry."""
         before, after = self.before_rms_mm, self.after_rms_mm
         if not self.advice:
-            finer = f" {_faults(self.finer)} too small to matter." if self.finer else ""
-            points = "This printer is healthy: points" if self.is_healthy else "Points"
-            return f"{points} lie {before:.3f} mm from where they belong, typically.{finer}"
-        found = {urgency: sum(one.urgency == urgency for one in self.advice) for urgency in URGENCY}
-        words = [
-            text for urgency, text in (
-                ("repair", "{} to repair soon"), ("soon", "{} to repair when convenient"),
-                ("software", "{} for the software alone"),
-            ) if found[urgency] for text in [text.format(found[urgency])]
-        ]  # fmt: skip
-        if len(words) == 1:
-            words = [words[0].partition(" ")[2]]
-        finer = f", {self.finer} more too small to matter" if self.finer else ""
-        return (
-            f"Points lie {before:.2f} mm from where they belong, typically. {_faults(len(self.advice))} "
-            f"({', '.join(words)}{finer}) explain{'s' if len(self.advice) == 1 else ''} all but {after:.3f} mm of it."
-        )
-
-
-def _faults(count: int) -> str:
-    return f"{count} fault{'' if count == 1 else 's'}"
+            words = say("headline-healthy" if self.is_healthy else "headline-no-fault", f"{before:.3f}")
+            return together(" ", [words, say("faults-too-small", self.finer)]) if self.finer else words
+        counts = {urgency: sum(one.urgency == urgency for one in self.advice) for urgency in URGENCY}
+        found = together(", ", [say(f"so-many-{urgency}", count) for urgency, count in counts.items() if count])
+        words = say("headline-faults", f"{before:.2f}", len(self.advice), found, f"{after:.3f}")
+        return together(" ", [words, say("more-too-small", self.finer)]) if self.finer else words
 
 
 def check_name(path: Path) -> None:
@@ -143,7 +126,7 @@ def examine(
     learned = replace(learned, saved=settled(learned.saved, filament))
     box, saved, flat = learned.box, learned.saved, learned.trace
     if box is None:
-        raise TraceError("the trace", wanted="a machine in it", came="none", todo="measure a `printmend probe`")
+        raise TraceError("the trace", wanted="a machine in it", came=say("none"), todo="measure a `printmend probe`")
     corexy = printer.kinematics == "corexy"
     order = list(URGENCY)
     names = ("part", "kind", "value", "sd", "unit")
@@ -179,22 +162,20 @@ def _portrait(learned: Learned, motor: int) -> Portrait:
 def summary(examination: Examination) -> str:
     """Say it in a few lines for a terminal."""
     rows = [examination.headline, *examination.refused]
-    rows += [f"{URGENCY[one.urgency].lower()}: {one.title} ({one.sure})" for one in examination.advice]
+    rows += [say("urgent-fault", URGENCY[one.urgency], one.title, one.sure) for one in examination.advice]
     if any(one.urgency != "software" for one in examination.advice):
         rows.append(AFTER_WORK)
     rows += examination.doubted
     if examination.prediction is not None:
         rows.append(part_said(examination.part or "", examination.prediction))
-    return "\n".join(rows + [f"not told by this trace: {gap}" for gap in examination.gaps])
+    return together("\n", rows + [say("not-shown-by-trace", gap) for gap in examination.gaps])
 
 
 def part_said(part: str, prediction: Prediction) -> str:
     """Say in a line how far a part is expected to be off."""
     before, after = prediction.before, prediction.after
-    return (
-        f"{part}: expected to be typically {before.rms_mm:.3f} mm (at worst {before.max_mm:.2f}) off as it is, "
-        f"{after.rms_mm:.3f} (at worst {after.max_mm:.2f}) mended"
-    )
+    sizes = (f"{size:.3f}" for size in (before.rms_mm, before.max_mm, after.rms_mm, after.max_mm))
+    return say("part-expected", part, *sizes)
 
 
 def numbers(examination: Examination) -> list[tuple[str, str]]:

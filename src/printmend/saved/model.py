@@ -19,7 +19,7 @@ from printmend.errors import ConfigError, ModelError
 from printmend.files import read_text, replacing
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
-from printmend.messages import messages_of, restored
+from printmend.messages import messages_of, restored, say
 from printmend.printer import Printer
 from printmend.printer.homing import homing_section
 from printmend.printer.toml import parse_printer
@@ -152,7 +152,7 @@ def model_text(model: SavedModel) -> str:
 
 def read_model(path: str | Path) -> SavedModel:
     """Read a model. Raise `ModelError` for anything that is not one of ours, whole and unchanged."""
-    text = read_text(path, wanted="a printer.mend.json", todo=TODO, error=ModelError)
+    text = read_text(path, wanted=say("printer-mend-json"), todo=TODO, error=ModelError)
     return parse_model(text, subject=str(path))
 
 
@@ -161,24 +161,26 @@ def parse_model(text: str, *, subject: str) -> SavedModel:
     try:
         document = json.loads(text, parse_constant=lambda name: refuse(subject, "finite numbers", name))
     except (ValueError, RecursionError) as error:
-        came = f"broken JSON ({error})" if isinstance(error, ValueError) else "endless nesting"
-        raise ModelError(subject, wanted="a printer.mend.json", came=came, todo=TODO) from None
+        came = say("broken-json-at", error) if isinstance(error, ValueError) else say("endless-nesting")
+        raise ModelError(subject, wanted=say("printer-mend-json"), came=came, todo=TODO) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise ModelError(subject, wanted="a printer.mend.json", came="another kind of file", todo="check the path")
+        raise ModelError(
+            subject, wanted=say("printer-mend-json"), came=say("another-kind-file"), todo=say("check-path")
+        )
     version = document.get("version")
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
         refuse(subject, "a version", repr(version))
     if version > VERSION:
         raise ModelError(
             subject,
-            wanted=f"a model of version {VERSION} or older",
-            came=f"version {version}, written by printmend {document.get('program', 'unknown')}",
-            todo="update printmend, or learn the model again with this one",
+            wanted=say("model-version-older", VERSION),
+            came=say("version-written-printmend", version, document.get("program", "unknown")),
+            todo=say("update-printmend-learn-model-again"),
         )
     digest = document.pop("digest", None)
     key = seal_key(document)
     if digest != key[:DIGITS]:
-        refuse(subject, "a digest that fits the content", "a file that was changed or damaged")
+        refuse(subject, say("digest-that-fits"), say("file-changed-or-damaged"))
     return _read(document, key, subject)
 
 
@@ -196,7 +198,7 @@ def _read(document: Mapping[str, Any], key: str, subject: str) -> SavedModel:
     printer = _printer(section_of(document, "printer", dict, subject), subject)
     sections = section_of(document, "motors", dict, subject)
     if sorted(sections) != sorted(printer.motors):
-        refuse(subject, f"motors {' and '.join(printer.motors)}", ", ".join(map(str, sections)) or "none")
+        refuse(subject, f"motors {' and '.join(printer.motors)}", ", ".join(map(str, sections)) or say("none"))
     tables = [_transmission(sections[name], printer, i, f"{subject} [{name}]") for i, name in enumerate(printer.motors)]
     frame = document.get("frame")
     screw = None if document.get("screw") is None else parse_screw(document["screw"], printer, f"{subject} [screw]")
@@ -205,7 +207,7 @@ def _read(document: Mapping[str, Any], key: str, subject: str) -> SavedModel:
     noise_mm = number(document, "noise_mm", subject)
     findings = section_of(document, "findings", list, subject)
     if noise_mm < 0 or not all(isinstance(line, str) for line in findings):
-        refuse(subject, "noise_mm ≥ 0 and findings as text", "something else")
+        refuse(subject, "noise_mm ≥ 0 and findings as text", say("something-else"))
     check_notes(document, subject)
     messages = document.get("messages")
     return SavedModel(mechanism, learner, key, restored(document, messages if isinstance(messages, dict) else {}))
@@ -335,7 +337,7 @@ def _transmission(section: Any, printer: Printer, motor: int, subject: str) -> T
     upper = lower if "upper_error_mm" not in section else numbers(section, "upper_error_mm", subject, MAX_ENTRIES)
     first_mm, pitch_mm = number(section, "first_mm", subject), number(section, "pitch_mm", subject)
     if pitch_mm <= 0 or len(lower) != len(upper) or len(lower) < 2:
-        refuse(subject, "a positive pitch_mm and tables of one length", "something else")
+        refuse(subject, "a positive pitch_mm and tables of one length", say("something-else"))
     healthy = healthy_transmission(printer, motor)
     same = len(lower) == len(healthy.lower_mm) and (first_mm, pitch_mm) == (healthy.first_mm, healthy.pitch_mm)
     grid = healthy.motor_mm if same else first_mm + pitch_mm * np.arange(len(lower))
@@ -354,7 +356,7 @@ def _branches(section: dict[str, Any], printer: Printer, motor: int, subject: st
     reach = numbers(section, "reach_mm", subject, 2)
     period_mm = number(section, "period_mm", subject)
     if len(reach) != 2 or reach[0] > reach[1] or period_mm <= 0:
-        refuse(subject, "a positive period_mm and two reach_mm that rise", "something else")
+        refuse(subject, "a positive period_mm and two reach_mm that rise", say("something-else"))
     waves = {name: _wave(section[name], f"{subject} {name}") for name in ("mean", "play", "elastic") if name in section}
     middle_mm, seen_mm = number(section, "middle_mm", subject), (float(reach[0]), float(reach[1]))
     plain = Branches(
@@ -388,7 +390,7 @@ def _wave(section: Any, subject: str) -> Wave:
     cos_mm, sin_mm = (numbers(section, name, subject, MAX_HARMONICS) for name in ("cos_mm", "sin_mm"))
     whole = (harmonics == np.rint(harmonics)).all() and (harmonics >= 1).all()
     if not len(harmonics) == len(cos_mm) == len(sin_mm) or not whole:
-        refuse(subject, "positive whole harmonics, as many as cos_mm and sin_mm", "something else")
+        refuse(subject, "positive whole harmonics, as many as cos_mm and sin_mm", say("something-else"))
     return Wave(numbers(section, "powers_mm", subject, 8), harmonics.astype(np.int64), cos_mm, sin_mm)
 
 
@@ -398,13 +400,15 @@ def _frame(section: Any, subject: str) -> Frame:
     rows = [numbers(section, name, f"{subject} [frame]", 10) for name in ("x_mm", "y_mm")]
     scale_mm = number(section, "scale_mm", f"{subject} [frame]")
     if len(rows[0]) != 10 or len(rows[1]) != 10 or scale_mm <= 0:
-        refuse(f"{subject} [frame]", "ten coefficients a row and a positive scale_mm", "something else")
+        refuse(f"{subject} [frame]", "ten coefficients a row and a positive scale_mm", say("something-else"))
     waves = section.get("waves", [])
     if not isinstance(waves, list) or len(waves) > MOST_WAVES:
-        refuse(f"{subject} [frame]", f"at most {MOST_WAVES} waves", "something else")
+        refuse(f"{subject} [frame]", f"at most {MOST_WAVES} waves", say("something-else"))
     each = [numbers({"wave": wave}, "wave", f"{subject} [frame]", WAVE_FIELDS) for wave in waves]
     if any(len(wave) != WAVE_FIELDS or wave[0] not in (0, 1) or wave[1] < LEAST_WAVE_MM for wave in each):
         refuse(
-            f"{subject} [frame]", f"waves of an axis, at least {LEAST_WAVE_MM:g} mm and four sizes", "something else"
+            f"{subject} [frame]",
+            f"waves of an axis, at least {LEAST_WAVE_MM:g} mm and four sizes",
+            say("something-else"),
         )
     return Frame(np.array(rows), scale_mm, np.array(each).reshape(-1, WAVE_FIELDS))

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from printmend.messages import say
 from printmend.saved.values import LARGEST, refuse
 
 MAX_SDS = 1024  # numbers that one part of a motor may have
@@ -85,7 +86,7 @@ def _check(value: Any, shape: Any, name: str, subject: str) -> None:
         return
     kind: type[Any] = shape if isinstance(shape, type) else type(shape)
     if not isinstance(value, kind):
-        refuse(subject, f"{name} as {kind.__name__}", "none" if value is None else repr(value)[:40])
+        refuse(subject, f"{name} as {kind.__name__}", say("none") if value is None else repr(value)[:40])
     if isinstance(shape, list):
         for each in value:
             _check(each, shape[0], f"an entry of {name}", subject)

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from printmend.machine import ScrewDrive, Transmission, z_grid_mm
+from printmend.messages import say
 from printmend.printer import Printer
 from printmend.saved.series import HARMONICS, ScrewSeries
 from printmend.saved.values import number, numbers, refuse, rising, rounded
@@ -63,6 +64,6 @@ def parse_series(section: dict[str, Any], subject: str) -> ScrewSeries:
     if lead_mm < _LEAST_LEAD_MM or not 0 <= backlash_mm <= _MOST_MM or not -0.9 <= lead_error <= 9.0:
         refuse(subject, f"a lead of {_LEAST_LEAD_MM:g} mm or more, a backlash and a lead_error of a screw", "others")
     if any(len(wave) != 2 * HARMONICS or np.abs(wave).max() > _MOST_MM for wave in waves):
-        refuse(subject, f"sines and cosines of {HARMONICS} harmonics up to {_MOST_MM:g} mm", "something else")
+        refuse(subject, f"sines and cosines of {HARMONICS} harmonics up to {_MOST_MM:g} mm", say("something-else"))
     push_sd_mm = np.stack(waves[3:], axis=1) if len(waves) == 5 else np.zeros((2 * HARMONICS, 2))
     return ScrewSeries(lead_mm, lead_error, backlash_mm, waves[0], np.stack(waves[1:3], axis=1), push_sd_mm)

@@ -6,9 +6,10 @@ from typing import Any, NoReturn
 import numpy as np
 
 from printmend.errors import ModelError
+from printmend.messages import say
 
 LARGEST = 1e5  # no number of a model is larger, in whatever unit: 100 m
-TODO = "learn it again: `printmend learn trace.csv --printer P`"
+TODO = say("learn-again-printmend-learn-trace-csv")
 
 
 def rising(lower_mm: np.ndarray, upper_mm: np.ndarray, subject: str) -> tuple[np.ndarray, np.ndarray]:
@@ -31,7 +32,7 @@ def rounded(value: Any) -> Any:
 def section_of(document: Mapping[str, Any], key: str, kind: type, subject: str) -> Any:
     """Return a value of a kind; refuse another."""
     if not isinstance(value := document.get(key), kind):
-        refuse(subject, f"{key} as {kind.__name__}", "none" if value is None else repr(value)[:40])
+        refuse(subject, f"{key} as {kind.__name__}", say("none") if value is None else repr(value)[:40])
     return value
 
 
@@ -40,7 +41,7 @@ def number(section: Mapping[str, Any], key: str, subject: str, most: float = LAR
     value = section.get(key)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not is_number or not abs(value) <= most:  # type: ignore[arg-type]
-        refuse(subject, f"a number for {key}", "none" if value is None else repr(value)[:40])
+        refuse(subject, say("number", key), say("none") if value is None else repr(value)[:40])
     return float(value)  # type: ignore[arg-type]
 
 
@@ -49,10 +50,12 @@ def numbers(section: Mapping[str, Any], key: str, subject: str, most: int) -> np
     values = section.get(key)
     if not isinstance(values, list) or len(values) > most:
         refuse(
-            subject, f"a list of {most} numbers at the most for {key}", "none" if values is None else "something else"
+            subject,
+            f"a list of {most} numbers at the most for {key}",
+            say("none") if values is None else say("something-else"),
         )
     if not set(map(type, values)) <= {int, float}:
-        refuse(subject, f"numbers in {key}", "something else")
+        refuse(subject, f"numbers in {key}", say("something-else"))
     if values and not -LARGEST <= min(values) <= max(values) <= LARGEST:  # JSON's integers may be beyond any float
         refuse(subject, f"numbers up to {LARGEST:g} in {key}", "others")
     return np.array(values, float)

@@ -21,7 +21,7 @@ from starlette.concurrency import run_in_threadpool
 
 from printmend import __version__
 from printmend.errors import InputError
-from printmend.messages import messages_of
+from printmend.messages import messages_of, say
 from printmend.studio.guard import LONGEST_UPLOAD_S, USER
 from printmend.studio.jobs import StudioState
 from printmend.studio.shapes import KEY, EffectList, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
@@ -88,7 +88,7 @@ async def upload(request: Request, here: Here, name: Annotated[str, Query(min_le
     key, shown, size = secrets.token_hex(8), plain_name(name), 0
     if shutil.disk_usage(here.store.folder).free < LEAST_FREE_BYTES:
         raise InputError(
-            "the disk", wanted="some free space", came="less than 500 MB", todo="remove what is not needed"
+            say("disk"), wanted=say("some-free-space"), came=say("less-500-mb"), todo=say("remove-what-needed")
         )
     await run_in_threadpool(_hold, here, int(request.headers.get("content-length", 0)))
     target = here.store.path("upload", key)
@@ -101,11 +101,11 @@ async def upload(request: Request, here: Here, name: Annotated[str, Query(min_le
                     file.write(chunk)
             await run_in_threadpool(_settle, file, beside, target)
         if size == 0:
-            raise InputError(shown, wanted="a file", came="nothing", todo="choose another file")
+            raise InputError(shown, wanted=say("file"), came=say("nothing"), todo=say("choose-another-file"))
         here.store.add_upload(key, shown, size)
     except TimeoutError:
-        raise InputError(shown, wanted=f"a file within {LONGEST_UPLOAD_S:.0f} s", came="half of one",
-                         todo="send it again") from None  # fmt: skip
+        raise InputError(shown, wanted=say("file-within", f"{LONGEST_UPLOAD_S:.0f}"), came=say("half"),
+                         todo=say("send-again")) from None  # fmt: skip
     except BaseException:
         target.unlink(missing_ok=True)
         raise
@@ -118,8 +118,8 @@ def _hold(here: StudioState, more_bytes: int) -> None:
     """Raise `InputError` where ``more_bytes`` would take the folder over what it may hold."""
     if (held := bytes_in(here.store.folder)) + more_bytes > here.most_bytes:
         raise InputError(
-            "the studio", wanted=f"at most {here.most_bytes / 1e9:g} GB in its folder", came=f"{held / 1e9:.1f} GB",
-            todo="free some of it under Storage",
+            "the studio", wanted=say("most-gb-folder", f"{here.most_bytes / 1e9:g}"),
+            came=say("gb", f"{held / 1e9:.1f}"), todo=say("free-some-under-storage"),
         )  # fmt: skip
 
 
@@ -240,7 +240,7 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=200)]) -> F
     offered = card(here, key).files
     path = here.store.path("job", key) / name
     if name not in offered or not path.is_file():
-        raise NotThereError(name, wanted="a file of this job", came="none of that name", todo="see the job's files")
+        raise NotThereError(name, wanted=say("file-job"), came=say("none-name"), todo=say("see-job-files"))
     # shown in the page's own documents only; content-encoding: what is on this computer is not worth compressing
     return FileResponse(
         path, filename=name, headers={"Content-Encoding": "identity", "Cache-Control": "private, max-age=3600"}

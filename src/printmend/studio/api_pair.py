@@ -9,6 +9,7 @@ from fastapi import Path as Where
 from fastapi.responses import FileResponse
 
 from printmend.errors import InputError
+from printmend.messages import say
 from printmend.studio import pairing
 from printmend.studio.api import PROBLEMS, Here, Key
 from printmend.studio.shapes import KEY, PairCode, Paired, PairedHost, PairIn
@@ -60,6 +61,8 @@ def model(request: Request, here: Here, have: Annotated[str, Query(pattern="^[0-
                         media_type="application/json")  # fmt: skip
     path = folder / MODEL
     if not path.is_file():
-        raise InputError("this printer", wanted="a model", came="none yet", todo="measure the test print in the studio")
+        raise InputError(
+            say("this-printer"), wanted="a model", came=say("none-yet"), todo="measure the test print in the studio"
+        )
     digest = json.loads(path.read_text(encoding="utf-8"))["digest"]
     return Response(status_code=204) if digest == have else FileResponse(path, filename=MODEL)

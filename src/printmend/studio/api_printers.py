@@ -13,7 +13,7 @@ from fastapi.responses import FileResponse
 from printmend.errors import InputError, PrintmendError
 from printmend.filament import check_name as check_filament
 from printmend.files import replacing
-from printmend.messages import messages_of, together
+from printmend.messages import messages_of, say, together
 from printmend.printer import Printer, read_printer
 from printmend.printer.convert import convert, printer_text
 from printmend.printer.toml import check_name, parse_printer
@@ -115,7 +115,7 @@ def add(here: Here, new: NewPrinter) -> PrinterCard:
     if new.bed_mm is not None:
         printer = _resized(printer, new.bed_mm)
     text = printer_text(replace(printer, name=new.name.strip() or printer.name))
-    parse_printer(text, subject="the printer")
+    parse_printer(text, subject=say("the-printer"))
     key = here.store.add_printer(new.name.strip(), usually=printer.name)
     folder = here.store.path("printer", key)
     folder.mkdir()
@@ -131,7 +131,7 @@ def _described(here: StudioState, new: NewPrinter) -> tuple[Printer, tuple[str, 
     from printmend.printer import preset_names
 
     if new.preset is not None and new.preset not in preset_names():
-        raise InputError(new.preset, wanted="a preset", came="none of that name", todo="choose one of the list")
+        raise InputError(new.preset, wanted=say("preset"), came=say("none-name"), todo=say("choose-list"))
     if new.upload is not None:
         row = here.store.upload(new.upload)
         try:
@@ -142,7 +142,7 @@ def _described(here: StudioState, new: NewPrinter) -> tuple[Printer, tuple[str, 
                 row["name"], wanted=error.wanted, came=error.came.replace(place, row["name"]), todo=error.todo
             ) from None
     if new.preset is None:
-        raise InputError("the new printer", wanted="a preset or an upload", came="neither", todo="choose one")
+        raise InputError(say("new-printer"), wanted=say("preset-upload"), came=say("neither"), todo=say("choose-one"))
     return read_printer(new.preset), ()
 
 
@@ -166,7 +166,7 @@ def printer(here: Here, key: Key) -> PrinterCard:
 def rename(here: Here, key: Key, new: Renamed) -> PrinterCard:
     """Give a printer another name."""
     here.store.printer(key)
-    here.store.rename_printer(key, check_name(new.name.strip(), subject="the printer"))
+    here.store.rename_printer(key, check_name(new.name.strip(), subject=say("the-printer")))
     return _card(here, here.store.printer(key))
 
 
@@ -185,9 +185,7 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=100)]) -> F
     """Fetch one of a printer's files: description, model, test print and plan, tower and table."""
     path = _folder(here, key) / name
     if name not in _OFFERED or not path.is_file():
-        raise NotThereError(
-            name, wanted="a file of this printer", came="none", todo=f"there may be {', '.join(_OFFERED)}"
-        )
+        raise NotThereError(name, wanted=say("file-printer"), came=say("none"), todo=say("may", ", ".join(_OFFERED)))
     return FileResponse(path, filename=name, headers={"Cache-Control": "no-store"})
 
 
@@ -263,10 +261,19 @@ def _tower_card(made: Any) -> TowerCard:
     return TowerCard(minutes=made.minutes, grams=made.grams, height_mm=height_mm)
 
 
+_FILES = {
+    MODEL: "a-model-file",
+    PLAN: "a-test-print",
+    PROBE: "a-test-print",
+    TOWER: "a-test-print",
+    FILE: "an-address",
+}  # messages
+
+
 def _need(folder: Path, name: str, todo: str) -> None:
     """Raise `InputError` where a file of a printer is missing."""
     if not (folder / name).is_file():
-        raise InputError("this printer", wanted=name, came="none yet", todo=todo)
+        raise InputError(say("this-printer"), wanted=say(_FILES[name]), came=say("none-yet"), todo=todo)
 
 
 def _scans(here: StudioState, scans: ScansIn) -> dict[str, Any]:
@@ -279,7 +286,7 @@ def _scans(here: StudioState, scans: ScansIn) -> dict[str, Any]:
 @router.post("/{key}/measure", status_code=202, tags=["measure"])
 def measure(here: Here, key: Key, scans: ScansIn) -> JobCard:
     """Find the marks of the printed test print in scans or photos: a job."""
-    _need(_folder(here, key), PLAN, "write the test print first")
+    _need(_folder(here, key), PLAN, say("write-test-print-first"))
     return card(here, here.submit("measure", key, {"printer": key, **_scans(here, scans)}))
 
 
@@ -288,7 +295,9 @@ def learn(here: Here, key: Key, given: LearnIn) -> JobCard:
     """Learn what is wrong from a measurement: a job; what it learns is the printer's model from then on."""
     folder = _folder(here, key)
     if (given.measurement is None) == (given.upload is None):
-        raise InputError("learn", wanted="a measurement or an upload", came="not one of them", todo="give one")
+        raise InputError(
+            say("learn"), wanted=say("measurement-upload"), came=say("not-one-of-them"), todo=say("give-one")
+        )
     if given.upload is not None:
         here.store.upload(given.upload)
         table = {"printer": key, "upload": given.upload, "filament": _filament(given.filament)}
@@ -299,9 +308,9 @@ def learn(here: Here, key: Key, given: LearnIn) -> JobCard:
         return card(here, here.submit("learn", key, part))
     if job["printer"] != key or job["kind"] != "measure" or job["state"] != "done":
         raise InputError(
-            job["id"], wanted="a measurement of this printer", came="another job", todo="measure the test print"
+            job["id"], wanted=say("measurement-printer"), came=say("another-job"), todo=say("measure-test-print")
         )
-    _need(folder, PLAN, "write the test print first")
+    _need(folder, PLAN, say("write-test-print-first"))
     params = {"printer": key, "measurement": job["id"], "exclude": given.exclude}
     return card(here, here.submit("learn", key, params))
 
@@ -330,7 +339,7 @@ def _distances(here: StudioState, key: str) -> Any:
     from printmend.measure import read_plan
 
     folder = _folder(here, key)
-    _need(folder, PLAN, "write the test print first")
+    _need(folder, PLAN, say("write-test-print-first"))
     return choose_distances(read_plan(folder / PLAN))
 
 
@@ -354,7 +363,7 @@ def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
 
     chosen, folder = _distances(here, key), _folder(here, key)
     text = "\n".join("" if value is None else f"{value:.6f}" for value in given.readings_mm) + "\n"
-    readings_mm = parse_readings(text, chosen, subject="the distances")
+    readings_mm = parse_readings(text, chosen, subject=say("distances"))
     write_model(folder / MODEL, model_by_hand(chosen, readings_mm, read_printer(folder / PRINTER)))
     return known(here, key)
 
@@ -395,7 +404,7 @@ def next_one(here: Here, key: Key) -> NextCard | None:
 @router.post("/{key}/mend", status_code=202, tags=["mend"])
 def mend(here: Here, key: Key, given: MendIn) -> JobCard:
     """Mend an uploaded G-code file for this printer: a job."""
-    _need(_folder(here, key), MODEL, "measure its test print first")
+    _need(_folder(here, key), MODEL, say("measure-test-print-first"))
     name = plain_name(here.store.upload(given.upload)["name"])
     params = {"printer": key, "upload": given.upload, "name": name, "scene": given.scene, "force": given.force,
               "filament": _filament(given.filament)}  # fmt: skip
@@ -420,15 +429,15 @@ def disconnect(here: Here, key: Key) -> None:
 def send(here: Here, key: Key, given: SendIn) -> JobCard:
     """Send the test print, or a file that a job made, to the printer's OctoPrint or Moonraker; nothing is started."""
     folder = _folder(here, key)
-    _need(folder, FILE, "connect it first")
+    _need(folder, FILE, say("connect-first"))
     if given.job is None:
         name = given.name if given.name == TOWER else PROBE
-        _need(folder, name, "write the test print first")
+        _need(folder, name, say("write-test-print-first"))
         return card(here, here.submit("send", key, {"printer": key, "name": name}))
     row = card(here, given.job)
     if row.printer != key or given.name not in row.files:
-        raise NotThereError(given.name, wanted="a file of a job of this printer", came="none of that name",
-                            todo="see the job's files")  # fmt: skip
+        raise NotThereError(given.name, wanted=say("file-job-printer"), came=say("none-name"),
+                            todo=say("see-job-files"))  # fmt: skip
     return card(here, here.submit("send", key, {"printer": key, "job": given.job, "name": given.name}))
 
 
@@ -436,15 +445,15 @@ def send(here: Here, key: Key, given: SendIn) -> JobCard:
 def check_print(here: Here, key: Key) -> JobCard:
     """Mend the test print itself, to be printed and measured as the proof: a job."""
     folder = _folder(here, key)
-    _need(folder, PROBE, "write the test print first")
-    _need(folder, MODEL, "measure its test print first")
+    _need(folder, PROBE, say("write-test-print-first"))
+    _need(folder, MODEL, say("measure-test-print-first"))
     return card(here, here.submit("check", key, {"printer": key}))
 
 
 @router.post("/{key}/verify", status_code=202, tags=["prove"])
 def verify(here: Here, key: Key, scans: ScansIn) -> JobCard:
     """Measure the printed check print and compare it with the promise: a job."""
-    _need(_folder(here, key), MODEL, "measure its test print first")
+    _need(_folder(here, key), MODEL, say("measure-test-print-first"))
     return card(here, here.submit("verify", key, {"printer": key, **_scans(here, scans)}))
 
 
@@ -454,7 +463,7 @@ def update(here: Here, key: Key, job: Key) -> Known:
     folder = _folder(here, key)
     row = here.store.job(job)
     if row["printer"] != key or row["kind"] != "verify" or row["state"] != "done":
-        raise InputError(job, wanted="a check print of this printer", came="another job", todo="verify one first")
+        raise InputError(job, wanted=say("check-print-printer"), came=say("another-job"), todo=say("verify-first"))
     with replacing(folder / MODEL) as file:
         file.write((here.store.path("job", job) / MODEL).read_text(encoding="utf-8"))
     return known(here, key)

@@ -16,8 +16,8 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
 from printmend import __version__
-from printmend.errors import PrintmendError, RefusedError
-from printmend.messages import messages_of, page_messages
+from printmend.errors import InputError, PrintmendError, RefusedError
+from printmend.messages import messages_of, page_messages, say
 from printmend.studio import api, api_devices, api_pair, api_printers, api_storage
 from printmend.studio.devices import Devices
 from printmend.studio.guard import LOOPBACK, Guard, TooLargeError
@@ -122,19 +122,17 @@ def _refused(request: Request, error: Exception) -> JSONResponse:
     return JSONResponse({"error": str(error), **told}, status)
 
 
-_SEE = "see /api/openapi.json"
-_WANTED = {  # by the checking library's names of what does not fit; in braces its limits
-    "json_invalid": "JSON", "string_pattern_mismatch": "a key of this studio", "missing": "a value",
-    "string_type": "text", "string_too_long": "at most {max_length} characters",
-    "string_too_short": "at least {min_length} characters", "bool_type": "true or false",
-    "bool_parsing": "true or false", "int_type": "a whole number", "int_parsing": "a whole number",
-    "int_from_float": "a whole number", "float_type": "a number", "float_parsing": "a number",
-    "finite_number": "a number", "list_type": "a list", "too_long": "at most {max_length} entries",
-    "too_short": "at least {min_length} entries", "dict_type": "a table", "model_attributes_type": "a table",
-    "model_type": "a table", "greater_than_equal": "at least {ge}", "greater_than": "more than {gt}",
-    "less_than_equal": "at most {le}", "less_than": "less than {lt}", "literal_error": "any of {expected}",
-    "enum": "any of {expected}", "extra_forbidden": "nothing of that name",
+_WANTED = {  # by the checking library's names of what does not fit: a message, with its limit
+    "json_invalid": "valid-json", "string_pattern_mismatch": "key-of-this-studio", "missing": "value",
+    "string_type": "some-text", "string_too_long": "most-characters", "string_too_short": "least-characters",
+    "bool_type": "true-false", "bool_parsing": "true-false", "int_type": "whole-number",
+    "int_parsing": "whole-number", "int_from_float": "whole-number", "float_type": "a-number",
+    "float_parsing": "a-number", "finite_number": "a-number", "list_type": "list", "too_long": "most-entries",
+    "too_short": "least-entries", "dict_type": "table", "model_attributes_type": "table", "model_type": "table",
+    "greater_than_equal": "least-2", "greater_than": "more-2", "less_than_equal": "most", "less_than": "less-than",
+    "literal_error": "any", "enum": "any", "extra_forbidden": "nothing-name",
 }  # fmt: skip
+_LIMITS = ("max_length", "min_length", "ge", "gt", "le", "lt", "expected")
 _LONGEST_CAME = 40  # characters of what came that are said again
 
 
@@ -143,12 +141,14 @@ def _misfit(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"][1:] if isinstance(part, str)) or "the request"
-    wanted = _WANTED.get(first["type"], "what the API describes").format(**first.get("ctx", {}))
+    limits = {name: limit for name, limit in first.get("ctx", {}).items() if name in _LIMITS}
+    wanted = say(_WANTED.get(first["type"], "what-api-describes"), *limits.values())
     given = first.get("input")
-    came = "none" if first["type"] == "missing" else "something else"
+    came: str = say("none") if first["type"] == "missing" else say("something-else")
     if isinstance(given, str | int | float) and len(str(given)) <= _LONGEST_CAME and first["type"] != "json_invalid":
         came = repr(given)
-    return JSONResponse({"error": f"{place}: wanted {wanted}, got {came}; {_SEE}"}, 422)
+    message = InputError(place, wanted=wanted, came=came, todo=say("see-api-openapi-json")).message
+    return JSONResponse({"error": message, "messages": messages_of(message)}, 422)
 
 
 def _http(request: Request, error: Exception) -> JSONResponse:
@@ -161,4 +161,5 @@ def _http(request: Request, error: Exception) -> JSONResponse:
 
 def _too_large(request: Request, error: Exception) -> JSONResponse:
     """Answer an upload that is too large."""
-    return JSONResponse({"error": f"wanted at most {error.args[0] / 1e6:g} MB, got more; give a smaller file"}, 413)
+    message = say("upload-too-large", f"{error.args[0] / 1e6:g}")
+    return JSONResponse({"error": message, "messages": messages_of(message)}, 413)

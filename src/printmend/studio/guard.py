@@ -18,6 +18,8 @@ from urllib.parse import parse_qs, urlsplit
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from printmend.messages import messages_of, say
+
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "printmend_token"
 USER = "printmend.user"  # in the scope of a request: whose device asks, empty where it sees everything
@@ -90,9 +92,9 @@ class Guard:
             )
         origin = headers.get("origin")
         if origin is not None and urlsplit(origin).netloc != host:
-            return 403, "a page of another site may not talk to this studio"
+            return 403, say("page-another-site-may-talk-studio")
         if headers.get("sec-fetch-site", "none") not in ("same-origin", "none") and scope["method"] != "GET":
-            return 403, "a page of another site may not talk to this studio"
+            return 403, say("page-another-site-may-talk-studio")
         length = headers.get("content-length", "0")
         if not length.isascii() or not length.isdigit():
             return 400, "the length of the request is no number"
@@ -175,7 +177,7 @@ def _with_headers(send: Send, cookie: str | None) -> Send:
 async def _ask(send: Send, scope: Scope, headers: Headers) -> None:
     """Answer whoever has no token: a browser that wants to see a page with a page that asks for one."""
     if scope["method"] != "GET" or "text/html" not in headers.get("accept", ""):
-        await _answer(send, 401, "this studio needs its token: open the address that it printed when it started")
+        await _answer(send, 401, say("studio-needs-token-open-address-printed"))
         return
     again = b"hidden" if not _query_token(scope) else b""
     body = SIGN_IN.read_bytes().replace(b"data-wrong", again)
@@ -187,7 +189,7 @@ async def _ask(send: Send, scope: Scope, headers: Headers) -> None:
 
 
 async def _answer(send: Send, status: int, words: str) -> None:
-    body = json.dumps({"error": words}).encode()
+    body = json.dumps({"error": words, "messages": messages_of(words)}).encode()
     headers: list[Any] = [(b"content-type", b"application/json"), (b"connection", b"close")]
     headers += [(name.lower().encode(), value.encode()) for name, value in _HEADERS.items()]
     await send({"type": "http.response.start", "status": status, "headers": headers})

@@ -5,10 +5,12 @@ comes back is read up to a bound. The key lies beside the printer's description,
 never shows it.
 """
 
+import errno
 import itertools
 import json
+import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any, Literal, cast
@@ -94,8 +96,8 @@ def checked_address(text: str) -> str:
         good = False
     if not good or not text.isprintable() or " " in text:
         raise InputError(
-            "the printer's address", wanted=say("http-https-host"), came=repr(text[:100]),
-            todo="give it as the browser shows it, for example http://octopi.local",
+            say("printer-address"), wanted=say("http-https-host"), came=repr(text[:100]),
+            todo=say("give-browser-shows-example", "http://octopi.local"),
         )  # fmt: skip
     return text.rstrip("/")
 
@@ -160,9 +162,8 @@ def _ask(client: httpx.Client, request: httpx.Request, patience_s: float) -> tup
         finally:
             answer.close()
     except httpx.HTTPError as error:
-        came = (
-            say("no-answer-time") if isinstance(error, httpx.TimeoutException) else str(error) or type(error).__name__
-        )
+        code = next((cause.errno for cause in _causes(error) if isinstance(cause, OSError)), None)
+        came = say("no-answer-time") if isinstance(error, httpx.TimeoutException) else _no_answer(code, error)
         raise InputError(
             str(request.url), wanted=say("answer-2"), came=came, todo=say("running-address-right")
         ) from None
@@ -170,6 +171,27 @@ def _ask(client: httpx.Client, request: httpx.Request, patience_s: float) -> tup
         return answer.status_code, json.loads(data)
     except ValueError:
         return answer.status_code, None
+
+
+def _causes(error: BaseException) -> Iterator[BaseException]:
+    """Yield an error and what it came from."""
+    cause: BaseException | None = error
+    while cause is not None:
+        yield cause
+        cause = cause.__cause__ or cause.__context__
+
+
+def _no_answer(code: int | None, error: Exception) -> str:
+    """Say why nobody answers, by the system's number for it."""
+    if code == errno.ECONNREFUSED:
+        return say("nobody-answers")
+    if code in (errno.EHOSTUNREACH, errno.ENETUNREACH):
+        return say("no-way-to-host")
+    return (
+        say("nobody-knows-name")
+        if code in (socket.EAI_NONAME, socket.EAI_AGAIN)
+        else str(error) or type(error).__name__
+    )
 
 
 def _is_of_kind(kind: str, said: Any) -> bool:
@@ -185,4 +207,4 @@ def _reason(said: Any) -> str:
     """Return a host's own words for why not, if it has any, as the end of a sentence."""
     words = said.get("error") if isinstance(said, dict) else None
     words = words.get("message") if isinstance(words, dict) else words
-    return f" ({' '.join(words.split())[:200]})" if isinstance(words, str) else ""
+    return say("in-brackets", " ".join(words.split())[:200]) if isinstance(words, str) else ""

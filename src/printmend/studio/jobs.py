@@ -15,6 +15,7 @@ from pebble import ProcessExpired, ProcessPool
 
 from printmend.errors import RefusedError
 from printmend.executor import limited
+from printmend.messages import say
 from printmend.studio import work
 from printmend.studio.store import Row, Store
 
@@ -59,8 +60,8 @@ class Jobs:
         """Queue a job; return its key. Raises `RefusedError` where too many wait."""
         if len(self._running) >= MOST_WAITING:
             raise RefusedError(
-                "the queue", wanted=f"fewer than {MOST_WAITING} jobs", came=f"{len(self._running)}",
-                todo="wait until some are done",
+                say("queue"), wanted=say("fewer-jobs", MOST_WAITING), came=f"{len(self._running)}",
+                todo=say("wait-until-some-done"),
             )  # fmt: skip
         key = self._store.add_job(kind, printer, params, owner)
         self._schedule(key, kind, params)
@@ -168,14 +169,14 @@ class Jobs:
         except CancelledError:
             self._store.end_job(key, "cancelled")
         except (TooLongError, ProcessExpired, MemoryError) as error:
-            what = "took too long" if isinstance(error, TooLongError) else "ran out of memory or was killed"
-            self._store.end_job(key, "failed", error=f"the job {what}; give a smaller file, or try again")
+            too_long = isinstance(error, TooLongError)
+            self._store.end_job(key, "failed", error=say("job-took-too-long" if too_long else "job-out-of-memory"))
         except Exception as error:
             if type(error).__name__ == "KilledWorker":  # Dask's, which need not be installed
-                self._store.end_job(key, "failed", error="the workers that had this job died; give a smaller file")
+                self._store.end_job(key, "failed", error=say("workers-died"))
                 return
             _LOG.exception("job %s", key)
-            self._store.end_job(key, "failed", error=f"a fault of printmend itself ({type(error).__name__}: {error})")
+            self._store.end_job(key, "failed", error=say("fault-of-printmend", f"{type(error).__name__}: {error}"))
         else:
             if (error_text := result.pop("error", None)) and not result.get("may_force"):
                 result = {}

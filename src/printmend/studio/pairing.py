@@ -15,6 +15,7 @@ from pathlib import Path
 
 from printmend.errors import InputError
 from printmend.files import replacing
+from printmend.messages import say
 
 CODE_S, MOST_WRONG, MOST_CODES = 600.0, 5, 20
 FILE = "pairs.json"
@@ -84,7 +85,7 @@ def part(folder: Path, name: str) -> None:
     left = [one for one in pairs(folder) if one.name != name]
     if len(left) == len(pairs(folder)):
         came = ", ".join(one.name for one in left) or "none"
-        raise InputError(name, wanted="a host that is paired", came=came, todo="look at the list")
+        raise InputError(name, wanted="a host that is paired", came=came, todo=say("look-list"))
     _write(folder, left)
 
 

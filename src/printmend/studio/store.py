@@ -15,7 +15,7 @@ from typing import Any
 import sqlalchemy as sql
 
 from printmend.errors import InputError
-from printmend.messages import messages_of
+from printmend.messages import messages_of, say
 
 DONE = ("done", "failed", "cancelled")
 HALF = ".tmp"  # what the name of an upload ends with, and a dot what it begins with, until all of it is there
@@ -121,7 +121,7 @@ class Store:
     def rename_printer(self, key: str, name: str) -> None:
         """Give a printer another name. Raises `InputError` for none, and for that of another printer."""
         if not name:
-            raise InputError("the printer", wanted="a name", came="none", todo="type one")
+            raise InputError(say("the-printer"), wanted=say("name"), came=say("none"), todo=say("type-one"))
         with self._naming:
             self._refuse_taken(name, but=key)
             with self._engine.begin() as link:
@@ -132,9 +132,7 @@ class Store:
 
     def _refuse_taken(self, name: str, *, but: str | None = None) -> None:
         if name.casefold() in self._names(but=but):
-            raise InputError(
-                name, wanted="a name of its own", came="that of another printer", todo="add a word or a number to it"
-            )
+            raise InputError(name, wanted=say("name-own"), came=say("another-printer"), todo=say("add-word-number"))
 
     def forget(self, kind: str, key: str) -> None:
         """Take a printer with its jobs, an upload or a job out of the database."""
@@ -204,7 +202,7 @@ class Store:
         rows = self._rows(sql.select(table).where((table.c.id == key) & self._mine(table)))
         if not rows:
             raise NotThereError(
-                f"{kind} {key}", wanted=f"a {kind} of this studio", came="none", todo="look at the list"
+                f"{kind} {key}", wanted=say(f"{kind}-of-this-studio"), came=say("none"), todo=say("look-list")
             )
         return rows[0]
 

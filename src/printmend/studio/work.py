@@ -21,6 +21,7 @@ import numpy as np
 
 from printmend.errors import InputError, PrintmendError, RefusedError
 from printmend.files import replacing
+from printmend.messages import say
 
 Params = dict[str, Any]
 PROGRESS = "progress.json"
@@ -81,7 +82,7 @@ class Job:
         """Return an uploaded file. Raises `InputError` where it is gone."""
         path = self.data / "uploads" / key
         if not path.is_file():
-            raise InputError(key, wanted="an upload of this studio", came="none", todo="drop the file again")
+            raise InputError(key, wanted=say("upload-studio"), came=say("none"), todo=say("drop-file-again"))
         return path
 
 
@@ -342,8 +343,8 @@ def _learn(job: Job) -> dict[str, Any]:
         plan = read_plan(job.printer_folder / PLAN)
         if trace.origin is not None and trace.origin != plan.origin:  # its dots had other numbers
             raise InputError(
-                "this measurement", wanted="one of the present test print", came="one of the test print before it",
-                todo="measure the present one",
+                say("measurement-3"), wanted=say("present-test-print"), came=say("test-print-before"),
+                todo=say("measure-present"),
             )  # fmt: skip
         rows = plan.rows
         measured = trace.measured_mm.copy()
@@ -407,7 +408,9 @@ def _send(job: Job) -> dict[str, Any]:
 
     host, name = read_host(job.printer_folder), job.params["name"]
     if host is None:
-        raise InputError("this printer", wanted="its address", came="none any more", todo="connect it again")
+        raise InputError(
+            say("this-printer"), wanted=say("address"), came=say("none-any-more"), todo=say("connect-again")
+        )
     folder = job.data / "jobs" / job.params["job"] if "job" in job.params else job.printer_folder
     job.tell(0.0, "send")
     send_file(host, folder / name, name, lambda share: job.tell(0.95 * share, "send", now=False))

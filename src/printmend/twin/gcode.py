@@ -9,6 +9,7 @@ from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program, read_gcode
 from printmend.machine.mechanism import Mechanism
 from printmend.measure.plan import ProbePlan
+from printmend.messages import say
 from printmend.path import Origin, Trace
 from printmend.twin.twin import Twin
 
@@ -55,7 +56,7 @@ def print_gcode(
         moved[1:] |= np.isfinite(rose) & (rose != 0)
     if moved.sum() < 2:
         raise GcodeError(
-            program.name, wanted="moves in X and Y from a known place", came="none", todo="home with G28 first"
+            program.name, wanted="moves in X and Y from a known place", came=say("none"), todo=say("home-g28-first")
         )
     waypoints, places, at = path[moved], places[moved[1:]], at[moved[1:]]
     z_mm, layer = places[:, 2], layers[at]

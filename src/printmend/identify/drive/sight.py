@@ -6,6 +6,7 @@ import numpy as np
 
 from printmend.errors import TraceError
 from printmend.identify.drive.design import Contacts, Rows
+from printmend.messages import say
 
 SECTORS_PER_TURN = 40  # sectors of 9° in which contacts are counted
 LEAST_CROSSING_MM = 3.0  # how far the other axis must move by itself, root mean square, for a crooked frame to show
@@ -63,10 +64,10 @@ def check_follows(rows: Rows, name: str) -> None:
     together = float(np.corrcoef(_ranks(motor), _ranks(belt))[0, 1]) if followed else 0.0
     least, most = POSSIBLE_GAINS
     if together < LEAST_RANK_CORRELATION or not least < followed / moved < most:
-        came = f"moves of {followed / moved:.2f} mm a commanded millimetre, rank correlation {together:.2f}"
+        came = say("moves-per-commanded", f"{followed / moved:.2f}", f"{together:.2f}")
         raise TraceError(
-            "trace", wanted=f"measured positions that follow the commands along {name.upper()}", came=came,
-            todo="check that each row has its own point, that x and y are in millimetres, not swapped, not mirrored",
+            say("trace"), wanted=say("measured-positions-follow-commands-along", name.upper()), came=came,
+            todo=say("check-each-row-own-point-millimetres"),
         )  # fmt: skip
 
 

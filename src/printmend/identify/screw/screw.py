@@ -15,6 +15,7 @@ import numpy as np
 from printmend.errors import TraceError
 from printmend.machine import ScrewDrive
 from printmend.machine.kernels import run
+from printmend.messages import say
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
@@ -75,7 +76,9 @@ def fit_height(
     """
     seen = np.isfinite(measured_mm)
     if seen.sum() < 3:
-        raise TraceError("trace", wanted="three measured heights", came=f"{int(seen.sum())}", todo="measure more")
+        raise TraceError(
+            say("trace"), wanted=say("three-measured-heights"), came=f"{int(seen.sum())}", todo=say("measure-more")
+        )
     columns = np.column_stack([commanded_mm, waves_of(commanded_mm, printer.z.mm_per_turn, HARMONICS)])
     if active is not None:
         columns = columns * active

@@ -10,6 +10,7 @@ from printmend.identify.drive import Jump
 from printmend.identify.drive.design import Rows, contacts, cross_columns
 from printmend.identify.drive.kernels import columns as kernels
 from printmend.identify.drive.select import HARMONICS, Choice
+from printmend.messages import say
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.saved.layout import TABLE_PHASES, bed_middle
@@ -28,18 +29,23 @@ def check_trace(trace: Trace) -> None:
     """Raise `TraceError` where a trace lacks a commanded position or has too few, or impossible, measured ones."""
     if not np.isfinite(trace.commanded_mm).all():
         raise TraceError(
-            "trace", wanted="every commanded way-point", came="NaN", todo="only measured cells may be empty"
+            say("trace"),
+            wanted=say("every-commanded-way-point"),
+            came=say("nan"),
+            todo=say("only-measured-cells-may-empty"),
         )
     known = np.isfinite(trace.measured_mm)
     if (far := np.abs(trace.measured_mm, where=known, out=np.zeros(known.shape)).max(initial=0.0)) > FARTHEST_MM:
-        raise TraceError("trace", wanted="positions on a bed, in mm", came=f"{far:g}", todo="leave wrong cells empty")
+        raise TraceError(
+            say("trace"), wanted=say("positions-bed-mm"), came=f"{far:g}", todo=say("leave-wrong-cells-empty")
+        )
     counts = known.sum(axis=0)
     if len(trace) < LEAST_MEASURED or counts.min() < LEAST_MEASURED:
         raise TraceError(
-            "trace",
-            wanted=f"at least {LEAST_MEASURED} measured points",
-            came=f"{int(counts.min())} in {len(trace)} rows",
-            todo="measure more of the print; `printmend probe` makes one that is worth measuring",
+            say("trace"),
+            wanted=say("least-measured-points", LEAST_MEASURED),
+            came=say("rows", int(counts.min()), len(trace)),
+            todo=say("measure-more-print-printmend-probe-makes"),
         )
 
 
@@ -63,8 +69,8 @@ def motor_rows(trace: Trace, printer: Printer, periods_mm: tuple[float, float] |
         known = np.isfinite(belt[:, i])
         if known.sum() < LEAST_MEASURED:
             raise TraceError(
-                "trace", wanted=f"{LEAST_MEASURED} points for motor {printer.motors[i]}", came=f"{int(known.sum())}",
-                todo="measure both coordinates of more points",
+                say("trace"), wanted=say("points-motor", LEAST_MEASURED, printer.motors[i]), came=f"{int(known.sum())}",
+                todo=say("measure-both-coordinates-more-points"),
             )  # fmt: skip
         rows.append(
             Rows(

@@ -1,8 +1,6 @@
 // The words of the page in the reader's language; numbers with the reader's comma.
 import en from "./strings.en.js";
 import de from "./strings.de.js";
-import { before, sentences, words } from "./said.de.js";
-import errors from "./said.errors.js";
 
 const LANGUAGES = { en, de };
 const kept = (() => { try { return localStorage.getItem("language"); } catch { return null; } })();
@@ -21,19 +19,8 @@ export function t(key, values = {}) {
   return text.replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
 }
 
-const sure = (english) => english.replace(/\{\w+\}/g, "").length; // what says more of itself is looked at first
-const patternsOf = (rows) => rows.map(([english, german, ours]) => [new RegExp(`^${english.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{(\w+)\}/g, "(?<$1>[^;]+?)")}$`), language === "de" ? german : ours ?? english]);
-const once = (make) => { let made; return () => (made ??= make()); }; // not before somebody reads what the program says
-const patterns = once(() => patternsOf(sentences)), misfits = once(() => patternsOf([...errors, ...sentences].sort(([a], [b]) => sure(b) - sure(a))));
-const plainly = (value) => language !== "de" ? value : words[value] ?? (/^[-+±]?\d+\.\d+( ?[%°a-z]+)?$/.test(value) ? value.replace(".", ",") : value);
-function ours(text, all) {
-  for (const [pattern, into] of all) {
-    const found = pattern.exec(text);
-    // a part may be a sentence itself, as what a scan's scale is known from
-    if (found) return into.replace(/\{(\w+)\}/g, (_, name) => { const part = found.groups[name], whole = byId(part) ?? plainly(part); return whole === part && part !== text ? ours(part, patterns().filter(([one]) => one !== pattern)) ?? part : whole; });
-  }
-  return null;
-}
+const NUMBERS = /^(?!.*\d\.\d+\.)[\s\d.±+–-]*\d\.\d[\s\d.±+–-]*( ?[%°a-z]+)?$/;
+const plainly = (value) => (language === "de" && NUMBERS.test(value) ? value.replaceAll(".", ",") : value);
 
 // Every message that has an id: what the page says in each language. What is said comes in English, with ids beside it.
 const catalogue = await fetch("messages.json").then((answer) => answer.json()).catch(() => ({}));
@@ -48,34 +35,24 @@ export function heed(value) {
   return value;
 }
 
-// A message in the reader's language by its id; null for another text. What is put together has what stands between as its id.
-function byId(text) {
-  const told = known.get(text);
-  if (!told) return null;
-  const part = (value) => (value === text ? null : byId(value)) ?? plainly(value), entry = catalogue[told.id];
-  if (!entry) return Object.values(told.values).map(part).join(told.id);
-  return entry[language].replaceAll("`", "").replace(/\{(\w+)\}/g, (_, name) => part(told.values[name] ?? ""));
-}
-
-// What the program says in English, in the page's words: in the reader's language where somebody has said it there.
+// A message in the reader's language by its id, another text as it is. What is put together has what stands between as its id.
 export function said(text) {
-  const whole = byId(text);
-  if (whole !== null) return whole;
-  const plain = text.replaceAll("`", "");
-  for (const [english, into] of before) if (language === "de" && plain.startsWith(english) && plain !== english) { const rest = plain.slice(english.length); return into + said(rest[0].toUpperCase() + rest.slice(1)); }
-  const clause = (one) => { const whole = byId(one) ?? ours(one, patterns()); if (whole !== null || !one.endsWith(".")) return whole; const bare = ours(one.slice(0, -1), patterns()); return bare === null ? null : `${bare}.`; };
-  const clauses = (one) => clause(one) ?? one.split("; ").map((each) => clause(each) ?? each).map((each, i) => i && language === "de" ? each.replace(/^(Der|Die|Das|Ein|Eine|Es|Was|Nach|Je|Im|In|Auf|Längs) /, (word) => word.toLowerCase()) : each).join("; ");
-  return ours(plain, patterns()) ?? plain.split(/(?<=[.:]) (?=[A-Z])/).map(clauses).join(" ");
+  const told = known.get(text);
+  if (!told) return text.replaceAll("`", "");
+  const part = (value) => (value !== text && known.has(value) ? said(value) : plainly(value)), own = told.texts?.[language === "de" ? 1 : 0];
+  const template = catalogue[told.id]?.[language] ?? own;
+  if (template) return template.replaceAll("`", "").replace(/\{(\w+)\}/g, (_, name) => part(told.values[name] ?? ""));
+  return Object.values(told.values).map(part).join(told.id).replace(/; (Der|Die|Das|Ein|Eine|Es|Alle|Jede)\b/g, (found) => (language === "de" ? found.toLowerCase() : found));
 }
 
 // The same, where it stands alone.
 export const sentence = (text) => said(text).replace(/^\p{Ll}+ /u, (word) => word[0].toUpperCase() + word.slice(1));
 
-// Why something did not work: what was wanted, what came, what to do.
+// Why something did not work: what is wrong, then what to do.
 export function why(text) {
-  const plain = text.replaceAll("`", ""), told = known.get(text), found = told?.id === "why" ? ["a", "b", "c", "d"].map((name) => told.values[name]) : /^(?:(.*?): )?wanted (.*?), got (.*?); (.+)$/s.exec(plain)?.slice(1);
-  if (!found) return byId(text) ?? ours(plain, misfits()) ?? plain;
-  const [subject, wanted, came, todo] = found.map((part) => part && (byId(part) ?? ours(part.replaceAll("`", ""), misfits()) ?? plainly(part)));
+  const told = known.get(text);
+  if (told?.id !== "why") return sentence(text);
+  const [subject, wanted, came, todo] = ["a", "b", "c", "d"].map((name) => said(told.values[name]));
   return t("why", { subject: subject ? `${subject}: ` : "", wanted, came, todo: `${todo[0].toUpperCase()}${todo.slice(1)}${/[.?!]$/.test(todo) ? "" : "."}` });
 }
 
