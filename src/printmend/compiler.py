@@ -6,6 +6,8 @@ is lowered to LLVM's language and left there; the entry links all of them, is op
 written for it: they make no closures and no objects.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from numba import _dynfunc
@@ -14,6 +16,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, Flags, _LowerResult
 from numba.core.compiler_machinery import AnalysisPass, LoweringPass, PassManager, _pass_registry, register_pass
 from numba.core.errors import NumbaWarning, WarningsFixer  # type: ignore[attr-defined]
+from numba.np import arrayobj
 
 
 class _Part(JITCodeLibrary):
@@ -80,8 +83,30 @@ class _LowerPart(LoweringPass):
         return True
 
 
+@contextmanager
+def _from_the_front() -> Iterator[None]:
+    """Let every index count from the front: numba would ask of each whether it is negative, and count from the back.
+
+    No kernel has such an index. With NUMBA_BOUNDSCHECK=1 one would be out of bounds.
+    """
+    before = arrayobj.fix_integer_index
+    arrayobj.fix_integer_index = _as_it_is
+    try:
+        yield
+    finally:
+        arrayobj.fix_integer_index = before
+
+
+def _as_it_is(context: Any, builder: Any, kind: Any, index: Any, _size: Any) -> Any:
+    return context.cast(builder, index, kind, types.intp)
+
+
 class _Lower(lowering.Lower):
     """Lowering without a text about each instruction, in case of an error."""
+
+    def lower(self) -> None:
+        with _from_the_front():
+            super().lower()
 
     def lower_block(self, block: Any) -> None:
         self.pre_block(block)

@@ -24,19 +24,24 @@ def put_fixed(out, at, scaled, decimals):
     while decimals > 0 and rest % ten == 0:
         rest //= ten
         decimals -= 1
-    size, probe = 1, rest
-    while probe >= ten:
-        probe //= ten
+    size, above = 1, ten
+    while above <= rest:
+        above *= ten
         size += 1
     size = max(size, decimals + 1)
-    point = at + size - decimals
     end = at + size + (decimals > 0)
-    for k in range(end - 1, at - 1, -1):
-        if k == point and decimals > 0:
-            out[k] = POINT
-        else:
+    k = end
+    if decimals > 0:
+        for _ in range(decimals):
+            k -= 1
             out[k] = np.uint8(ZERO) + np.uint8(rest % ten)
             rest //= ten
+        k -= 1
+        out[k] = POINT
+    while k > at:
+        k -= 1
+        out[k] = np.uint8(ZERO) + np.uint8(rest % ten)
+        rest //= ten
     return end
 
 
