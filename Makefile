@@ -106,6 +106,10 @@ dist: kernels
 	PRINTMEND_PURE=1 $(BIN)/python -m hatchling build -t wheel -d dist
 	cd lab && ../$(BIN)/python -m hatchling build -d ../dist
 
+# The studio's clients for other programs, Python and TypeScript (needs npm), generated from its OpenAPI into build/clients.
+clients: $(STAMP) $(HOSTS)/clients/.stamp
+	$(BIN)/python tools/clients/make_clients.py build/clients
+
 # Documentation and the play screen without a server, in one folder that any static host serves.
 site: docs
 	$(BIN)/python tools/site/make_site.py build/site/demo
@@ -117,7 +121,7 @@ notebook: $(STAMP)
 check: lint types layers test
 
 # The programs that owners print with, each in an environment of its own (integrations/README.md).
-HOST_STAMPS := $(addprefix $(HOSTS)/,kalico/.helper octoprint/.plugin moonraker/.stamp linuxcnc/.stamp cura/.stamp)
+HOST_STAMPS := $(addprefix $(HOSTS)/,kalico/.helper octoprint/.plugin moonraker/.stamp linuxcnc/.stamp cura/.stamp clients/.stamp)
 hosts:
 	@$(MAKE) --no-print-directory -j2 $(HOST_STAMPS)
 

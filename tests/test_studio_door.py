@@ -4,8 +4,10 @@ import http.client
 import plistlib
 import re
 import shlex
+import shutil
 import socket
 import sqlite3
+import subprocess
 import sys
 import threading
 import time
@@ -251,6 +253,22 @@ def test_a_service_starts_the_studio_as_it_was_asked_for(platform: str, tmp_path
         service(["--name", 'a"b'], platform=platform, home=tmp_path)
     write_service(made)
     assert made.path.read_text() == made.text
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd")
+def test_systemd_understands_the_service(tmp_path: Path) -> None:
+    def told(text: str) -> str:
+        (unit := tmp_path / "printmend-studio.service").write_text(text)
+        done = subprocess.run(  # noqa: S603
+            [str(shutil.which("systemd-analyze")), "verify", "--user", str(unit)], check=False, capture_output=True,
+            text=True, timeout=60, env={"XDG_RUNTIME_DIR": str(tmp_path), "HOME": str(tmp_path)},
+        )  # fmt: skip
+        return done.stderr + f"{done.returncode or ''}"
+
+    made = service(["--folder", "/data/our % st$udio\\x", "--port", "8765"], platform="linux", home=tmp_path)
+    assert told(made.text) == ""
+    assert "restart specifier" in told(made.text.replace("on-failure", "sometimes"))
+    assert "not executable" in told(made.text.replace(sys.executable, "/no/such/python"))
 
 
 def test_a_studio_from_before_there_were_users_keeps_its_printers(folder: Path) -> None:
