@@ -1,9 +1,10 @@
 """The learner ``weighed``: the grey box and ``meta``, each motor's by how well it foretold what it had not seen.
 
-Measured rows are held out in blocks of consecutive ones. Both learners learn from the rest and predict them. Of n held
-out rows of a motor whose mean square error is s² under a learner, the likelihood at its own best noise is s^−n, up to a
-constant. The weights are these likelihoods at even odds: near one another after few points, all or nothing after many.
-A motor's tables are the weighted mean of both learners' tables, so play and pulley stay what a drive can have.
+Measured rows are held out in blocks of consecutive ones. Both learners learn from the rest and predict them. For each
+block and motor, the logarithm of the ratio of their mean square errors is one vote. The weight of ``meta`` is
+1/(1 + exp(−2t − c)) with the votes' mean over its standard error, t, and the odds exp(c) before any was counted: the
+grey box is right about most printers, so meta must be clearly ahead. A motor's tables are the weighted mean of both
+learners' tables, so play and pulley stay what a drive can have.
 
 Where a learner says that the frame couples the axes, tables of different learners do not fit together. Then both motors
 take the learner whose whole machine foretold more.
@@ -24,8 +25,10 @@ from printmend.printer import Printer
 
 OF = ("greybox", "meta")
 BLOCKS = 5  # of consecutive measured rows; each is held out once
+LOG_ODDS = -4.0  # of meta before any vote; with -4 the geometric mean of errors was least on the seed developed on
 _FEWEST = 10  # measured rows of a trace, below which nothing is held out and the grey box is taken
 _MOST_ROWS = 2000  # measured rows that are held out in a block at most: more decide nothing
+_ALIKE, _MOST_LOG = 1e-6, 50.0  # of votes: the least standard error; of a logarithm of odds: the most
 _EXACT_MM = 1e-4  # a smaller error is rounding, and no reason to prefer anyone
 
 
@@ -56,12 +59,12 @@ class Weighed:
             if only is None:
                 return learner(OF[0]).fit(trace, printer, rng=rng)  # type: ignore[return-value] # it says why
             return _model([only], np.ones((2, 1)))
-        squares, counts = _held_out(trace, printer, [int(seed) for seed in seeds])
+        squares = _held_out(trace, printer, [int(seed) for seed in seeds])
         if all(one.frame.is_identity for one in whole if one is not None):
-            weights = np.stack([_weights(squares[:, k], counts[k]) for k in range(2)])
+            shares = np.array([share(squares[:, :, k]) for k in range(2)])
         else:
-            chosen = int(np.argmax(_weights(squares.sum(axis=1), counts.sum())))
-            weights = np.tile(np.eye(len(OF))[chosen], (2, 1))
+            shares = np.full(2, float(share(squares.sum(axis=2)) > 0.5))
+        weights = np.stack([1 - shares, shares], axis=1)
         return _model([one for one in whole if one is not None], weights)
 
 
@@ -72,29 +75,36 @@ def _learned(name: str, trace: Trace, printer: Printer, seed: int) -> Mechanism 
         return None
 
 
-def _held_out(trace: Trace, printer: Printer, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sums of squares [learners, motors] mm² over held-out rows, and how many there were [motors]."""
+def _held_out(trace: Trace, printer: Printer, seeds: Sequence[int]) -> np.ndarray:
+    """Return the mean squares [blocks, learners, motors] mm² of what was held out, without blocks that nobody can spare."""
     known = np.flatnonzero(np.isfinite(trace.measured_mm).all(axis=1))
-    squares, counts = np.zeros((len(OF), 2)), np.zeros(2)
-    if len(known) < _FEWEST:
-        squares[1:] = np.inf
-        return squares, counts + 1
-    for block in np.array_split(known, BLOCKS):
+    found = []
+    for block in np.array_split(known, BLOCKS) if len(known) >= _FEWEST else ():
         measured = trace.measured_mm.copy()
         measured[block] = np.nan
         rest = replace(trace, measured_mm=measured)
-        found = [_learned(name, rest, printer, seed) for name, seed in zip(OF, seeds, strict=True)]
-        machines = [one for one in found if one is not None]
-        if len(machines) < len(OF):
-            continue  # a block without which one of them learns nothing is no comparison
+        machines = [_learned(name, rest, printer, seed) for name, seed in zip(OF, seeds, strict=True)]
         judged = block[np.unique(np.linspace(0, len(block) - 1, min(len(block), _MOST_ROWS)).astype(int))]
-        for number, machine in enumerate(machines):
+        squares = []
+        for machine in machines:
+            if machine is None:
+                break
             left = trace.measured_mm - _printed(machine, trace)
             if not trace.placed:  # a scan has an origin of its own
                 left = left - np.nanmean(np.where(np.isfinite(measured), left, np.nan), axis=0)
-            squares[number] += (printer.to_motor(left[judged]) ** 2).sum(axis=0)
-        counts += len(judged)
-    return squares, counts
+            squares.append((printer.to_motor(left[judged]) ** 2).mean(axis=0))
+        if len(squares) == len(OF):
+            found.append(squares)
+    return np.array(found).reshape(-1, len(OF), 2)
+
+
+def share(squares: np.ndarray) -> float:
+    """Return the weight of ``meta`` by mean squares [blocks, learners]."""
+    if len(squares) < 2:
+        return 0.0
+    votes = np.log(np.maximum(squares[:, 0], _EXACT_MM**2) / np.maximum(squares[:, 1], _EXACT_MM**2))
+    doubt = max(float(votes.std(ddof=1)) / np.sqrt(len(votes)), _ALIKE)
+    return float(1 / (1 + np.exp(-np.clip(2 * votes.mean() / doubt + LOG_ODDS, -_MOST_LOG, _MOST_LOG))))
 
 
 def _printed(machine: Mechanism, trace: Trace) -> np.ndarray:
@@ -113,14 +123,6 @@ def _printed(machine: Mechanism, trace: Trace) -> np.ndarray:
     return out
 
 
-def _weights(squares: np.ndarray, count: float) -> np.ndarray:
-    """Return the likelihoods [learners] of ``count`` rows with these sums of squares, as shares of 1."""
-    mean = np.maximum(squares / max(count, 1), _EXACT_MM**2)
-    log = -count / 2 * np.log(mean)
-    shares = np.exp(log - log[np.isfinite(log)].max())
-    return np.asarray(shares / shares.sum())
-
-
 def _model(machines: Sequence[Mechanism], weights: np.ndarray) -> WeighedModel:
     """Return the machine whose motors' tables are means of theirs, with the frame of the one that weighs most."""
     first = machines[int(np.argmax(weights.sum(axis=0)))]
@@ -137,4 +139,3 @@ def _model(machines: Sequence[Mechanism], weights: np.ndarray) -> WeighedModel:
 
 
 WEIGHED = Weighed()
-LEARNERS = {WEIGHED.name: WEIGHED}
