@@ -76,7 +76,7 @@ def _learned(name: str, trace: Trace, printer: Printer, seed: int) -> Mechanism 
 
 
 def _held_out(trace: Trace, printer: Printer, seeds: Sequence[int]) -> np.ndarray:
-    """Return the mean squares [blocks, learners, motors] mm² of what was held out, without blocks that nobody can spare."""
+    """Return the mean squares [blocks, learners, motors] mm² of held-out blocks, of those that both can do without."""
     known = np.flatnonzero(np.isfinite(trace.measured_mm).all(axis=1))
     found = []
     for block in np.array_split(known, BLOCKS) if len(known) >= _FEWEST else ():
