@@ -12,9 +12,11 @@ from printmend import plugins
 from printmend.corruption import fault
 from printmend.effects import EFFECTS
 from printmend.errors import ConfigError
+from printmend.executor import HERE
 from printmend.learn import learner
-from printmend_lab.bench.case import Case
+from printmend_lab.bench.case import Case, Result
 from printmend_lab.bench.rows import row
+from printmend_lab.bench.run import run
 from printmend_lab.bench.trial import evaluate
 from printmend_lab.cli.bench import command as bench
 from printmend_lab.cli.conformance import command as conformance
@@ -198,6 +200,25 @@ def test_kept_results_are_those_of_the_code_that_made_them(place: Path) -> None:
     (place / "my_plugin.py").write_text(MODULE + "# changed\n")
     assert case.key("naive") == naive
     assert case.key("my_plugin:SAME") != mine
+
+
+def test_a_plugin_that_was_edited_is_judged_again(place: Path) -> None:
+    """What is in the results file is of the code of before: its key is kept, not made anew."""
+    case = Case("table1", "body", "0" * 16, "pulley", "damaged", "heldout", 0)
+    asked: list[str] = []
+
+    def judge(one: Case, rows: tuple[str, ...]) -> list[Result]:
+        asked.extend(rows)
+        return [Result(one, row, {"rmse_steps": float(len(asked))}) for row in rows]
+
+    def again() -> list[float | None]:
+        found = run([case], ["naive", "my_plugin:SAME"], place / "out", HERE, evaluate=judge)
+        return [one.value("rmse_steps") for one in found]
+
+    assert again() == again() == [2.0, 2.0]
+    (place / "my_plugin.py").write_text(MODULE + "# changed\n")
+    assert again() == again() == [2.0, 3.0]
+    assert asked == ["naive", "my_plugin:SAME", "my_plugin:SAME"]
 
 
 def test_bench_takes_a_place(place: Path) -> None:

@@ -80,17 +80,21 @@ _CASE = tuple(item.name for item in fields(Case))
 
 @dataclass(frozen=True)
 class Result:
-    """A row's result on a case: its ``values``, or why it failed; ``code`` is the version that made it."""
+    """A row's result on a case: its ``values``, or why it failed; ``code`` is the version that made it.
+
+    ``kept`` is the key under which a results file has it: of the rules and the plug-in of that time, not of now.
+    """
 
     case: Case
     row: str
     values: Mapping[str, Any] = field(default_factory=dict)
     error: str | None = None
     code: str = ""
+    kept: str = ""
 
     @property
     def key(self) -> str:
-        return self.case.key(self.row)
+        return self.kept or self.case.key(self.row)
 
     def value(self, name: str) -> float | None:
         """Return one of the numbers, None where it is not there."""
@@ -105,7 +109,7 @@ class Result:
     def of(cls, record: dict[str, Any]) -> "Result":
         """Read what `flat` wrote. Raise TypeError or KeyError for a record that is something else."""
         rest = dict(record)
-        del rest["key"]
+        kept = rest.pop("key")
         case = Case(**{name: rest.pop(name) for name in _CASE})
         row, error, code = rest.pop("row"), rest.pop("error"), rest.pop("code")
-        return cls(case, row, rest, error, code)
+        return cls(case, row, rest, error, code, kept)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from printmend.errors import InputError
@@ -63,8 +63,9 @@ def run(
                 results = [failed(task.case, row, outcome.reason) for row in task.rows]
             else:
                 results = outcome
-            for result in results:
-                known[keys[result.case, result.row]] = result
+            for made in results:
+                result = replace(made, kept=keys[made.case, made.row])
+                known[result.key] = result
                 file.write(json.dumps(result.flat()) + "\n")
             file.flush()
             tick(str(task.case))
