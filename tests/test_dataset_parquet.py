@@ -482,6 +482,7 @@ def test_its_card_names_every_file_and_column(data: Path, tmp_path: Path) -> Non
     assert "https://doi.org/10.1/2" in (copy / "croissant.json").read_text()
     record = json.loads((copy / "datacite.json").read_text())
     # what DataCite 4.5 requires of everything that has a DOI
+    assert record["publicationYear"] == json.loads((copy / "croissant.json").read_text())["datePublished"]
     assert {"doi", "creators", "titles", "publisher", "publicationYear", "types"} <= record.keys()
     assert (record["doi"], record["rightsList"]) == ("10.1/2", [{"rights": "CC0-1.0"}])
     (copy / "README.md").write_text("mine")

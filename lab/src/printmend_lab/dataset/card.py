@@ -18,14 +18,14 @@ _CITATION = "Utilizing a Malfunctioning 3D Printer by Modeling Its Dynamics with
 _CONTEXT = {
     "@language": "en", "@vocab": "https://schema.org/", "citeAs": "cr:citeAs", "column": "cr:column",
     "conformsTo": "dct:conformsTo", "cr": "http://mlcommons.org/croissant/",
-    "data": {"@id": "cr:data", "@type": "@json"},
+    "data": {"@id": "cr:data", "@type": "@json"}, "equivalentProperty": "cr:equivalentProperty",
     "dataType": {"@id": "cr:dataType", "@type": "@vocab"}, "dct": "http://purl.org/dc/terms/",
     "examples": {"@id": "cr:examples", "@type": "@json"}, "extract": "cr:extract", "field": "cr:field",
     "fileObject": "cr:fileObject", "fileProperty": "cr:fileProperty", "fileSet": "cr:fileSet", "format": "cr:format",
     "includes": "cr:includes", "isLiveDataset": "cr:isLiveDataset", "jsonPath": "cr:jsonPath", "key": "cr:key",
     "md5": "cr:md5", "parentField": "cr:parentField", "path": "cr:path", "rai": "http://mlcommons.org/croissant/RAI/",
     "recordSet": "cr:recordSet", "references": "cr:references", "regex": "cr:regex", "repeated": "cr:repeated",
-    "replace": "cr:replace", "sc": "https://schema.org/", "separator": "cr:separator", "source": "cr:source",
+    "replace": "cr:replace", "samplingRate": "cr:samplingRate", "sc": "https://schema.org/", "separator": "cr:separator", "source": "cr:source",
     "subField": "cr:subField", "transform": "cr:transform",
 }  # fmt: skip
 _TAGS = ("3d-printing", "hysteresis", "world-models")
@@ -51,12 +51,12 @@ def write_card(
         raise InputError(readme, wanted="none, or a card of before", came="another README", todo="move it away first")
     said = description or _describe(found)
     with replacing(root / CROISSANT) as file:
-        card = croissant(found, name=name, url=url, creators=creators, description=said, doi=doi)
+        when = year or datetime.date.today().year
+        card = croissant(found, name=name, url=url, creators=creators, description=said, doi=doi, year=when)
         file.write(json.dumps(card, indent=1, ensure_ascii=False) + "\n")
     with replacing(readme) as file:
         file.write(_readme(found, name=name, description=said, doi=doi))
     with replacing(root / DATACITE) as file:
-        when = year or datetime.date.today().year
         record = datacite(found, name=name, url=url, creators=creators, description=said, doi=doi, year=when)
         file.write(json.dumps(record, indent=1, ensure_ascii=False) + "\n")
     return root / CROISSANT, readme, root / DATACITE
@@ -85,7 +85,7 @@ def datacite(
 
 
 def croissant(
-    found: Contents, *, name: str, url: str, creators: Sequence[str], description: str, doi: str
+    found: Contents, *, name: str, url: str, creators: Sequence[str], description: str, doi: str, year: int
 ) -> dict[str, Any]:
     """Return a data set's description in Croissant 1.0: its files, and the columns of bodies and prints."""
     files = [
@@ -113,6 +113,7 @@ def croissant(
         "license": licences if len(licences) > 1 else licences[0],
         "creator": [{"@type": "sc:Person", "name": creator} for creator in creators],
         "citeAs": f"{', '.join(creators)}: {name}. {doi or url}",
+        "datePublished": str(year),
         **({"identifier": f"https://doi.org/{doi}"} if doi else {}),
         "version": f"{found.recipe.schema}.0.0",
         "isLiveDataset": False,
