@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 from scipy.io import savemat
 
 from printmend.errors import InputError, TraceError
@@ -25,7 +26,7 @@ from printmend_lab.bench.measured.tracks import MeasuredSet, Track, less_free, s
 from printmend_lab.cli.bench import command
 
 # Of the words of every split, fixed before any learner was judged: a change makes another benchmark.
-SPLITS = "dea612cca01ddff8"
+SPLITS = "ae2d5729c8d2eacb"
 CORPUS = {
     "pulleys": "29096af59b4c808c",
     "encoder": "4a31ded6fa3ab1e0",
@@ -66,6 +67,26 @@ def write_dimensions(path: Path) -> Path:
     lines = [f"{axis},{n * 5},{n * 5 * 1.01 + 0.02 * (n % 3)}" for axis in "xy" for n in range(1, 13)]
     path.write_text("axis,nominal_mm,measured_mm\n" + "\n".join(lines) + "\n")
     return path
+
+
+def write_specimens(folder: Path, *, count: int = 4, dpi: int = 150, scale: float = 0.98) -> Path:
+    """Scans of dog-bones that came out too small, each turned on its paper, with dust and a blue line beside."""
+    folder.mkdir()
+    lines = ["file,dpi,length_mm,width_mm,neck_mm"]
+    for number in range(count):
+        rows, columns = np.mgrid[0 : 4 * dpi, 0 : 7 * dpi] * 25.4 / dpi
+        turn = np.radians(3.0 * number - 4)
+        x, y = columns - columns.mean(), rows - rows.mean()
+        along, across = x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn)
+        half = scale * np.where(np.abs(along) > 40 * scale, 10.0, 5.0)
+        bone = (np.abs(along) < 75 * scale) & (np.abs(across) < half)
+        picture = np.full((*bone.shape, 3), 250, np.uint8)
+        picture[bone] = (230, 200, 40)
+        picture[2:4, 10:60] = (60, 60, 240)
+        Image.fromarray(picture).save(folder / f"scan{number}.png")
+        lines.append(f"scan{number}.png,{dpi},150,20,10")
+    (folder / "nominal.csv").write_text("\n".join(lines) + "\n")
+    return folder
 
 
 def write_bouc_wen(folder: Path) -> Path:
@@ -156,6 +177,19 @@ def test_dimensions_are_split_within_each_axis(tmp_path: Path) -> None:
     assert [float(track.commanded[1]) for track in sets[0].judged] == [10, 20, 30, 40, 50, 60]
 
 
+def test_scanned_specimens_are_measured_however_they_lie(tmp_path: Path) -> None:
+    (only,) = forms.read_specimens(write_specimens(tmp_path / "scans"))
+    assert (len(only.learned), len(only.judged)) == (6, 6)
+    for track in (*only.learned, *only.judged):
+        assert track.measured[1] == pytest.approx(0.98 * track.commanded[1], abs=0.4)  # a pixel is 0.17 mm
+    (tmp_path / "scans" / "scan1.png").write_bytes(b"no picture")
+    with pytest.raises(TraceError, match="a scan as PNG"):
+        forms.read_specimens(tmp_path / "scans")
+    Image.new("RGB", (90, 90), "white").save(tmp_path / "scans" / "scan1.png")
+    with pytest.raises(TraceError, match="a coloured specimen"):
+        forms.read_specimens(tmp_path / "scans")
+
+
 def test_matlab_benchmarks_are_read(tmp_path: Path) -> None:
     (tanks,) = forms.read_tanks(write_tanks(tmp_path / "dataBenchmark.mat"))
     assert len(tanks.learned[0].commanded) == len(tanks.judged[0].commanded) == 500
@@ -195,6 +229,7 @@ def make_folder(root: Path) -> Path:
     write_tanks(root / source("tanks").place)
     write_bouc_wen(root / source("bouc-wen").place)
     write_dimensions(root / source("dimensions").place)
+    write_specimens(root / source("specimens").place)
     return root
 
 

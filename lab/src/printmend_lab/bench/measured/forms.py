@@ -10,6 +10,7 @@ import numpy as np
 
 from printmend.errors import InputError, TraceError, reason
 from printmend.files import read_text
+from printmend_lab.bench.measured.specimens import COLUMNS, measured_specimen
 from printmend_lab.bench.measured.tracks import MeasuredSet, Track
 from printmend_lab.bench.real.mocap import read_runs
 from printmend_lab.bench.real.traverse import middles_mm
@@ -19,7 +20,7 @@ _BEHIND_MM = 2.0  # traverses came without their own line: any distance keeps th
 _COUNTS, _CENTIDEGREES = 16384, 36000  # of an encoder's turn, as counts and as its table has them
 _TURN_MM = 40.0  # of a printer's axis, to which an encoder's turn is laid
 _EVERY_COUNT, _EVERY_SAMPLE = 64, 8
-_FEWEST = 8  # samples of a track
+_FEWEST, _FEWEST_SPECIMENS = 8, 4  # samples of a track; scans of a folder
 _SETTLED_ROWS = 3  # of one target, after which a servo may stand
 _DIMENSIONS = ("axis", "nominal_mm", "measured_mm")
 
@@ -145,6 +146,20 @@ def read_dimensions(path: Path) -> list[MeasuredSet]:
             raise _wrong(path, f"{_FEWEST} positive dimensions of axis {axis}", f"{len(tracks)} lines")
         sets.append(MeasuredSet(f"dimensions {axis}", tuple(tracks[::2]), tuple(tracks[1::2]), "start", 1.0, False))
     return sets
+
+
+def read_specimens(folder: Path) -> list[MeasuredSet]:
+    """Return the set of scanned specimens: every length is a way from one end of it to the other."""
+    table = _columns(folder / "nominal.csv", COLUMNS)
+    tracks = []
+    for row in table:
+        found = measured_specimen(folder / row["file"], _number(folder / "nominal.csv", row["dpi"]))
+        wanted = {name: _number(folder / "nominal.csv", row[name]) for name in found}
+        tracks.append([Track(np.array([0.0, wanted[name]]), np.array([0.0, found[name]])) for name in found])
+    if len(tracks) < _FEWEST_SPECIMENS:
+        raise _wrong(folder, f"{_FEWEST_SPECIMENS} specimens", f"{len(tracks)}")
+    learned, judged = (tuple(track for one in tracks[start::2] for track in one) for start in (0, 1))
+    return [MeasuredSet("specimens", learned, judged, "start", 1.0, False)]
 
 
 def _columns(path: Path, names: Sequence[str]) -> list[dict[str, str]]:

@@ -84,6 +84,15 @@ SOURCES = (
         "of each axis every other line is learned from, beginning with the first; the others are judged",
         forms.read_dimensions,
     ),
+    Source(
+        "specimens", "specimens", "as the article's archive says",
+        "F. W. Baumann, J. R. Eichhoff and D. Roller (University of Stuttgart): Scanned Image Data from 3D-Printed"
+        " Specimens Using Fused Deposition Modeling, Data 2 (2017)",
+        "get the archive that the article names, put its PNG scans into specimens/ beside a nominal.csv of"
+        " file,dpi,length_mm,width_mm,neck_mm, one line a scan",
+        "every other scan is learned from, beginning with the first; the others are judged",
+        forms.read_specimens,
+    ),
 )  # fmt: skip
 
 
