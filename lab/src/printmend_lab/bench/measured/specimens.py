@@ -1,8 +1,8 @@
 """Flatbed scans of printed tensile specimens, measured: length, width of the ends, width of the neck.
 
-Baumann, Eichhoff and Roller (University of Stuttgart) scanned dog-bones after EN ISO 527-2 in yellow and purple plastic on
-white paper. A folder has the scans and a `nominal.csv` of file,dpi,length_mm,width_mm,neck_mm, one line a scan. Plastic is
-what has a colour. A specimen lies in any direction: its own axes are those of its pixels' moments.
+Baumann, Eichhoff and Roller (University of Stuttgart) scanned dog-bones after EN ISO 527-2 in yellow and purple plastic
+on white paper. A folder has the scans and a `nominal.csv` of file,dpi,length_mm,width_mm,neck_mm, one line a scan.
+Plastic is what has a colour. A specimen lies in any direction: its own axes are those of its pixels' moments.
 """
 
 from pathlib import Path
