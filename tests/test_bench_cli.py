@@ -83,8 +83,8 @@ def test_dataset_goes_out_and_comes_back(printmend, vase: Path, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("bench", "table1", "--bodies", "VASE", "--models", "naive,magic"), "learner: wanted one of"),
-        (("bench", "table1", "--bodies", "VASE", "--families", "gremlins"), "family: wanted one of"),
+        (("bench", "table1", "--bodies", "VASE", "--models", "naive,magic"), "learner: expected one of"),
+        (("bench", "table1", "--bodies", "VASE", "--families", "gremlins"), "family: expected one of"),
         (("bench", "table1", "--bodies", "nowhere"), "no such path"),
         (("bench", "table1", "--reference", "EMPTY"), "a folder without dataset/"),
         (("bench", "table1"), "give --bodies or --reference"),

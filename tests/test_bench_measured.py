@@ -271,7 +271,10 @@ def test_the_command_says_what_is_absent_and_how_to_fetch_it(tmp_path: Path) -> 
     assert "absent: pulleys" in done.stderr
     assert "git clone" in done.stderr
     assert "| naive | 1.000 | 1.000 |" in (tmp_path / "out" / "measured.md").read_text()
-    for wrong, named in ((["--sets", "no"], "wanted names out of"), (["--sets", "pulleys"], "wanted a measured set")):
+    for wrong, named in (
+        (["--sets", "no"], "expected names out of"),
+        (["--sets", "pulleys"], "expected a measured set"),
+    ):
         done = CliRunner().invoke(command, [*command_line, *wrong])
         assert isinstance(done.exception, InputError)
         assert named in str(done.exception)

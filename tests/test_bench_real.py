@@ -145,7 +145,7 @@ def test_the_command_prints_and_saves(tmp_path: Path, rng: np.random.Generator) 
     assert len((tmp_path / "out" / "real.jsonl").read_text().splitlines()) == 14
     few = write_csv(tmp_path / "few.csv", items[:4])
     done = CliRunner().invoke(command, ["real", str(few), "--out", str(tmp_path / "few")])
-    assert "made 80 mm/s: wanted three" in done.stderr
+    assert "made 80 mm/s: expected three" in done.stderr
     assert isinstance(done.exception, InputError)
 
 

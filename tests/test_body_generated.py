@@ -59,5 +59,5 @@ def test_generated_bodies_are_files_like_others(tmp_path: Path) -> None:
     assert body_files(["generated:2"], made=tmp_path, seed=3) == files[:2]
     assert files[0].stat().st_mtime_ns == written
     for wrong in ("generated:", "generated:0", "generated:many", "generated:-1"):
-        with pytest.raises(InputError, match="wanted generated:1"):
+        with pytest.raises(InputError, match="expected generated:1"):
             body_files([wrong], made=tmp_path)

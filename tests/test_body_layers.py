@@ -127,12 +127,12 @@ def test_a_file_on_the_bed_stays(printer: Printer) -> None:
 
 
 def test_a_file_larger_than_the_bed_is_refused(ender5: Printer) -> None:
-    with pytest.raises(GcodeError, match=r"220 × 220 mm.*got 230\.0 × 230\.0 mm"):
+    with pytest.raises(GcodeError, match=r"220 × 220 mm.*found 230\.0 × 230\.0 mm"):
         body_of(shifted(0, 230), ender5, name="big")
 
 
 def test_less_than_a_thousand_points_are_refused(ender5: Printer) -> None:
-    with pytest.raises(GcodeError, match=f"at least {MIN_POINTS} points.*got 160"):
+    with pytest.raises(GcodeError, match=f"at least {MIN_POINTS} points.*found 160"):
         body_of(shifted(50, 8), ender5, name="small")
 
 

@@ -166,7 +166,7 @@ def test_broken_meshes_are_refused_in_one_line(tmp_path: Path, name: str) -> Non
     path.write_bytes(BROKEN[name])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        with pytest.raises(MeshError, match=r"wanted .*, got .*; ") as caught:
+        with pytest.raises(MeshError, match=r"expected .*, found .*; ") as caught:
             read_solid(path)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 500

@@ -60,7 +60,7 @@ def test_a_body_as_large_as_the_bed_loses_its_skirt_only(ender5: Printer) -> Non
 @needs_slicer
 def test_the_slicers_reason_reaches_the_user(ender5: Printer) -> None:
     needle = Solid("needle", CORNERS * [0.05, 0.05, 10], CUBE)
-    with pytest.raises(MeshError, match=r"PrusaSlicer can slice, got “.+”"):
+    with pytest.raises(MeshError, match=r"PrusaSlicer can slice, found “.+”"):
         slice_solid(needle, ender5)
 
 

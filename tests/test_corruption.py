@@ -300,7 +300,7 @@ def test_a_homed_machine_is_at_home_at_home(printer: Printer) -> None:
     ],
 )
 def test_impossible_values_are_refused(make) -> None:
-    with pytest.raises(ConfigError, match=r"wanted .*, got .*; "):
+    with pytest.raises(ConfigError, match=r"expected .*, found .*; "):
         make()
 
 

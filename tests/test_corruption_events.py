@@ -197,7 +197,7 @@ def test_frames_are_applied_as_their_polynomial(ender5: Printer, rng: np.random.
     ],
 )
 def test_impossible_values_are_refused(make) -> None:
-    with pytest.raises(ConfigError, match=r"wanted .*, got .*; "):
+    with pytest.raises(ConfigError, match=r"expected .*, found .*; "):
         make()
 
 

@@ -181,7 +181,7 @@ def test_a_body_that_crashes_or_hangs_the_slicer_is_listed_and_the_run_goes_on(
     program.write_text(SLICER % (len(stl_bytes(read_solid(crashes))), pid))
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
-    tries = ((crashes, 300.0, "got a crash"), (hangs, 3.0, "slices within 3 s"), (hangs, 60.0, "slices within 60 s"))
+    tries = ((crashes, 300.0, "found a crash"), (hangs, 3.0, "slices within 3 s"), (hangs, 60.0, "slices within 60 s"))
     for file, limit_s, said in tries:
         if pid.exists():
             break  # else the machine was so busy that within 3 s nothing had begun
@@ -270,7 +270,7 @@ def test_a_data_set_that_replaces_another_in_its_folder_is_printed_on_its_own_pr
 
 
 def test_what_does_not_fit_is_refused(data: Path, sources: list[Path], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="wanted corruptions 2, as the build began"):
+    with pytest.raises(InputError, match="expected corruptions 2, as the build began"):
         build_dataset(data, sources, Recipe(3, RECIPE.families, "damaged", 3), Serial())
     (tmp_path / "notes.txt").write_text("mine")
     asked = ["dataset", "build", "--bodies", "generated:1", "--families", "nope", "-o", str(tmp_path / "none")]
@@ -278,13 +278,13 @@ def test_what_does_not_fit_is_refused(data: Path, sources: list[Path], tmp_path:
     assert not list(tmp_path.glob("none*"))  # no bodies were made for it
     (tmp_path / "broken.stl").write_text("solid x")
     asked = ["dataset", "build", "--bodies", str(tmp_path / "broken.stl"), "-o", str(tmp_path / "empty")]
-    assert "wanted a body at least, got none of 1" in str(CliRunner().invoke(group, asked).exception)
+    assert "expected a body at least, found none of 1" in str(CliRunner().invoke(group, asked).exception)
     with pytest.raises(InputError, match="holds something"):
         build_dataset(tmp_path, sources, RECIPE, Serial())
     with pytest.raises(InputError, match="the folder of a data set"):
         contents(tmp_path)
     (tmp_path / "dataset.json").write_text('{"schema": 99}')
-    with pytest.raises(InputError, match="wanted schema 2"):
+    with pytest.raises(InputError, match="expected schema 2"):
         contents(tmp_path)
 
 
@@ -340,7 +340,7 @@ def test_the_command_says_what_is_damaged_and_builds_it_again(data: Path, source
     names = damaged(data, copy)
     said = CliRunner().invoke(group, ["dataset", "verify", str(copy)])
     assert isinstance(said.exception, InputError)
-    assert "got 5 faults" in str(said.exception)
+    assert "found 5 faults" in str(said.exception)
     lines = said.stderr.splitlines()
     assert [line for line in lines if line.endswith("missing")] == [
         "corruptions/0001.toml: missing",
@@ -420,7 +420,7 @@ def test_controls_and_positions_are_read_side_by_side(data: Path) -> None:
         pq.read_table(print_file(data, line["body"], 1)).drop_columns([]), keys, join_type="inner"
     )
     assert by_keys.num_rows == table.num_rows
-    with pytest.raises(InputError, match="wanted 0 to 1"):
+    with pytest.raises(InputError, match="expected 0 to 1"):
         joined(data, line["body"], 2)
 
 
@@ -455,7 +455,7 @@ def test_a_set_of_before_is_read(data: Path, tmp_path: Path) -> None:
     (copy / "dataset.json").write_text(json.dumps(values))
     assert contents(copy).bodies == 3
     assert len(read_print(print_file(copy, lines[0]["body"], 1))[0]) > 10
-    with pytest.raises(InputError, match="wanted schema 1, as the build began"):
+    with pytest.raises(InputError, match="expected schema 1, as the build began"):
         build_dataset(copy, [], RECIPE, Serial())
 
 

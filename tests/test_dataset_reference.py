@@ -109,7 +109,7 @@ def test_a_folder_that_is_no_data_set_is_named(tmp_path: Path, folder: Path) -> 
     with pytest.raises(TraceError, match="no such folder"):
         read_reference(tmp_path / "nowhere")
     savemat(folder / "simulation" / "add_dudw_data.mat", {"other": np.ones((2, 1100))})
-    with pytest.raises(TraceError, match="all_data, got other"):
+    with pytest.raises(TraceError, match="all_data, found other"):
         read_reference(folder)
     savemat(folder / "simulation" / "add_dudw_data.mat", {"all_data": np.ones((2, 1000))})
     with pytest.raises(TraceError, match="1100"):

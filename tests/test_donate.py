@@ -152,13 +152,13 @@ def test_a_hostile_path_names_nothing_in_it(tmp_path: Path, folder: Path) -> Non
     ("line", "said"),
     [
         ([], "name what to give"),
-        (["--trace", "absent.csv"], "wanted a file"),
-        (["--trace", "."], "wanted a file"),
-        (["--trace", "pipe"], "wanted a file"),
+        (["--trace", "absent.csv"], "expected a file"),
+        (["--trace", "."], "expected a file"),
+        (["--trace", "pipe"], "expected a file"),
         (["--trace", "bob.mend.json"], "wanted"),
-        (["--probe", "bob.csv"], "wanted a probe.json"),
-        (["--scan", "bob.mend.json"], "wanted a PNG, TIFF or JPEG scan"),
-        (["--trace", "bob.csv", "-o", "bob.csv"], "wanted a file of its own to write"),
+        (["--probe", "bob.csv"], "expected a probe.json"),
+        (["--scan", "bob.mend.json"], "expected a PNG, TIFF or JPEG scan"),
+        (["--trace", "bob.csv", "-o", "bob.csv"], "expected a file of its own to write"),
     ],
 )
 def test_what_is_not_what_it_is_said_to_be_ends_in_one_line_and_writes_nothing(

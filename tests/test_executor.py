@@ -25,7 +25,7 @@ def test_work_that_takes_too_long_on_a_worker_ends_it_once_it_has_answered(monke
 
 @pytest.mark.parametrize("address", ["local", "local:0", "local:x", "http://host", "host:8786", "tcp:8786"])
 def test_wrong_addresses_are_refused(address: str) -> None:
-    with pytest.raises(InputError, match="wanted tcp://HOST:PORT or local:N"):
+    with pytest.raises(InputError, match="expected tcp://HOST:PORT or local:N"):
         executor(1, address)
 
 
@@ -50,7 +50,7 @@ def test_workers_of_another_program_are_refused() -> None:
     mine, cluster = program_version(), Cluster("tcp://host:8786")
     cluster._compare_versions(Workers(mine, mine))
     with pytest.raises(
-        InputError, match=rf"wanted workers with printmend {re.escape(mine)}, got 1 of 2 .*:1 with 0.1.0\+old"
+        InputError, match=rf"expected workers with printmend {re.escape(mine)}, found 1 of 2 .*:1 with 0.1.0\+old"
     ):
         cluster._compare_versions(Workers(mine, "0.1.0+old"))
     with pytest.raises(InputError, match="no such function"):  # one that cannot even say

@@ -88,10 +88,10 @@ def test_without_extras_all_but_scans_is_there_and_those_name_theirs(tmp_path: P
     done = subprocess.run(  # noqa: S603 - our own
         [sys.executable, "-c", BASE.format(names=sorted(_EXTRAS))], capture_output=True, text=True, cwd=tmp_path
     )
-    said = "wanted the extra 'scan' of printmend, got an installation without it; pip install 'printmend[scan]'"
+    said = "expected the extra 'scan' of printmend, found an installation without it; pip install 'printmend[scan]'"
     assert done.stdout.splitlines() == [f"cv2: {said}"], done.stderr
-    todo = "cv2, PIL, scipy, got an installation without them; pip install 'printmend[scan]'"
-    assert done.stderr.splitlines() == [f"printmend: printmend probe --sheet: wanted {todo}"]
+    todo = "cv2, PIL, scipy, found an installation without them; pip install 'printmend[scan]'"
+    assert done.stderr.splitlines() == [f"printmend: printmend probe --sheet: expected {todo}"]
     assert done.returncode == 2
 
 

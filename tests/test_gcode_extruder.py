@@ -76,7 +76,7 @@ def test_what_may_extrude_is_never_mended_as_travels(letter: bytes, tmp_path: Pa
     advice = "gcode_flavor = mach3" if letter == b"A" else "slice it for a firmware"
     with pytest.raises(GcodeError, match=f"moves that name {letter.decode()}; .*{advice}"):
         mend_gcode(source, exactly(PLAY), output, force=True)
-    with pytest.raises(GcodeError, match="wanted moves that extrude with E"):
+    with pytest.raises(GcodeError, match="expected moves that extrude with E"):
         check_gcode(source, exactly(PLAY))
     assert not output.exists()
 

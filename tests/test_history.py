@@ -92,7 +92,7 @@ def test_old_knowledge_weighs_less_and_wear_is_expected(tmp_path):
 
 def test_a_damaged_history_is_named(tmp_path):
     model = tmp_path / "printer.mend.json"
-    with pytest.raises(ModelError, match="got none"):
+    with pytest.raises(ModelError, match="found none"):
         read_history(model)
     history_of(model).write_text('{"event": "learned"}\n')
     with pytest.raises(ModelError, match="line 1"):
@@ -101,5 +101,5 @@ def test_a_damaged_history_is_named(tmp_path):
 
 @pytest.mark.parametrize("path", ["", ".", "/"])
 def test_a_path_without_a_name_has_no_history(path):
-    with pytest.raises(ModelError, match="got none"):
+    with pytest.raises(ModelError, match="found none"):
         read_history(Path(path))

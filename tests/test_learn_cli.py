@@ -173,7 +173,7 @@ def test_models_have_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     listed = [json.loads(line) for line in run("printers", "--json").output.splitlines()]
     assert [item["name"] for item in listed] == ["exact", "other", "e3-07"]
     assert "known exactly" in listed[0]["finding"]
-    assert "wanted" in listed[1]["error"]
+    assert "expected" in listed[1]["error"]
     assert listed[2]["printer"] == ENDER3.name
     assert listed[2]["digest"] == read_model(kept).digest
     (tmp_path / "e3-07.mend.json").write_text("{}")

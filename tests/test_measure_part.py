@@ -130,7 +130,7 @@ def test_only_a_part_is_measured():
     raft = read_gcode(text.replace(";LAYER_CHANGE", ";LAYER:-2").encode(), printer=PRINTER)
     with pytest.raises(GcodeError, match="raft"):
         read_walls(raft, PRINTER)
-    with pytest.raises(GcodeError, match="got 1 layer;"):
+    with pytest.raises(GcodeError, match="found 1 layers;"):
         read_walls(read_gcode(text.encode(), printer=PRINTER), PRINTER, layer=3)
 
 
@@ -252,9 +252,9 @@ def test_widths_of_another_part_are_named(scanned):
     walls = read_walls(read_gcode(scanned / "gear.gcode", printer=PRINTER), PRINTER)
     edges = walls.commanded_mm[walls.row] + walls.half_mm[:, None] * walls.normal
     widths, offset = choose_widths(walls), np.zeros(len(edges))
-    with pytest.raises(TraceError, match=r"along X .*, got 2\.89, which looks like inches; measure"):
+    with pytest.raises(TraceError, match=r"along X .*, found 2\.89, which looks like inches; measure"):
         scaled_by_widths((2.89,), widths, edges, walls, offset, Instrument())
-    with pytest.raises(TraceError, match=r"wanted 2 widths"):
+    with pytest.raises(TraceError, match=r"expected 2 widths"):
         scaled_by_widths((73.0, 70.0, 30.0), widths, edges, walls, offset, Instrument())
 
 
@@ -271,7 +271,7 @@ def test_a_ruler_beside_the_part_settles_the_scale_along_it(scanned):
     assert abs(scales_of(ruled.trace)[0]) < 4e-4
     assert ruled.trace.instrument.scale_sd < 0.8 * FLATBED.scale_sd
     inches, _ = read_image(io.BytesIO(foreign.with_ruler(taken, 25.4 / 16)))
-    with pytest.raises(ScanError, match=r"millimetre, got one in inches; turn"):
+    with pytest.raises(ScanError, match=r"millimetre, found one in inches; turn"):
         find_rulers(inches, 300 / 25.4, subject="inches.jpg")
 
 

@@ -109,7 +109,7 @@ def test_a_quarter_turn_removes_the_scanners_own_axes(tmp_path, plan, printed):
         printed, plan, dpi=300, degradations=CLEAN, rng=np.random.default_rng(3), quarter_turns=1, stretch=(0.004, 0.0)
     )
     two_scanners = measure_scans([paths[0], saved(tmp_path / "other.png", other.image, dpi=300)], plan)
-    assert any("on one scanner" in note for note in two_scanners.notes)
+    assert any("Use one scanner" in note for note in two_scanners.notes)
     assert two_scanners.instrument.wave_mm > 0.01
 
 
@@ -250,7 +250,7 @@ def test_images_too_large_for_the_memory_are_refused_unread(tmp_path):
     crc = __import__("zlib").crc32(bytes(header[12:29])).to_bytes(4, "big")
     header[29:33] = crc
     (tmp_path / "bomb.png").write_bytes(bytes(header))
-    with pytest.raises(ScanError, match="150 million pixels, got 400 million"):
+    with pytest.raises(ScanError, match="150 million pixels, found 400 million"):
         read_image(tmp_path / "bomb.png")
 
 

@@ -88,7 +88,7 @@ def test_a_table_says_whose_it_is(tmp_path: Path) -> None:
         for printer in same:
             assert read_trace(path, printer).origin == origin
         for printer in others:
-            with pytest.raises(TraceError, match=f"got one of {whose.name}"):
+            with pytest.raises(TraceError, match=f"found one of {whose.name}"):
                 read_trace(path, printer)
     np.testing.assert_array_equal(np.isnan(read_trace(path, left).measured_mm), np.isnan(measured))
     attic = replace(PRINTER, name=" Ender  3,\tattic ")
@@ -265,5 +265,5 @@ def test_correlations_that_no_instrument_has_are_refused(tmp_path: Path) -> None
         if possible:
             assert read_trace(path, PRINTER).instrument.axes_lean == 0.9
         else:
-            with pytest.raises(TraceError, match=r"possible together, got 0\.9, 0\.9, -0\.9"):
+            with pytest.raises(TraceError, match=r"possible together, found 0\.9, 0\.9, -0\.9"):
                 read_trace(path, PRINTER)

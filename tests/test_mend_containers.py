@@ -296,7 +296,7 @@ def test_a_slicers_smaller_bed_is_said_and_mended(tmp_path):
     source, output = tmp_path / "part.gcode", tmp_path / "out.gcode"
     source.write_bytes(b"; bed_shape = 0x0,100x0,100x120,0x120\n" + SQUARE)
     (words,) = mend_gcode(source, exactly(BENT), output).prediction.warnings
-    assert "from (0, 0) to (100, 120) mm, this printer's from (0, 0) to (220, 220) mm: what is printed fits" in words
+    assert "from (0, 0) to (100, 120) mm, this printer's from (0, 0) to (220, 220) mm. The print fits" in words
     assert check_gcode(source, exactly(BENT)).warnings == (words,)
     source.write_bytes(b"; bed_shape = -60x-60,60x-60,60x60,-60x60\n" + SQUARE)
     with pytest.raises(ModelError, match=r"\(-60, -60\) to \(60, 60\)"):

@@ -390,7 +390,7 @@ def test_a_mended_vase_is_judged_like_a_flat_wall(tmp_path: Path) -> None:
     assert found[0.2].before.rms_mm == pytest.approx(found[0.0].before.rms_mm, rel=0.02)
     short = tmp_path / "short.gcode"
     short.write_bytes(b"\n".join((tmp_path / "0.2.out.gcode").read_bytes().splitlines()[:150]) + b"\n")
-    with pytest.raises(GcodeError, match=r"wanted the .* mm of filament"):
+    with pytest.raises(GcodeError, match=r"expected the .* mm of filament"):
         judged_against(done.prediction, str(tmp_path / "0.2.gcode"), str(short), BENT)
 
 

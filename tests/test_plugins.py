@@ -165,11 +165,11 @@ def test_names_and_places_are_found(place: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("nobody", "wanted one of naive, .*, ours, .*or module:NAME"),
+        ("nobody", "expected one of naive, .*, ours, .*or module:NAME"),
         ("no_such_module:MINE", "ModuleNotFoundError"),
         ("my_plugin:MINE", "no such name"),
         ("my_plugin:Same", r"a class: Same\(\) would be one"),
-        ("my_plugin:GREEDY", "wanted a learner, with name and fit, got one without fit"),
+        ("my_plugin:GREEDY", "expected a learner, with name and fit, found one without fit"),
     ],
 )
 def test_what_is_no_learner_is_refused_in_words(place: Path, name: str, said: str) -> None:
@@ -184,11 +184,11 @@ def test_the_row_of_a_plugin_that_fails_says_so_and_the_others_stand(place: Path
     for name in ("my_plugin:SAME", "naive+my_plugin:GREEDY", "ours+theirs"):
         assert found[name].value("rmse_steps") == found["naive"].value("rmse_steps")
     for name, said in (
-        ("my_plugin:NAN", "the model's tables: wanted finite numbers"),
-        ("my_plugin:ASKED", "the model: wanted finite positions"),
-        ("my_plugin:TEXT", "learner text: wanted a model with printer"),
+        ("my_plugin:NAN", "the model's tables: expected finite numbers"),
+        ("my_plugin:ASKED", "the model: expected finite positions"),
+        ("my_plugin:TEXT", "learner text: expected a model with printer"),
         ("my_plugin:RAISES", "ValueError: a column"),
-        ("naive+my_plugin:FAR", "controller far: wanted integer controls"),
+        ("naive+my_plugin:FAR", "controller far: expected integer controls"),
     ):
         assert said in (found[name].error or "")
         assert found[name].value("rmse_steps") is None
@@ -234,7 +234,7 @@ def test_bench_takes_a_place(place: Path) -> None:
     ("name", "kept", "said"),
     [
         ("my_plugin:SAME", True, "learner my_plugin:SAME: "),
-        ("my_plugin:NAN", False, "the model's tables: wanted finite numbers"),
+        ("my_plugin:NAN", False, "the model's tables: expected finite numbers"),
         ("slack", True, "family slack: "),
         ("my_plugin:SAG", True, "effect my_plugin:SAG: 10 of 10"),
         ("my_plugin:JOLT", False, "of the columns"),
@@ -248,6 +248,6 @@ def test_conformance_from_outside(place: Path, name: str, kept: bool, said: str)
 
 
 def test_what_is_no_candidate_is_told_what_one_is(place: Path) -> None:
-    said = r"a learner \(name, fit\), a controller .*, got one of type module"
+    said = r"a learner \(name, fit\), a controller .*, found one of type module"
     with pytest.raises(ConfigError, match=said):
         CliRunner().invoke(conformance, ["my_plugin:np"], catch_exceptions=False)

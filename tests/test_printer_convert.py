@@ -116,8 +116,8 @@ def test_a_slicers_profile_gives_bed_start_and_extruder_to_known_motors(tmp_path
         (KLIPPER.replace("4000", "fast"), "max_accel"),
         ("{" + PRUSA, "broken JSON"),
         ('{"name": "x", "inherits": "fdm_common"}', "stands in 'fdm_common'"),
-        ("hello", "profile .* got neither"),
-        (" \n", "got an empty file"),
+        ("hello", "profile .* found neither"),
+        (" \n", "found an empty file"),
         (PRUSA + "printer_technology = SLA\n", "a resin printer"),
     ],
 )
@@ -154,19 +154,19 @@ bed_shape = 0x0,9x0,9x9,0x9
 """
     path = written(tmp_path, "Acme.ini", bundle)
     with pytest.raises(
-        ConfigError, match="named with --model, got 3; a part of a name is enough: Acme Big, Acme Small, Acme Resin"
+        ConfigError, match="named with --model, found 3; a part of a name is enough: Acme Big, Acme Small, Acme Resin"
     ):
         convert(path, like="ender3")
     with pytest.raises(ConfigError, match=r"--like ender3, too: a preset .*; a part of a name is enough: Acme Big"):
         convert(path)  # all that is missing at once
-    with pytest.raises(ConfigError, match="a bundle with a printer, got none"):
+    with pytest.raises(ConfigError, match="a bundle with a printer, found none"):
         convert(written(tmp_path, "none.ini", "[printer:*common*]\nbed_shape = 0x0,9x0,9x9,0x9\n"), like="ender3")
     with pytest.raises(ConfigError, match="a resin printer"):
         convert(path, like="ender3", model="acme resin")
     big, left = convert(path, like="ender3", model="big")
     assert (big.name, big.x.min_mm, big.x.max_mm, big.x.home_mm, big.y.max_mm) == ("BIG", 0, 300, 0, 300)
     assert (big.extruder, big.start_gcode, big.pause_gcode) == ("direct", "G28\nG29\n", "M226")
-    assert "margin of 5 mm that the slicer keeps free in X" in left[0]
+    assert "margin of 5 mm free in X" in left[0]
     done = CliRunner().invoke(command, [str(path), "--like", "ender3", "--model", "Acme Small"])
     assert parse_printer(done.stdout, subject="small").x.max_mm == 150
 

@@ -178,7 +178,7 @@ def test_the_gcode_visits_the_plan_and_extrudes_at_the_marks(probed):
 
 def test_a_smaller_print_can_be_asked_for():
     printer = read_printer("ender3")
-    with pytest.raises(ConfigError, match=r"--size: wanted at most \d+ mm on .*, got 1000 mm"):
+    with pytest.raises(ConfigError, match=r"--size: expected at most \d+ mm on .*, found 1000 mm"):
         design_probe(printer, size_mm=1000)
     plan = design_probe(printer, size_mm=80)
     assert (np.abs(plan.marks_mm - 110) <= 40.01).all()

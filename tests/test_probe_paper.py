@@ -150,7 +150,7 @@ def test_all_of_a_print_on_paper_lies_on_its_sheet(printer):
         assert plan.marks_mm[:, 1].min() - plan.waypoints_mm[1, 1] > 3.4
         assert np.ptp(plan.waypoints_mm[1:3, 0]) > 80
         assert paper.low_mm[1] >= machine.y.min_mm
-    with pytest.raises(ConfigError, match="wanted a sheet for dots over"):
+    with pytest.raises(ConfigError, match="expected a sheet for dots over"):
         papers_of(plan, machine, (60.0, 60.0))
     assert paper_for((216.0, 297.0)) == A4_MM
 
@@ -159,7 +159,7 @@ def test_sheets_that_could_not_be_joined_are_not_printed(tmp_path):
     few = ["--printer", "ender3", "--on", "paper", "--scanner", "110x140", "--sheets", "2", "--marks", "60"]
     refused = CliRunner().invoke(command, [*few, "-o", str(tmp_path / "few.gcode")])
     assert isinstance(refused.exception, ConfigError)
-    assert "wanted at least 30 dots where two sheets overlap" in str(refused.exception)
+    assert "expected at least 30 dots where two sheets overlap" in str(refused.exception)
     assert "more --marks" in str(refused.exception)
     needless = ["--printer", "prusa-mini", "--pen", "--sheets", "2", "--sheet", str(tmp_path / "tags.pdf")]
     with pytest.raises(ConfigError, match="2 show no more of its bed"):

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from markdown import markdown
 
+from printmend.messages import catalogue
 from tests.test_docs import PAGES, ROOT
 
 READ = [*PAGES, *sorted(ROOT.glob("integrations/*/README.md"))]
@@ -84,6 +85,12 @@ def faults(sentence: str) -> list[str]:
 def test_each_sentence_is_short_and_plain(page: Path) -> None:
     bad = [f"{', '.join(told)}: {one}" for one in sentences(page.read_text(encoding="utf-8")) if (told := faults(one))]
     assert not bad, f"{page.relative_to(ROOT)}: {len(bad)} sentences\n" + "\n".join(bad)
+
+
+def test_each_sentence_of_the_program_is_short_and_plain() -> None:
+    for name, (english, _) in catalogue().items():
+        for one in filter(None, re.split(ENDS, re.sub("`[^`]*`", "CODE", english))):
+            assert not faults(one), f"{name}: {one}"
 
 
 def test_a_bad_sentence_is_seen() -> None:

@@ -143,7 +143,7 @@ def test_learns_from_a_few_long_moves(ender5: Printer, rng: np.random.Generator)
 def test_a_trace_without_moves_is_refused(ender5: Printer, rng: np.random.Generator) -> None:
     rest = np.full((5, 2), 100.0)
     for trace in (Trace(rest, rest), Trace(np.arange(10.0).reshape(5, 2), np.full((5, 2), np.nan))):
-        with pytest.raises(TraceError, match="wanted at least one commanded move"):
+        with pytest.raises(TraceError, match="expected at least one commanded move"):
             fit("lightgbm-axis", trace, ender5, rng=rng)
 
 

@@ -50,7 +50,7 @@ def test_the_command_line_comes_before_the_project_and_the_project_before_the_us
         ("[mend\n", "settings in TOML"),
         (
             '[mend]\njobs = "four"\n',
-            "printmend.toml: wanted a value for jobs in .mend., got 'four' is not a whole number;",
+            "printmend.toml: expected a value for jobs in .mend., found 'four' is not a whole number;",
         ),
     ],
 )

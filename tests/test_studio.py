@@ -289,14 +289,14 @@ def test_a_job_names_files_as_they_were_sent(tmp_path: Path) -> None:
     (uploads / "b").write_text("other")
     params: dict[str, Any] = {"printer": "p", "upload": "a", "name": "empty.gcode"}
     refused = work.run("mend", str(tmp_path / "job"), str(tmp_path), params)["refused"]
-    assert refused.startswith("empty.gcode: wanted a print")
+    assert refused.startswith("empty.gcode: expected a print")
     named = [{"upload": "a", "name": "s.png"}, {"upload": "a", "name": "s.png"}, {"upload": "b", "name": "1-s.png"}]
     found = work._scans(work.Job(tmp_path / "job", tmp_path, {"scans": named}))
     assert [path.read_text() == "other" for path in found] == [False, False, True]
     (uploads / "c").write_text(PART + "; bed_shape = 0x0,300x0,300x300,0x300\n; layer_height = 0.2\n")
     params = {"printer": "p", "upload": "c", "name": "large.gcode", "scene": False}
     said = work.run("mend", str(tmp_path / "large"), str(tmp_path), params)
-    assert "got a bed from (0, 0) to (300, 300) mm" in said["error"]
+    assert "found a bed from (0, 0) to (300, 300) mm" in said["error"]
     assert said["may_force"]
     done = work.run("mend", str(tmp_path / "large"), str(tmp_path), {**params, "force": True})
     assert (done["output"], done["may_force"]) == ("large.mended.gcode", False)
@@ -371,13 +371,13 @@ def test_the_way_of_ones_own_printer(folder: Path) -> None:
         assert again["name"] == f"{wide['name']} 2"
         for said in (client.post("/api/printers", json={"preset": "ender3", "name": "cellar "}),
                      client.patch(f"/api/printers/{again['id']}", json={"name": "Cellar"})):  # fmt: skip
-            assert "wanted a name of its own, got that of another printer" in said.json()["error"]
-        assert "wanted a name" in client.patch(f"/api/printers/{again['id']}", json={"name": " "}).json()["error"]
+            assert "expected a name of its own, found that of another printer" in said.json()["error"]
+        assert "expected a name" in client.patch(f"/api/printers/{again['id']}", json={"name": " "}).json()["error"]
         for end in ("\n", "\r", "\u2028"):
             wrong = {"name": f"Cellar{end}G28"}
             for said in (client.post("/api/printers", json={"preset": "ender3", **wrong}),
                          client.patch(f"/api/printers/{again['id']}", json=wrong)):  # fmt: skip
-                assert (said.status_code, "wanted name as text of one line" in said.json()["error"]) == (400, True)
+                assert (said.status_code, "expected name as text of one line" in said.json()["error"]) == (400, True)
         assert client.get(f"/api/printers/{again['id']}").json()["name"] == again["name"]
         assert client.delete(f"/api/printers/{again['id']}").status_code == 204
         assert client.delete(f"/api/printers/{wide['id']}").status_code == 204
@@ -417,7 +417,7 @@ def test_the_way_of_ones_own_printer(folder: Path) -> None:
         assert [one["name"] for one in client.get("/api/printers").json()] == ["Attic"]
         bad = client.post(f"{place}/learn", json={"measurement": "0" * 16, "exclude": [-1]})
         assert (bad.status_code, bad.json()["error"]) == (
-            422, "exclude: wanted at least 0, got -1; see /api/openapi.json",
+            422, "exclude: expected at least 0, found -1; see /api/openapi.json",
         )  # fmt: skip
         document = client.get("/api/openapi.json").json()
         assert {"get", "post"} <= set(document["paths"]["/api/printers"])
@@ -461,14 +461,14 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
         assert result["prediction"]["after"]["rms_mm"] < 0.01
         with pytest.raises(StudioError, match="one that was mended with model"):
             studio.mend(folder / "out.gcode", printer=key, output=folder / "twice.gcode")
-        with pytest.raises(InputError, match="wanted a printer of the studio, got Cellar"):
+        with pytest.raises(InputError, match="expected a printer of the studio, found Cellar"):
             studio.mend(part, printer="nobody", output=folder / "twice.gcode")
         assert not (folder / "twice.gcode").exists()
         assert studio.get(f"/jobs/{left}")["state"] == "failed"
-        with pytest.raises(StudioError, match="wanted a job of this studio"):
+        with pytest.raises(StudioError, match="expected a job of this studio"):
             studio.get(f"/jobs/{old}")
         assert studio.get(f"/jobs/{stopped}")["state"] == "cancelled"
-        with pytest.raises(StudioError, match="wanted a job of this studio"):
+        with pytest.raises(StudioError, match="expected a job of this studio"):
             studio._open("GET", f"/jobs/{old}/events")
         kept = studio.upload(part)
         jobs = [studio.post(f"/printers/{key}/mend", {"upload": kept, "scene": False})["id"] for _ in range(2)]
@@ -484,7 +484,7 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
         told = [json.loads(line[6:]) for line in shared.read().decode().splitlines() if line.startswith("data: ")]
         last = {job["id"]: job["state"] for job in told}
         assert (last[one], last[two]) == ("done", "done")
-        with pytest.raises(StudioError, match="wanted a job of this studio"):
+        with pytest.raises(StudioError, match="expected a job of this studio"):
             studio._open("GET", f"/jobs/events?key={old}&key={gone}")
         going = studio.post("/play")["id"]
         stream = studio._open("GET", f"/jobs/{going}/events")
@@ -530,7 +530,7 @@ class _Strange(BaseHTTPRequestHandler):
 def test_only_octoprint_and_moonraker_are_sent_to(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for text in ("ftp://octopi.local", "file:///etc/passwd", "http://me:pw@octopi.local", "http://", "http://a b",
                  "?y", "http://[::1", "http://octopi:99999", "http://a..b", "x" * 64):  # fmt: skip
-        with pytest.raises(InputError, match="wanted http"):
+        with pytest.raises(InputError, match="expected http"):
             checked_address(text)
     assert checked_address(" octopi.local/ ") == "http://octopi.local"
     assert checked_address("https://print.example:7125/one") == "https://print.example:7125/one"
@@ -546,7 +546,7 @@ def test_only_octoprint_and_moonraker_are_sent_to(folder: Path, monkeypatch: pyt
             for way in ("/other", "/elsewhere", "/endless"):
                 said = client.post(f"/api/printers/{key}/host", json={"address": address + way, "key": "k"})
                 assert said.status_code == 400
-                assert "wanted OctoPrint or Moonraker" in said.json()["error"]
+                assert "expected OctoPrint or Moonraker" in said.json()["error"]
             assert client.get(f"/api/printers/{key}").json()["host"] is None
         assert "/secret" not in _Strange.asked
         assert len(_Strange.asked) == 12  # where it was told, and at the root
@@ -717,7 +717,7 @@ def test_a_folder_is_one_studios_and_one_that_cannot_be_locked_is_said(tmp_path:
     held.close()
     serve._alone(tmp_path).close()
     (tmp_path / "studio.lock").write_text("no lock" * 100)
-    with pytest.raises(InputError, match="wanted a lock that the studio makes"):
+    with pytest.raises(InputError, match="expected a lock that the studio makes"):
         serve._alone(tmp_path)
     with pytest.raises(InputError, match="see that the folder can be written"):
         serve._alone(tmp_path / "absent")

@@ -146,7 +146,7 @@ def test_a_studio_holds_no_more_than_it_may(folder: Path) -> None:
         assert client.post("/api/uploads?name=a.gcode", content=bytes(500_000)).status_code == 201
         refused = client.post("/api/uploads?name=b.gcode", content=bytes(800_000))
         assert refused.status_code == 400
-        assert refused.json()["error"] == ("the studio: wanted at most 0.001 GB in its folder, got 0.0 GB; "
+        assert refused.json()["error"] == ("the studio: expected at most 0.001 GB in its folder, found 0.0 GB; "
                                            "free some of it under Storage")  # fmt: skip
         assert len(list((folder / "uploads").iterdir())) == 1
 

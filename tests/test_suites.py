@@ -54,7 +54,7 @@ def test_a_suite_is_its_cases_faults_bodies_and_metrics(small: Suite, tmp_path: 
     real = suites.families.corruption_of
     with monkeypatch.context() as patch:  # a program that draws other faults from the same seed
         patch.setattr(suites.families, "corruption_of", lambda case: real(cases[-1]))
-        with pytest.raises(InputError, match="wanted cases with the checksum"):
+        with pytest.raises(InputError, match="expected cases with the checksum"):
             frozen_cases(small, tmp_path)
 
 
@@ -97,13 +97,13 @@ def changed(record: dict, *path: object, to: object) -> dict:
     ("path", "to", "said"),
     [
         (("suite",), 3, "a field 'suite'"),
-        (("checksum",), "0" * 64, "wanted the checksum"),
-        (("cases",), {}, "wanted all 4 cases"),
+        (("checksum",), "0" * 64, "expected the checksum"),
+        (("cases",), {}, "expected all 4 cases"),
         (("cases", "first"), [float("nan"), 0.1], "two errors of case"),
         (("cases", "first"), [-1.0, 0.1], "two errors of case"),
-        (("cases", "first"), [0.0, 0.1], "wanted a mean of"),
-        (("metrics", "median"), 0.01, "wanted a median of"),
-        (("metrics", "failures"), None, "wanted a failures of"),
+        (("cases", "first"), [0.0, 0.1], "expected a mean of"),
+        (("metrics", "median"), 0.01, "expected a median of"),
+        (("metrics", "failures"), None, "expected a failures of"),
         (("versions", "numpy"), None, "versions of printmend"),
         (("cost", "learn_s"), "fast", "costs in seconds"),
     ],
@@ -162,7 +162,7 @@ def test_a_measured_row_is_a_learner_beside_a_straight_line(seen: Suite, tmp_pat
     wrong = json.loads((out / "Measured-v1" / "bilateral.json").read_text())
     wrong["metrics"]["worst"] = 0.1
     (tmp_path / "wrong.json").write_text(json.dumps(wrong))
-    with pytest.raises(InputError, match="wanted a worst of"):
+    with pytest.raises(InputError, match="expected a worst of"):
         check_submission(tmp_path / "wrong.json")
     for more, said in (([], "add --data"), (["--data", str(out)], "git clone"), (["--rows", "naive+optimal"], "naive")):
         failed = CliRunner().invoke(group, [*asked, *(["--data", str(data)] if "--rows" in more else []), *more])
@@ -172,7 +172,7 @@ def test_a_measured_row_is_a_learner_beside_a_straight_line(seen: Suite, tmp_pat
 def test_other_measured_data_are_refused(seen: Suite, tmp_path: Path) -> None:
     data = tmp_path / "data"
     write_clone(data / "noncircular_pulleys_mocap" / "more", np.random.default_rng(1))
-    with pytest.raises(InputError, match="wanted cases with the checksum"):
+    with pytest.raises(InputError, match="expected cases with the checksum"):
         frozen_cases(seen, data)
     with pytest.raises(InputError, match="leave --data out"):
         raise CliRunner().invoke(group, ["bench", "suite", "printmend/Families-v1", "--data", str(data)]).exception  # type: ignore[misc]

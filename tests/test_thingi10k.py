@@ -58,7 +58,7 @@ def test_the_library_serves_by_number_and_licence(hub: Path, tmp_path: Path, mon
     assert asked[0] == "npz"
     with pytest.raises(InputError, match="bodies under “GPL”"):
         body_files(["thingi10k"], made=tmp_path / "made", licence="GPL")
-    with pytest.raises(InputError, match="wanted thingi10k or thingi10k:N"):
+    with pytest.raises(InputError, match="expected thingi10k or thingi10k:N"):
         body_files(["thingi10k:few"], made=tmp_path / "made")
 
     def absent(variant):
@@ -87,7 +87,7 @@ def test_a_folder_of_its_files_serves_without_a_network(hub: Path, tmp_path: Pat
         body_files([hub], made=tmp_path / "made")
     (tmp_path / "alone").mkdir()
     (tmp_path / "alone" / "5.npz").write_bytes(damaged)
-    with pytest.raises(InputError, match=r"got 1 damaged: .*fetch it again"):
+    with pytest.raises(InputError, match=r"found 1 damaged: .*fetch it again"):
         body_files([tmp_path / "alone"], made=tmp_path / "made", left_out=lambda path, why: None)
     unread: dict[Path, str] = {}
     assert len(body_files([hub], made=tmp_path / "made", left_out=unread.__setitem__)) == 3

@@ -252,7 +252,7 @@ def test_bad_input_ends_in_one_line(old: SavedModel, tmp_path: Path) -> None:
     newer = update(old, read_trace(tmp_path / "trace2.csv", ENDER3), rng=np.random.default_rng(0))
     write_model(tmp_path / "newer.mend.json", newer.model)
     result = run("learn", tmp_path / "corexy.csv", "--update", tmp_path / "old.mend.json")
-    assert "got one of CoreXY 300" in str(result.exception)
+    assert "found one of CoreXY 300" in str(result.exception)
     result = run("learn", tmp_path / "trace2.csv", "--update", tmp_path / "newer.mend.json")
     assert "counted once" in result.output
     assert read_model(tmp_path / "newer.mend.json").digest == newer.model.digest

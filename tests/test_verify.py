@@ -146,7 +146,7 @@ def test_what_measures_may_wander_and_breaks_no_promise(bent: SavedModel) -> Non
     verdict = verify(bent, replace(trace, measured_mm=trace.measured_mm + walk))
     assert verdict.now_mm > verdict.promised_high_mm
     assert verdict.result == UNSURE, verdict.words
-    assert "What measures wanders" in verdict.words
+    assert "The instrument wanders" in verdict.words
     assert verify(bent, trace).wanders_mm < 0.002
 
 

@@ -19,7 +19,7 @@ from tests.mending import BENT, PLAY, SQUARE, exactly
 @pytest.fixture
 def job(tmp_path: Path) -> Watch:
     write_model(tmp_path / "printer.mend.json", exactly(BENT))
-    with pytest.raises(InputError, match="wanted a folder that files come into"):
+    with pytest.raises(InputError, match="expected a folder that files come into"):
         Watch(tmp_path / "in", tmp_path / "out", tmp_path / "printer.mend.json")
     (tmp_path / "in").mkdir()
     return Watch(tmp_path / "in", tmp_path / "out", tmp_path / "printer.mend.json")
@@ -72,7 +72,7 @@ def test_what_cannot_be_mended_says_why_and_others_go_on(job: Watch) -> None:
     (job.source / ".d.gcode").write_bytes(SQUARE)
     job.look()
     assert [(item.source.name, item.code) for item in job.look()] == [("a.gcode", 2), ("b.gcode", 0), ("c.gcode", 2)]
-    assert "wanted" in (job.target / "a.gcode.error.txt").read_text()
+    assert "expected" in (job.target / "a.gcode.error.txt").read_text()
     assert (job.target / "c.gcode").read_text() == "somebody's\n"
     (job.source / "a.gcode").write_bytes(SQUARE)
     job.look(), job.look()

@@ -362,7 +362,7 @@ def worker(folder: Path, script: str, policy: str, timeout_s: float) -> subproce
     ("script", "timeout_s", "reason"),
     [
         ("exec sleep 600", 0.3, "longer than 0 s"),
-        ("echo 'm.json: wanted a model' >&2; exit 2", 600, "m.json: wanted a model"),
+        ("echo 'm.json: expected a model' >&2; exit 2", 600, "m.json: expected a model"),
         ("exit 0", 600, "without its mark"),
         ("echo 'G1 X1' > \"$6\"; exit 0", 600, "without its mark"),
     ],

@@ -42,8 +42,8 @@ def test_a_file_goes_over_and_comes_back_mended(tmp_path: Path) -> None:
         assert json.loads((tmp_path / "r.json").read_text())["after"]["rms_mm"] < 0.01
         out.rename(tmp_path / "mended.gcode")
         for what, printer, words in (
-            (tmp_path / "absent.gcode", "it's mine", "No such file"), (source, "another", "got it's mine"),
-            (tmp_path / "mended.gcode", "it's mine", "mended.gcode: wanted a file as the slicer wrote it"),
+            (tmp_path / "absent.gcode", "it's mine", "No such file"), (source, "another", "found it's mine"),
+            (tmp_path / "mended.gcode", "it's mine", "mended.gcode: expected a file as the slicer wrote it"),
         ):  # fmt: skip
             failed = run(what, printer)
             assert failed.returncode == 2

@@ -454,7 +454,7 @@ def test_of_several_files_each_has_its_own_fate(browser: Browser, server: Server
     expect(rows.filter(has_text="Not mended")).to_have_count(2)
     expect(load).to_have_attribute("download", "good.mended.gcode")  # the first is shown
     rows.get_by_role("button", name="large.gcode Not mended").click()
-    expect(alert).to_contain_text("large.gcode: wanted G-code for a bed from (0, 0) to (220, 220) mm")
+    expect(alert).to_contain_text("large.gcode: expected G-code for a bed from (0, 0) to (220, 220) mm")
     page.get_by_role("button", name="Mend it anyway").click()
     expect(load).to_have_attribute("download", "large.mended.gcode")
     expect(rows.filter(has_text="Not mended")).to_have_count(1)

@@ -27,7 +27,7 @@ _LONGEST = 300  # characters of each part of a message
 
 
 class PrintmendError(Exception):
-    """Say in one line what was wanted, what came and what to do.
+    """Say in one line what was expected, what was found and what to do.
 
     ``subject`` names the file or value at fault. The command line prints ``str(error)`` on stderr
     and exits with ``exit_code``; nothing has been written by then.
@@ -39,7 +39,7 @@ class PrintmendError(Exception):
         self.subject, self.wanted, self.came, self.todo = str(subject), wanted, came, todo
         parts = (subject if isinstance(subject, str) else str(subject), wanted, came, todo)
         a, b, c, d = map(_line, parts)
-        self.message = said(WHY, {"a": a, "b": b, "c": c, "d": d}, f"{a}: wanted {b}, got {c}; {d}")
+        self.message = said(WHY, {"a": a, "b": b, "c": c, "d": d}, f"{a}: expected {b}, found {c}; {d}")
         super().__init__(str(self.message))
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -15,7 +15,7 @@ def numbers(text: str) -> tuple[float, ...]:
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise click.BadParameter(f"wanted numbers with commas, got {text!r}") from None
+        raise click.BadParameter(f"expected numbers with commas, found {text!r}") from None
 
 
 # Its many parameters are its options.

@@ -34,7 +34,7 @@ def measured(folder: Path, sets: str | None, models: str | None, executor: Any, 
 
     cases, absent = measured_cases(folder, sets.split(",") if sets else ())
     for item in absent:
-        click.echo(f"absent: {item.name}, wanted at {folder / item.place} ({item.licence}): {item.fetch}", err=True)
+        click.echo(f"absent: {item.name}, expected at {folder / item.place} ({item.licence}): {item.fetch}", err=True)
     if not cases:
         raise InputError(folder, wanted="a measured set", came="none", todo="fetch one as said above")
     with progress("sets", len(cases)) as tick:

@@ -80,11 +80,11 @@ def stays_in_range_and_leads_where_imagined(candidate: ControllerCandidate, kind
     """Controls are int8 in −c_max…c_max; the imagined path is what the model's `advance` says of them."""
     model = faulty_model(kind)
     plan = candidate.controller.plan(model, TARGETS, START, c_max=c_max)
-    need(plan.controls.shape == TARGETS.shape, f"wanted controls {TARGETS.shape}, got {plan.controls.shape}")
-    need(plan.controls.dtype == np.int8, f"wanted int8, got {plan.controls.dtype}")
-    need(np.abs(plan.controls).max() <= c_max, f"wanted at most {c_max} steps, got {np.abs(plan.controls).max()}")
+    need(plan.controls.shape == TARGETS.shape, f"expected controls {TARGETS.shape}, found {plan.controls.shape}")
+    need(plan.controls.dtype == np.int8, f"expected int8, found {plan.controls.dtype}")
+    need(np.abs(plan.controls).max() <= c_max, f"expected at most {c_max} steps, found {np.abs(plan.controls).max()}")
     shape = (len(TARGETS) + 1, 2)
-    need(plan.imagined_steps.shape == shape, f"wanted imagined positions {shape}, got {plan.imagined_steps.shape}")
+    need(plan.imagined_steps.shape == shape, f"expected imagined positions {shape}, found {plan.imagined_steps.shape}")
     state = model.start(START)
     for t, control in enumerate(plan.controls[:200]):
         np.testing.assert_allclose(plan.imagined_steps[t], state.position_steps[0], rtol=0, atol=1e-9)
@@ -123,13 +123,13 @@ def prints_no_worse_than_the_commands(candidate: ControllerCandidate, family: st
         float(np.sqrt(((twin.run(controls, START)[1:] - TARGETS) ** 2).sum(axis=1).mean()))
         for controls in (plan.controls, LAYER.controls)
     )
-    need(error <= naive + 1e-12, f"wanted an RMSE of at most {naive:.3f} steps, got {error:.3f}")
+    need(error <= naive + 1e-12, f"expected an RMSE of at most {naive:.3f} steps, found {error:.3f}")
 
 
 def plans_no_targets(candidate: ControllerCandidate, kind: str) -> None:
     """No targets: no controls, and the start as the only imagined position."""
     plan = candidate.controller.plan(faulty_model(kind), np.empty((0, 2)), START)
-    need(plan.controls.shape == (0, 2), f"wanted controls (0, 2), got {plan.controls.shape}")
+    need(plan.controls.shape == (0, 2), f"expected controls (0, 2), found {plan.controls.shape}")
     np.testing.assert_array_equal(plan.imagined_steps, [START])
 
 
@@ -143,8 +143,8 @@ def refuses_bad_input(
     except InputError:
         return
     except Exception as error:
-        raise AssertionError(f"wanted an InputError, got {type(error).__name__}: {error}") from error
-    need(False, "wanted an InputError, got a plan")
+        raise AssertionError(f"expected an InputError, found {type(error).__name__}: {error}") from error
+    need(False, "expected an InputError, found a plan")
 
 
 _BAD = {

@@ -68,13 +68,13 @@ def _twin(cause: Cause, printer: Printer) -> Twin:
 
 def some_printer_has_it(candidate: EffectCandidate) -> None:
     """A cartesian printer or a CoreXY offers it."""
-    need(any(True for _ in candidate.presets()), f"wanted terms on one of {', '.join(PRESETS)}")
+    need(any(True for _ in candidate.presets()), f"expected terms on one of {', '.join(PRESETS)}")
 
 
 def is_written_and_read(candidate: EffectCandidate) -> None:
     """The listed example is an equal one after TOML, and lowers on every printer that has it."""
     whole = Corruption(causes=(candidate.example(), Cause(candidate.name, seed=3, severity="realistic")))
-    need(parse_corruption(corruption_toml(whole), subject=candidate.name) == whole, "wanted equal causes out of TOML")
+    need(parse_corruption(corruption_toml(whole), subject=candidate.name) == whole, "expected equal causes out of TOML")
     for printer in candidate.presets():
         candidate.twin(printer)
 
@@ -83,8 +83,8 @@ def draws_repeat_and_differ(candidate: EffectCandidate, severity: Severity) -> N
     """One seed draws one effect, another seed another, and a twin can have it."""
     for printer in candidate.presets():
         one, again, other = (_drawn(candidate, severity, seed, printer) for seed in (5, 5, 6))
-        need(one.key == again.key and np.array_equal(one.sizes_mm, again.sizes_mm), "wanted one seed to draw alike")
-        need(not np.array_equal(one.sizes_mm, other.sizes_mm), "wanted another seed to draw another")
+        need(one.key == again.key and np.array_equal(one.sizes_mm, again.sizes_mm), "expected one seed to draw alike")
+        need(not np.array_equal(one.sizes_mm, other.sizes_mm), "expected another seed to draw another")
     for printer in islice(candidate.presets(), 1):
         Twin.of(Corruption(causes=(Cause(candidate.name, seed=5, severity=severity),)), printer)  # type: ignore[arg-type]
 
@@ -98,7 +98,7 @@ def nothing_moves_nothing(candidate: EffectCandidate) -> None:
     for printer in islice(candidate.presets(), 1):
         part = candidate.small(printer, 1)
         path, (bare, other) = way(printer), _twins(part.of(sizes_mm=0 * part.sizes_mm), printer)
-        need(np.array_equal(bare.seen(path), other.seen(path)), "wanted no change by sizes of zero")
+        need(np.array_equal(bare.seen(path), other.seen(path)), "expected no change by sizes of zero")
 
 
 def the_twin_prints_its_columns(candidate: EffectCandidate) -> None:
@@ -109,7 +109,7 @@ def the_twin_prints_its_columns(candidate: EffectCandidate) -> None:
         moved = other.seen(path) - bare.seen(path)
         said = _columns(part, bare.homed(), path) @ part.sizes_mm
         worst = float(np.abs(moved - said).max())
-        need(worst < SAME_MM, f"wanted places within {SAME_MM:g} mm of the columns, got {worst:.3g} mm off")
+        need(worst < SAME_MM, f"expected places within {SAME_MM:g} mm of the columns, found {worst:.3g} mm off")
 
 
 def the_bed_inverts(candidate: EffectCandidate) -> None:
@@ -118,7 +118,7 @@ def the_bed_inverts(candidate: EffectCandidate) -> None:
         mechanism = candidate.twin(printer).homed()
         path = way(printer)
         off = np.abs(mechanism.bed.printed(mechanism.bed.wanted(path)) - path).max()
-        need(off < 1e-8, f"wanted the inverse of the frame within 1e-8 mm, got {off:.3g}")
+        need(off < 1e-8, f"expected the inverse of the frame within 1e-8 mm, found {off:.3g}")
 
 
 def the_inverse_of_a_taut_drive_prints_the_path(candidate: EffectCandidate) -> None:
@@ -136,7 +136,7 @@ def the_inverse_of_a_taut_drive_prints_the_path(candidate: EffectCandidate) -> N
             np.stack([table.branches_mm(motors[k])[0] for k, table in enumerate(mechanism.transmissions)], axis=1)
         )
         off = np.abs(printed - way(printer)).max()
-        need(off < 1e-8, f"wanted the inverse within 1e-8 mm, got {off:.3g}")
+        need(off < 1e-8, f"expected the inverse within 1e-8 mm, found {off:.3g}")
 
 
 def the_example_shows(candidate: EffectCandidate) -> None:
@@ -146,7 +146,10 @@ def the_example_shows(candidate: EffectCandidate) -> None:
         for printer in candidate.presets()
     ]
     if EFFECTS[candidate.name].of is not Of.MATERIAL:  # the width of a line moves no place
-        need(max(moved) > 1e-3, f"wanted a print or a measurement that is 0.001 mm off at least, got {max(moved):.6f}")
+        need(
+            max(moved) > 1e-3,
+            f"expected a print or a measurement at least 0.001 mm off, found {max(moved):.6f}",
+        )
 
 
 def learning_finds_it(candidate: EffectCandidate) -> str:
@@ -173,10 +176,10 @@ def learning_finds_it(candidate: EffectCandidate) -> str:
         if best.shape == true.shape and len(true.sizes_mm) < SERIES and not read:
             sd_mm = best.draws_mm[:, best.draws_mm.any(axis=0)].std(axis=1)
             near = np.abs(best.mean_mm / best.chance - true.sizes_mm) < 5 * sd_mm + 2e-3
-            need(near.all(), f"wanted sizes near {true.sizes_mm}, got {best.mean_mm} ± {sd_mm}")
+            need(near.all(), f"expected sizes near {true.sizes_mm}, found {best.mean_mm} ± {sd_mm}")
         return ""
     left_mm = float(np.sqrt(np.nanmean(np.square(fit.left_by_mark_mm(trace)))))
-    need(left_mm < MOST_LEFT * NOISE_MM, f"wanted it found, or noise alone left; got {left_mm:.3f} mm left")
+    need(left_mm < MOST_LEFT * NOISE_MM, f"expected it found, or noise alone left; found {left_mm:.3f} mm left")
     return f"others stand for it: {left_mm:.3f} mm left, as much as the noise"
 
 

@@ -43,9 +43,9 @@ def _twin(candidate: FamilyCandidate, severity: Severity, preset: str) -> Twin:
 
 def seeds_repeat_and_differ(candidate: FamilyCandidate, severity: Severity) -> None:
     """The same seed draws an equal fault, another seed another."""
-    need(candidate.drawn(severity) == candidate.drawn(severity), "wanted equal faults of one seed")
-    need(hash(candidate.drawn(severity)) == hash(candidate.drawn(severity)), "wanted equal faults to hash alike")
-    need(candidate.drawn(severity, 5) != candidate.drawn(severity, 6), "wanted other faults of another seed")
+    need(candidate.drawn(severity) == candidate.drawn(severity), "expected equal faults of one seed")
+    need(hash(candidate.drawn(severity)) == hash(candidate.drawn(severity)), "expected equal faults to hash alike")
+    need(candidate.drawn(severity, 5) != candidate.drawn(severity, 6), "expected other faults of another seed")
 
 
 def tables_rise_and_are_ordered(candidate: FamilyCandidate, severity: Severity, preset: str) -> None:
@@ -55,19 +55,19 @@ def tables_rise_and_are_ordered(candidate: FamilyCandidate, severity: Severity, 
         return
     for table in [*mechanism.transmissions] + ([mechanism.screw.transmission] if mechanism.screw else []):
         for branch in (table.lower_mm, table.upper_mm):
-            need(np.isfinite(branch).all(), "wanted finite branches")
-            need((np.diff(branch) >= 0).all(), "wanted branches that never fall")
-            need(not branch.flags.writeable, "wanted arrays that nobody can write to")
-        need((table.lower_mm <= table.upper_mm).all(), "wanted lower ≤ upper everywhere")
+            need(np.isfinite(branch).all(), "expected finite branches")
+            need((np.diff(branch) >= 0).all(), "expected branches that never fall")
+            need(not branch.flags.writeable, "expected arrays that nobody can write to")
+        need((table.lower_mm <= table.upper_mm).all(), "expected lower ≤ upper everywhere")
 
 
 def prints_another_path(candidate: FamilyCandidate, severity: Severity, preset: str) -> None:
     """A healthy machine prints the nominal path exactly; one with this fault does not."""
     controls, start, nominal = _printed_by_a_healthy_machine(preset)
     printed = candidate.twin(severity, preset).run(controls, start)
-    need(np.isfinite(printed).all(), "wanted a finite print")
+    need(np.isfinite(printed).all(), "expected a finite print")
     most = float(np.abs(printed - nominal).max())
-    need(most > 1e-3, f"wanted a print that is somewhere 0.001 steps off at least, got {most:.6f}")
+    need(most > 1e-3, f"expected a print that is somewhere 0.001 steps off at least, found {most:.6f}")
 
 
 @cache

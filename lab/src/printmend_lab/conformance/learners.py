@@ -60,13 +60,13 @@ def printed(world: str, preset: str) -> Twin:
 def is_a_frozen_world_model(candidate: LearnerCandidate, world: str) -> None:
     """It has the methods, knows its printer, and cannot be changed."""
     model = candidate.fitted(world)
-    need(isinstance(model, WorldModel), f"wanted printer, start, advance and tabulate, got {type(model).__name__}")
-    need(model.printer == read_printer("ender5"), f"wanted the printer it was given, got {model.printer.name}")
+    need(isinstance(model, WorldModel), f"expected printer, start, advance and tabulate, found {type(model).__name__}")
+    need(model.printer == read_printer("ender5"), f"expected the printer it was given, found {model.printer.name}")
     try:
         model.printer = read_printer("ender3")  # type: ignore[misc]
     except (dataclasses.FrozenInstanceError, AttributeError, TypeError):
         return
-    need(False, "wanted a frozen value (@dataclass(frozen=True)), got one whose printer can be changed")
+    need(False, "expected a frozen value (@dataclass(frozen=True)), found one whose printer can be changed")
 
 
 def starts_where_the_layer_starts(candidate: LearnerCandidate, world: str) -> None:
@@ -121,15 +121,15 @@ def tables_are_sound(candidate: LearnerCandidate, world: str) -> None:
     tables = tables_of(model, START, 3)
     if isinstance(tables, PlayTables):
         for lower, upper in ((motor.lower_steps, motor.upper_steps) for motor in tables.motors):
-            need((lower <= upper).all(), "wanted lower ≤ upper everywhere")
-            need((np.diff(lower) >= 0).all() and (np.diff(upper) >= 0).all(), "wanted branches that never fall")
+            need((lower <= upper).all(), "expected lower ≤ upper everywhere")
+            need((np.diff(lower) >= 0).all() and (np.diff(upper) >= 0).all(), "expected branches that never fall")
 
 
 def is_planned_for(candidate: LearnerCandidate, world: str) -> str:
     """The best planner finds controls; say which it was, and why, where that is not `optimal` itself."""
     model, targets = candidate.fitted(world), OTHER.nominal_steps[: PLANNED_TARGETS + 1]
     plan = controller("optimal").plan(model, targets[1:], targets[0])
-    need(np.isfinite(plan.imagined_steps).all(), "wanted finite imagined positions")
+    need(np.isfinite(plan.imagined_steps).all(), "expected finite imagined positions")
     if not plan.planner:
         return "by `optimal`, on its tables of play"
     if tables_of(model, targets[0], 3) is not None:
@@ -154,14 +154,14 @@ def seeds_repeat(candidate: LearnerCandidate) -> None:
 def a_healthy_printer_is_left_alone(candidate: LearnerCandidate) -> None:
     """Planned with what was learned from a healthy printer, another layer is printed as wanted."""
     error = plan_error(printed("healthy", "ender5"), candidate.fitted("healthy"))
-    need(error <= HARMLESS_STEPS, f"wanted an RMSE of at most {HARMLESS_STEPS} full steps, got {error:.3f}")
+    need(error <= HARMLESS_STEPS, f"expected an RMSE of at most {HARMLESS_STEPS} full steps, found {error:.3f}")
 
 
 def prints_another_layer_no_worse_than_naive(candidate: LearnerCandidate, world: str, preset: str) -> None:
     """Planned with the model, a layer that it has not seen is printed no worse than without."""
     twin = printed(world, preset)
     error, naive = plan_error(twin, candidate.fitted(world, preset)), naive_error(world, preset)
-    need(error <= naive * 1.01, f"wanted an RMSE of at most {naive:.3f} steps, as without a model, got {error:.3f}")
+    need(error <= naive * 1.01, f"expected an RMSE of at most {naive:.3f} steps, as without a model, found {error:.3f}")
 
 
 def sixty_noisy_points_do_no_harm(candidate: LearnerCandidate, world: str) -> None:
@@ -176,7 +176,7 @@ def sixty_noisy_points_do_no_harm(candidate: LearnerCandidate, world: str) -> No
     # With play Algorithm 1 deadlocks even on the true machine (physics.md §6).
     error = plan_error(twin, model, "lookahead" if world == "pulley-play" else "greedy")
     most = naive_error(world, "ender5") + 2 * NOISE_MM / 0.2
-    need(error <= most, f"wanted an RMSE of at most {most:.3f} steps, got {error:.3f}")
+    need(error <= most, f"expected an RMSE of at most {most:.3f} steps, found {error:.3f}")
 
 
 def plan_error(twin: Twin, model: WorldModel, planner: str = "greedy") -> float:

@@ -21,7 +21,9 @@ def need(kept: object, reason: str) -> None:
 def near(found: np.ndarray, wanted: np.ndarray, what: str) -> None:
     """Raise `AssertionError` unless positions are finite and within `NEAR_STEPS` of those wanted."""
     found, wanted = np.asarray(found, float), np.asarray(wanted, float)
-    need(found.shape == wanted.shape, f"{what}: wanted positions {wanted.shape}, got {found.shape}")
-    need(np.isfinite(found).all(), f"{what}: wanted finite positions, got nan or infinity")
+    need(found.shape == wanted.shape, f"{what}: expected positions {wanted.shape}, found {found.shape}")
+    need(np.isfinite(found).all(), f"{what}: expected finite positions, found nan or infinity")
     most = float(np.abs(found - wanted).max(initial=0.0))
-    need(most <= NEAR_STEPS, f"{what}: wanted positions within {NEAR_STEPS} full steps of each other, got {most:.2g}")
+    need(
+        most <= NEAR_STEPS, f"{what}: expected positions within {NEAR_STEPS} full steps, found {most:.2g}"
+    )

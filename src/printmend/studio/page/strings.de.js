@@ -1,6 +1,6 @@
 // Alle Texte der Seite auf Deutsch; was hier fehlt, erscheint englisch (strings.en.js).
 export default {
-  why: "{subject}gebraucht: {wanted}; bekommen: {came}. {todo}",
+  why: "{subject}gebraucht: {wanted}; gefunden: {came}. {todo}",
   play: "Ausprobieren", printers: "Meine Drucker", theme: "Hell oder dunkel", language: "Sprache",
   gone: "Das Studio antwortet nicht. Läuft das Programm noch? Sobald es wieder da ist, geht es von selbst weiter.",
   left_s: "noch etwa {n} s", left_min: "noch etwa {n} min", cancel: "Anhalten", again: "Noch einmal",

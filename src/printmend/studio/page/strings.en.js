@@ -1,6 +1,6 @@
 // Every text of the page, for translators: copy this file, translate what stands right of the colons, add it in words.js.
 export default {
-  why: "{subject}wanted {wanted}, got {came}. {todo}",
+  why: "{subject}expected {wanted}, found {came}. {todo}",
   play: "Try it", printers: "My printers", theme: "Light or dark", language: "Language",
   gone: "The studio does not answer. Is the program still running? It goes on by itself when it is back.",
   left_s: "about {n} s left", left_min: "about {n} min left", cancel: "Stop", again: "Try again",
