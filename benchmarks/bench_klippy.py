@@ -8,8 +8,8 @@ true printer (true_printer.py), whose bed is as large as the file needs. Columns
 wanted path (RMS, RMS after, largest after, mm), what `mend` promised (RMS after), the job's time [s] and its change,
 places where the nozzle stops while it prints (below 1 mm/s) and where it nearly stands (below 6 mm/s; Klipper takes a
 right angle at 5), motion commands after ÷ before. * misses an aim: 0.012 mm, 1 % of time, 10 % of stops.
-With --bead two more, each from a run with pressure advance (klippy_bead.py): how uneven the bead is, of the original on
-a sound printer and of the mended file on the broken one; * is more than 1.1 times as uneven.
+With --bead two more, each from a run with pressure advance and an input shaper (klippy_bead.py): how uneven the bead
+is, of the original on a sound printer and of the mended file on the broken one; * is more than 1.1 times as uneven.
 
 Of several families the files take one after the other. With --results each line is kept: begun again, it goes on.
 With --moves a larger file ends after so many extruding moves. With --crossing motors that cross their slack speed up
@@ -25,7 +25,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench_corpus import around
-from klippy_bead import ADVANCED, bead_deviation
+from klippy_bead import ADVANCED, SHAPED, bead_deviation
 from klippy_cases import arguments, cases, drawn, text_of
 from klippy_judge import Judged, Track, deposits, judge_both, wanted_path
 from klippy_run import FAST, RefusedByPlanner, plan
@@ -57,8 +57,8 @@ def both(
 
 def beads(text: bytes, mended: bytes, printer: Printer, corruption: Corruption, folder: Path) -> tuple[float, float]:
     """Return how uneven the bead of a file is on a sound printer, and that of its mended form on a broken one."""
-    original = plan(ADVANCED + text, printer, folder)
-    corrected = plan(ADVANCED + mended, printer, folder, around=original)
+    original = plan(ADVANCED + text, printer, folder, extras=SHAPED)
+    corrected = plan(ADVANCED + mended, printer, folder, extras=SHAPED, around=original)
     wanted, true = wanted_path(original), TruePrinter.of(corruption_toml(corruption), printer)
     sound = bead_deviation(original, Track(original, printer), wanted)
     return sound, bead_deviation(corrected, Track(corrected, printer, true), wanted)

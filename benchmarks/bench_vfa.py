@@ -1,12 +1,16 @@
 """Are fine patterns on walls found, named and mended, and is no healthy printer accused of one?
 
-    .venv/bin/python benchmarks/bench_vfa.py --seed 1 --printers 100 [--healthy 200] [--switch phase] [--part]
+    .venv/bin/python benchmarks/bench_vfa.py --seed 1 --printers 100 [--healthy 200] [--switch phase] [--part] [--walls]
 
 Of each printer of printmend's twin the dots of `printmend probe` are measured with noise of 0.02 mm, as a scan that
 knows neither place nor scale. One motor ripples by 0.016 to 0.04 mm, with a belt tooth, motor poles, pairs of full
 steps or full steps; the printer has play and an eccentric pulley of usual size beside. Found is a ripple of that motor
 and period. A false name is any other ripple, and on a healthy printer any. With ``--part`` a part is mended and
 printed: what the ripple and all else leave of it [mm RMS], and how many moves a line becomes.
+
+With ``--walls`` a box is mended, whose walls go along the axes. There a ripple is an error of speed, and so of how wide
+a line is. Klipper's planner drives the printer (`make hosts`), with pressure advance and a shaper; the width's RMS
+deviation [%] is that of the box on a sound printer, of the box as it is, and of the mended one (klippy_bead.py).
 """
 
 import argparse
@@ -19,24 +23,28 @@ from pathlib import Path
 import numpy as np
 
 from bench_homing import error_mm, part_gcode
-from printmend.corruption import Corruption, Drive, EccentricBore, Play
+from klippy_bead import ADVANCED, SHAPED, wall_deviation
+from klippy_judge import Track, wanted_path
+from klippy_run import FAST, plan
+from printmend.corruption import Corruption, Drive, EccentricBore, Play, corruption_toml
 from printmend.corruption.shaft import Ripple
 from printmend.errors import RefusedError
 from printmend.machine import Mechanism
 from printmend.path import FLATBED
-from printmend.printer import Homing, Printer, read_printer
+from printmend.printer import Homing, MotionLimits, Printer, read_printer
 from printmend.probe import design_probe
 from printmend.repair import mend_gcode
 from printmend.repair.learned import learn_model
 from printmend.saved import SavedModel
 from printmend.twin import Twin
+from true_printer import TruePrinter
 
 NOISE_MM = 0.02
 PERIODS_MM = {"teeth": 2.0, "ripple-4": 0.8, "ripple-2": 0.4, "ripple-1": 0.2}
 
 
-def machine(rng: np.random.Generator, printer: Printer, kind: str | None, motor: int) -> Mechanism:
-    """Draw a usual machine, whose motor ripples if a kind is given."""
+def drawn(rng: np.random.Generator, printer: Printer, kind: str | None, motor: int) -> Corruption:
+    """Draw what is broken on a usual machine, whose motor ripples if a kind is given."""
     drives = [
         Drive(pulley=EccentricBore(rng.uniform(0.02, 0.1), rng.uniform(0, 6)), belt=Play(rng.uniform(0.02, 0.2)))
         for _ in range(2)
@@ -47,9 +55,41 @@ def machine(rng: np.random.Generator, printer: Printer, kind: str | None, motor:
         size_mm = min(rng.uniform(0.016, 0.04), most_mm)
         ripple = Ripple((size_mm / step,), (PERIODS_MM[kind] / step,), (rng.uniform(0, 6),))
         drives[motor] = replace(drives[motor], ripple=ripple)
-    made = Corruption((drives[0], drives[1])).lower(printer)
+    return Corruption((drives[0], drives[1]))
+
+
+def machine(broken: Corruption, printer: Printer) -> Mechanism:
+    """Return the machine."""
+    made = broken.lower(printer)
     assert isinstance(made, Mechanism)
     return made
+
+
+def box_gcode(side_mm: float = 60.0, walls: int = 2, layers: int = 4) -> str:
+    """Return a box whose walls go along the axes."""
+    rows, low = ["G28", "G90", "M83"], 110.0 - side_mm / 2
+    for layer in range(layers):
+        rows += ["G1 E-0.8 F2400", f"G1 Z{0.2 * (layer + 1):.2f} F600"]
+        for wall in range(walls):
+            inside, long = low + 0.45 * wall, side_mm - 0.9 * wall
+            rows += [";TYPE:" + ("External perimeter" if wall == 0 else "Perimeter")]
+            rows += [f"G0 X{inside:.3f} Y{inside:.3f} F7200"] + ["G1 E0.8 F2400"] * (wall == 0)
+            for x, y in ((1, 0), (1, 1), (0, 1), (0, 0)):
+                rows.append(f"G1 X{inside + x * long:.3f} Y{inside + y * long:.3f} E{0.0335 * long:.5f} F3000")
+    return "\n".join(rows) + "\n"
+
+
+def widths_percent(source: Path, mended: Path, broken: Corruption, printer: Printer) -> tuple[float, float, float]:
+    """Return how far lines are from their width on a sound printer, on the broken one, and there as mended [% RMS]."""
+    printer = replace(printer, limits=MotionLimits(*FAST))
+    true, folder = TruePrinter.of(corruption_toml(broken), printer), source.parent / "run"
+    plans = [plan(ADVANCED + path.read_bytes(), printer, folder, extras=SHAPED) for path in (source, mended)]
+    wanted, tracks = wanted_path(plans[0]), [Track(plans[0], printer), *(Track(one, printer, true) for one in plans)]
+    sound, before, after = (
+        100 * wall_deviation(one, track, wanted) for one, track in zip([plans[0], *plans], tracks, strict=True)
+    )
+    return sound, before, after
+
 
 
 def learned(true: Mechanism, rng: np.random.Generator) -> SavedModel:
@@ -77,16 +117,19 @@ def main() -> None:
     parser.add_argument("--healthy", type=int, default=0)
     parser.add_argument("--switch", default="unknown")
     parser.add_argument("--part", action="store_true")
+    parser.add_argument("--walls", action="store_true")
     given = parser.parse_args()
     printer = replace(read_printer("ender3"), homing=Homing(given.switch))
     began, found, false = time.perf_counter(), Counter[str](), Counter[str]()
     left: dict[str, list[tuple[float, float, float]]] = {}
+    widths: dict[str, list[tuple[float, float, float, float]]] = {}
     with tempfile.TemporaryDirectory() as name:
         source, output = Path(name) / "part.gcode", Path(name) / "out.gcode"
         for number in range(given.printers):
             rng = np.random.default_rng([given.seed, number])
             kind, motor = list(PERIODS_MM)[number % len(PERIODS_MM)], int(rng.integers(2))
-            true = machine(rng, printer, kind, motor)
+            broken = drawn(rng, printer, kind, motor)
+            true = machine(broken, printer)
             model = learned(true, rng)
             named = ripples(model)
             found[kind] += (printer.motors[motor], kind) in named
@@ -102,16 +145,25 @@ def main() -> None:
                     output.write_bytes(source.read_bytes())
                 row = (error_mm(source, source, true), error_mm(source, output, true), ratio)
                 left.setdefault(kind, []).append(row)
+            if given.walls:
+                source.write_text(box_gcode())
+                said = mend_gcode(source, model, output, force=True).prediction
+                row = widths_percent(source, output, broken, printer)
+                widths.setdefault(kind, []).append((*row, said.commands / said.moves))
+                output.unlink()
         healthy = 0
         for number in range(given.healthy):
             rng = np.random.default_rng([given.seed, 1000 + number])
-            healthy += bool(ripples(learned(machine(rng, printer, None, 0), rng)))
+            healthy += bool(ripples(learned(machine(drawn(rng, printer, None, 0), printer), rng)))
     for kind in PERIODS_MM:
         each = len(range(list(PERIODS_MM).index(kind), given.printers, len(PERIODS_MM)))
         line = f"{kind:9s} named {found[kind]} of {each}, falsely {false[kind]}"
         if kind in left:
             before, after, ratio = np.median(left[kind], axis=0)
             line += f"; {before:.4f} -> {after:.4f} mm, {ratio:.2f} moves for one"
+        if kind in widths:
+            sound, before, after, ratio = np.median(widths[kind], axis=0)
+            line += f"; width {sound:.2f} sound, {before:.2f} -> {after:.2f} %, {ratio:.1f} moves for one"
         print(line)
     print(f"healthy: {healthy} of {given.healthy} falsely named; {time.perf_counter() - began:.0f} s")
 

@@ -104,6 +104,15 @@ class Track:
         index = np.searchsorted(self._z_times, time_s, side="right")
         return np.column_stack([self._framed(belts) + self._push[index], self._heights[index]])
 
+    def smooth_at(self, time_s: np.ndarray) -> np.ndarray:
+        """Return the nozzle's places [T, 2] at given times, as if each motor went evenly from one step to the next."""
+        belts = [
+            np.interp(time_s, t, way[1:]) if len(t) else np.full(len(time_s), way[0])
+            for t, way in zip(self._times, self._belts, strict=True)
+        ]
+        index = np.searchsorted(self._z_times, time_s, side="right")
+        return self._framed(np.stack(belts, axis=1)) + self._push[index]
+
     def ends(self) -> np.ndarray:
         """Return the nozzle's places [1 + M, 2] at home and at the end of each move, were there no micro-steps."""
         return self._framed(np.stack(self._ends, axis=1))

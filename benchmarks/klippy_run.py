@@ -142,7 +142,7 @@ def _run(
             beside = plugins / f"{source.name}.{os.getpid()}"
             beside.symlink_to(source)
             beside.replace(plugins / source.name)
-    paths["in.gcode"].write_bytes(b"G28\n" + gcode)
+    paths["in.gcode"].write_bytes(b"G28\n" + gcode + b"\n")  # a last line without an end would be left out
     paths["board.dict"].write_text(json.dumps(board()))
     paths["printer.cfg"].write_text(
         config(printer, _reach(printer, around), cross_mm2) + f"[record_moves]\npath: {paths['moves.bin']}\n{extras}"

@@ -155,7 +155,7 @@ def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most
         slow, fast = max(slow, (a - along_most) / q), min(fast, (a + along_most) / q)
         if low > high or slow > fast:
             break
-    if end == t or end == stop:  # noqa: SIM109
+    if end in (t, stop):
         return end, to0, to1
     if end == limit:  # a middle: as straight on to the end as may be
         x, y = from_motors(model, to0 - from0, to1 - from1)
