@@ -91,7 +91,6 @@ def widths_percent(source: Path, mended: Path, broken: Corruption, printer: Prin
     return sound, before, after
 
 
-
 def learned(true: Mechanism, rng: np.random.Generator) -> SavedModel:
     """Learn a printer from a scan of its test print."""
     plan = design_probe(true.printer)

@@ -48,9 +48,7 @@ def wall_deviation(planned: Planned, track: Track, wanted: Wanted) -> float:
     return float(np.sqrt(np.average(off[straight] ** 2, weights=weight[straight])))
 
 
-def _bins(
-    planned: Planned, track: Track, wanted: Wanted, bin_mm: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _bins(planned: Planned, track: Track, wanted: Wanted, bin_mm: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return for each bin of a printed line how far the bead is from what is wanted, as a share of it [N], the bin's
     length [mm], and whether its line goes along an axis."""
     time = np.arange(planned.start_s[0], planned.end_s[-1], _TICK_S)

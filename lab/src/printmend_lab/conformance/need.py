@@ -24,6 +24,4 @@ def near(found: np.ndarray, wanted: np.ndarray, what: str) -> None:
     need(found.shape == wanted.shape, f"{what}: expected positions {wanted.shape}, found {found.shape}")
     need(np.isfinite(found).all(), f"{what}: expected finite positions, found nan or infinity")
     most = float(np.abs(found - wanted).max(initial=0.0))
-    need(
-        most <= NEAR_STEPS, f"{what}: expected positions within {NEAR_STEPS} full steps, found {most:.2g}"
-    )
+    need(most <= NEAR_STEPS, f"{what}: expected positions within {NEAR_STEPS} full steps, found {most:.2g}")
