@@ -9,7 +9,9 @@ places within 2 σ (0.95 if σ is true), the median |error|/σ (0.67), and the r
 """
 
 import argparse
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -22,6 +24,9 @@ from printmend.probe import design_probe
 from printmend.twin import Twin
 from printmend_lab.bench.drawn_body import drawn_body
 from printmend_lab.published import layer_trace
+
+sys.path.insert(0, str(Path(__file__).parent))
+from runner import options_of, rows_of
 
 FAMILIES = ("play", "eccentric", "polygon", "fourier", "published", "pulley-play", "pulley-loose", "set-screw",
             "elastic", "friction", "smooth")  # fmt: skip
@@ -39,32 +44,30 @@ def traced(twin: Twin, kind: str, noise_mm: float, rng: np.random.Generator) -> 
     return replace(trace, measured_mm=trace.measured_mm + rng.normal(0, noise_mm, trace.measured_mm.shape))
 
 
+def off_and_sd(options: argparse.Namespace, case: tuple[str, int]) -> dict[str, list[float]]:
+    """Return by how much the branches of one printer are wrong, and what the model says of that."""
+    family, draw = case
+    printer, rng = read_printer(options.printer), np.random.default_rng([options.seed, draw])
+    twin = Twin.of(sample(family, rng), printer)
+    assert isinstance(twin.mechanism, Mechanism)
+    model = Greybox().fit(traced(twin, options.trace, options.noise_mm, rng), printer, rng=rng)
+    errors, sds = [], []
+    for motor, drive in enumerate(model.drives):
+        place = np.linspace(*drive.branches.reach_mm, PLACES)
+        off = np.stack(model.mechanism.transmissions[motor].branches_mm(place))
+        off -= np.stack(twin.mechanism.transmissions[motor].branches_mm(place))
+        errors.append(off - np.median(off))
+        sds.append(np.stack(drive.sd_mm(place)))
+    return {"off_mm": np.ravel(errors).tolist(), "sd_mm": np.ravel(sds).tolist()}
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument("--draws", type=int, default=4)
-    parser.add_argument("--noise-mm", type=float, default=0.05)
-    parser.add_argument("--trace", default="probe")
-    parser.add_argument("--printer", default="ender3")
-    parser.add_argument("--family", action="append")
-    options = parser.parse_args()
-    printer = read_printer(options.printer)
+    options = options_of(__doc__, seed=7, draws=4, noise_mm=0.05, trace="probe", printer="ender3", family=FAMILIES)
     print(f"{'family':14} {'within 2 σ':>10} {'median':>7} {'error µm':>9} {'σ µm':>7}")
-    for family in options.family or FAMILIES:
-        errors, sds = [], []
-        for draw in range(options.draws):
-            rng = np.random.default_rng([options.seed, draw])
-            twin = Twin.of(sample(family, rng), printer)
-            assert isinstance(twin.mechanism, Mechanism)
-            model = Greybox().fit(traced(twin, options.trace, options.noise_mm, rng), printer, rng=rng)
-            for motor, drive in enumerate(model.drives):
-                place = np.linspace(*drive.branches.reach_mm, PLACES)
-                mine = np.stack(model.mechanism.transmissions[motor].branches_mm(place))
-                truth = np.stack(twin.mechanism.transmissions[motor].branches_mm(place))
-                off = mine - truth
-                errors.append(off - np.median(off))
-                sds.append(np.stack(drive.sd_mm(place)))
-        error, sd = np.concatenate(errors).ravel(), np.maximum(np.concatenate(sds).ravel(), 1e-6)
+    for family in options.family:
+        rows = [row for _, row in rows_of(off_and_sd, [(family, draw) for draw in range(options.draws)], options)]
+        error, sd = (np.concatenate([row[name] for row in rows]) for name in ("off_mm", "sd_mm"))
+        sd = np.maximum(sd, 1e-6)
         away = np.abs(error) / sd
         rms = [1000 * np.sqrt(np.mean(np.square(part))) for part in (error, sd)]
         print(f"{family:14} {np.mean(away < 2):10.3f} {np.median(away):7.2f} {rms[0]:9.1f} {rms[1]:7.1f}", flush=True)

@@ -9,6 +9,7 @@ Targets: 0.03 mm RMS with default degradations of the scan, 0.05 mm with heavy o
 
 import argparse
 import json
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -19,38 +20,39 @@ from printmend.corruption import sample
 from printmend.demo.scan import run_chain
 from printmend.printer import read_printer
 
+sys.path.insert(0, str(Path(__file__).parent))
+from runner import parsed, parser_of, rows_of
+
 FAMILIES = ("pulley", "play", "pulley-play", "pulley-loose", "frame")
 TARGET_MM = {"clean": 0.03, "default": 0.03, "heavy": 0.05}
 
 
+def chained(options: argparse.Namespace, case: tuple[str, int]) -> dict:
+    """Return the figures of one printer's whole way."""
+    dirt, number = case
+    seed, family = options.seed + number, FAMILIES[number % len(FAMILIES)]
+    corruption = sample(family, np.random.default_rng(seed), options.severity)
+    begun = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        done = run_chain(read_printer(options.preset), corruption, Path(folder), seed=seed, dirt=dirt, overlay=False)
+    return {
+        "dirt": dirt, "family": family, "seed": seed, "missing": done.missing, "marks": done.marks,
+        "mark_um": 1000 * done.mark_mm, "scale_percent": done.scale_percent, "before_mm": done.before.rms,
+        "after_mm": done.after.rms, "after_p95_mm": done.after.p95, "seconds": time.perf_counter() - begun,
+    }  # fmt: skip
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=100)
-    parser.add_argument("--printers", type=int, default=5, help="damaged printers, the families in turn")
+    parser = parser_of(__doc__, seed=100, printers=5, preset="ender5", json=False)
     parser.add_argument("--dirt", choices=sorted(TARGET_MM), action="append")
-    parser.add_argument("--preset", default="ender5")
     parser.add_argument("--severity", choices=("damaged", "realistic"), default="damaged")
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
-    printer = read_printer(options.preset)
+    options = parsed(parser)
     rows = []
     for dirt in options.dirt or ["default", "heavy"]:
-        for number in range(options.printers):
-            seed, family = options.seed + number, FAMILIES[number % len(FAMILIES)]
-            corruption = sample(family, np.random.default_rng(seed), options.severity)
-            begun = time.perf_counter()
-            with tempfile.TemporaryDirectory() as folder:
-                done = run_chain(printer, corruption, Path(folder), seed=seed, dirt=dirt, overlay=False)
-            rows.append(
-                {
-                    "dirt": dirt, "family": family, "seed": seed, "missing": done.missing, "marks": done.marks,
-                    "mark_um": 1000 * done.mark_mm,
-                    "scale_percent": done.scale_percent, "before_mm": done.before.rms, "after_mm": done.after.rms,
-                    "after_p95_mm": done.after.p95, "seconds": time.perf_counter() - begun,
-                }
-            )  # fmt: skip
+        for _, row in rows_of(chained, [(dirt, number) for number in range(options.printers)], options):
+            rows.append(row)
             if not options.json:
-                show(rows[-1])
+                show(row)
         if not options.json:
             show_all([row for row in rows if row["dirt"] == dirt], dirt)
     if options.json:

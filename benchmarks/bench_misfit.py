@@ -11,7 +11,7 @@ such a one it is its belts' play and a part of the model. Seed 1 was tuned on; o
 """
 
 import argparse
-import subprocess
+import itertools
 import sys
 import tempfile
 from collections import Counter
@@ -25,8 +25,8 @@ from printmend.errors import TraceError
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.repair.learned import learn_model
+from runner import options_of, rows_of, run
 
-PRINTMEND = str(Path(sys.executable).parent / "printmend")
 # what each misfit may be called: some look the same to whom does not see the machine
 NAMES = {
     "linear": {"linear", "creep"}, "creep": {"creep", "linear"}, "set-screw-creep": {"creep", "linear"},
@@ -61,32 +61,28 @@ def said(kind: str, preset: str, probe: str, cost_mm: float, rng: np.random.Gene
     return {each["kind"] for each in model.document["misfit"]["found"]} | idlers
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--draws", type=int, default=6)
-    parser.add_argument("--cost-mm", type=float, default=0.06)
-    parser.add_argument("--preset", choices=sorted(made.BEDS), action="append")
-    parser.add_argument("--kind", choices=("none", "preset", *made.SIZED, *made.TABLES), action="append")
-    options = parser.parse_args()
-    print(f"{'misfit':16} {'draws':>5} {'named':>6} {'found':>6}  said")
+def heard(options: argparse.Namespace, case: tuple[str, str, int]) -> dict[str, object]:
+    """Return what `learn` says of one drawn trace."""
+    kind, preset, draw = case
     with tempfile.TemporaryDirectory() as folder:
-        probes = {}
-        for preset in options.preset or list(made.BEDS):
-            file = Path(folder) / f"{preset}.gcode"
-            subprocess.run([PRINTMEND, "probe", "--printer", preset, "-o", str(file)], check=True, capture_output=True)  # noqa: S603 — our own program
-            probes[preset] = file.read_text()
-        for kind in options.kind or ("none", "preset", *made.SIZED, *made.TABLES):
-            heard = [
-                said(kind, preset, text, options.cost_mm, np.random.default_rng([options.seed, draw, number]))
-                for number, (preset, text) in enumerate(probes.items())
-                for draw in range(options.draws)
-            ]
-            named = np.mean([bool(each & NAMES.get(kind, {kind})) for each in heard])
-            found = np.mean([bool(each - QUIET) for each in heard])
-            counts = Counter(name for each in heard for name in each)
-            words = ", ".join(f"{name} {count}" for name, count in sorted(counts.items())) or "nothing"
-            print(f"{kind:16} {len(heard):5} {100 * named:5.0f}% {100 * found:5.0f}%  {words}", flush=True)
+        probe = Path(folder) / "probe.gcode"
+        run("probe", "--printer", preset, "-o", str(probe))
+        rng = np.random.default_rng([options.seed, draw, options.preset.index(preset)])
+        return {"said": sorted(said(kind, preset, probe.read_text(), options.cost_mm, rng))}
+
+
+def main() -> None:
+    kinds = ("none", "preset", *made.SIZED, *made.TABLES)
+    options = options_of(__doc__, draws=6, cost_mm=0.06, preset=tuple(made.BEDS), kind=kinds)
+    print(f"{'misfit':16} {'draws':>5} {'named':>6} {'found':>6}  said")
+    for kind in options.kind:
+        cases = itertools.product([kind], options.preset, range(options.draws))
+        told = [set(row["said"]) for _, row in rows_of(heard, cases, options)]
+        named = np.mean([bool(each & NAMES.get(kind, {kind})) for each in told])
+        found = np.mean([bool(each - QUIET) for each in told])
+        counts = Counter(name for each in told for name in each)
+        words = ", ".join(f"{name} {count}" for name, count in sorted(counts.items())) or "nothing"
+        print(f"{kind:16} {len(told):5} {100 * named:5.0f}% {100 * found:5.0f}%  {words}", flush=True)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ import argparse
 import itertools
 import json
 import math
-import subprocess
 import sys
 import tempfile
 import time
@@ -23,8 +22,8 @@ import shapely
 
 sys.path.insert(0, str(Path(__file__).parent))
 import outside
+from runner import parsed, parser_of, rows_of, run
 
-PRINTMEND = str(Path(sys.executable).parent / "printmend")
 FAMILIES = (
     "healthy", "pulley", "play", "loose", "pulley+play", "pulley+loose",
     "set-screw", "pulley+set-screw", "pulley+elastic", "friction", "frame", "frame+pulley+play",
@@ -89,13 +88,6 @@ def contour_error_mm(
         tree = shapely.STRtree(lines)
         errors.append(shapely.distance(cloud, lines[tree.nearest(cloud)]))
     return np.concatenate(errors)
-
-
-def run(*args: str, ok: tuple[int, ...] = (0,)) -> subprocess.CompletedProcess:
-    done = subprocess.run([PRINTMEND, *args], capture_output=True, text=True, check=False)  # noqa: S603 — our own program
-    if done.returncode not in ok:
-        raise SystemExit(f"printmend {' '.join(args)} ended with {done.returncode}: {done.stderr}")
-    return done
 
 
 def walk_of(
@@ -169,37 +161,33 @@ def judge(
     }  # fmt: skip
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--printers", type=int, default=3, help="broken printers a family and preset")
-    parser.add_argument("--noise-mm", type=float, default=0.05)
-    parser.add_argument("--preset", choices=sorted(PRESETS), action="append")
-    parser.add_argument("--family", choices=FAMILIES, action="append")
-    parser.add_argument("--part", type=Path, help="a plain G-code file for the preset's bed instead of the drawn part")
-    parser.add_argument("--model", default="auto")
-    parser.add_argument("--trace", choices=TRACES, default="probe")
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
+def judged(options: argparse.Namespace, case: tuple[str, str, int]) -> dict:
+    """Return the figures of one printer."""
+    preset, family, number = case
+    rng = np.random.default_rng([options.seed, sorted(PRESETS).index(preset), FAMILIES.index(family), number])
     part = options.part.read_text() if options.part else None
+    with tempfile.TemporaryDirectory() as name:
+        return judge(preset, family, options.noise_mm, rng, Path(name), part, options.model, options.trace)
+
+
+def main() -> None:
+    parser = parser_of(__doc__, printers=3, noise_mm=0.05, preset=("ender3", "ender5", "corexy"), family=FAMILIES,
+                       model="auto", json=False)  # fmt: skip
+    parser.add_argument("--part", type=Path, help="a plain G-code file for the preset's bed instead of the drawn part")
+    parser.add_argument("--trace", choices=TRACES, default="probe")
+    options = parsed(parser)
     if not options.json:
         print("printer  family         before RMS  after RMS  after p95  growth  fault")
-    for preset in options.preset or ["ender3", "ender5", "corexy"]:
-        with tempfile.TemporaryDirectory() as name:
-            for family in options.family or FAMILIES:
-                for number in range(options.printers):
-                    rng = np.random.default_rng(
-                        [options.seed, sorted(PRESETS).index(preset), FAMILIES.index(family), number]
-                    )
-                    row = judge(preset, family, options.noise_mm, rng, Path(name), part, options.model, options.trace)
-                    if options.json:
-                        print(json.dumps(row), flush=True)
-                    else:
-                        print(
-                            f"{preset:8} {family:13} {row['before_rms_mm']:11.4f} {row['after_rms_mm']:10.4f} "
-                            f"{row['after_p95_mm']:10.4f} {row['growth']:7.2f}  {row['fault']}",
-                            flush=True,
-                        )
+    cases = itertools.product(options.preset, options.family, range(options.printers))
+    for (preset, family, _), row in rows_of(judged, cases, options):
+        if options.json:
+            print(json.dumps(row), flush=True)
+        else:
+            print(
+                f"{preset:8} {family:13} {row['before_rms_mm']:11.4f} {row['after_rms_mm']:10.4f} "
+                f"{row['after_p95_mm']:10.4f} {row['growth']:7.2f}  {row['fault']}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -18,8 +18,9 @@ import shapely
 sys.path.insert(0, str(Path(__file__).parent))
 import outside
 import outside_scan
-from bench_outside import PRESETS, part_gcode, run
+from bench_outside import PRESETS, part_gcode
 from outside_scan import Look
+from runner import run
 
 DARK = {"filament": (210, 214, 216), "bed": (30, 30, 34)}
 RED = {"filament": (50, 60, 190), "bed": (235, 235, 235)}

@@ -26,7 +26,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 import outside
 import outside_faults
-from bench_outside import FAMILIES, PRESETS, contour_error_mm, part_gcode, run, walk_of
+from bench_outside import FAMILIES, PRESETS, contour_error_mm, part_gcode, walk_of
 from bench_outside_scan import placed_error_mm
 from printmend.errors import RefusedError
 from printmend.infer.distances import choose_distances
@@ -40,6 +40,7 @@ from printmend.promise.by_hand import model_by_hand
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model
 from printmend.saved.model import SavedModel
+from runner import run
 
 KINDS = ("modelled", "unmodelled", "healthy", "scan", "glimpse", "settled", "callipers")
 STRETCH_SD, WORSE_STRETCH_SD = 0.001, 0.002  # of the foreign scanners: scale, difference of axes, lean

@@ -10,6 +10,7 @@ the chance of a larger one.
 """
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,6 +28,9 @@ from printmend.learn.greybox import Greybox
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
+
+sys.path.insert(0, str(Path(__file__).parent))
+from runner import parsed, parser_of, rows_of
 
 BINS = 12
 
@@ -57,6 +61,11 @@ def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float] | Non
     return _rank(true_mm[one, axis], drawn_mm[one, axis], rng), _rank(*left, rng)
 
 
+def ranked(options: argparse.Namespace, case: tuple[int]) -> dict[str, object]:
+    """Return the ranks of one draw."""
+    return {"ranks": ranks_of(options.preset, np.random.default_rng([options.seed, *case]))}
+
+
 def _rank(true: np.ndarray, drawn: np.ndarray, rng: np.random.Generator) -> float:
     below, same = (drawn < true - 1e-9).sum(), (np.abs(drawn - true) <= 1e-9).sum()
     return float((below + rng.uniform() * (same + 1)) / (len(drawn) + 1))
@@ -81,18 +90,12 @@ def _all_moved(parts: list[tuple[Sized | Part, np.ndarray]], places: Places, sce
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--draws", type=int, default=200)
+    parser = parser_of(__doc__, draws=200)
     parser.add_argument("--preset", choices=("ender3", "corexy"), default="ender3")
     parser.add_argument("--figure", type=Path)
-    options = parser.parse_args()
-    found = []
-    for draw in range(options.draws):
-        ranks = ranks_of(options.preset, np.random.default_rng([options.seed, draw]))
-        if ranks is not None:
-            found.append(ranks)
-    ranks = np.array(found)
+    options = parsed(parser)
+    found = [row["ranks"] for _, row in rows_of(ranked, [(draw,) for draw in range(options.draws)], options)]
+    ranks = np.array([each for each in found if each is not None])
     print(f"{'rank of':12} draws  χ²    p     counts in {BINS} bins")
     for name, column in zip(("a place", "what is left"), ranks.T, strict=True):
         counts = np.bincount(np.minimum((column * BINS).astype(int), BINS - 1), minlength=BINS)

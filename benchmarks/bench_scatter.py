@@ -20,10 +20,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 import outside
 import outside_faults
-from bench_outside import PRESETS, run, walk_of
+from bench_outside import PRESETS, walk_of
 from printmend.path import Trace, last_way
 from printmend.printer import read_printer
 from printmend.repair.learned import learn
+from runner import options_of, rows_of, run
 
 KINDS = ("none", "stick_slip", "jitter")
 TESTS = ("tails", "lasting", "way", "misfit")
@@ -58,20 +59,23 @@ def tested(kind: str, seed: int, noise_mm: float, probe: Path) -> tuple[dict[str
     return told, max(1 - noise_mm**2 / squares, 0.0)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--noise-mm", type=float, default=0.05)
-    options = parser.parse_args()
+def told_of(options: argparse.Namespace, case: tuple[str, int]) -> dict[str, object]:
+    """Return the tests that tell something of one printer, and the share of its residuals that the fault made."""
+    kind, draw = case
     with tempfile.TemporaryDirectory() as folder:
         probe = Path(folder) / "probe.gcode"
         run("probe", "--printer", "ender3", "-o", str(probe))
-        print(f"{'kind':12} prints  " + "  ".join(f"{each:>8}" for each in TESTS) + "  share of the variance, median")
-        for kind in KINDS:
-            found = [tested(kind, 1000 * options.seed + draw, options.noise_mm, probe) for draw in range(options.draws)]
-            counts = "  ".join(f"{sum(told[each] for told, _ in found):8}" for each in TESTS)
-            print(f"{kind:12} {len(found):6}  {counts}  {np.median([share for _, share in found]):.2f}", flush=True)
+        told, share = tested(kind, 1000 * options.seed + draw, options.noise_mm, probe)
+    return {"told": [each for each in TESTS if told[each]], "share": share}
+
+
+def main() -> None:
+    options = options_of(__doc__, draws=20, noise_mm=0.05)
+    print(f"{'kind':12} prints  " + "  ".join(f"{each:>8}" for each in TESTS) + "  share of the variance, median")
+    for kind in KINDS:
+        found = [row for _, row in rows_of(told_of, [(kind, draw) for draw in range(options.draws)], options)]
+        counts = "  ".join(f"{sum(each in row['told'] for row in found):8}" for each in TESTS)
+        print(f"{kind:12} {len(found):6}  {counts}  {np.median([row['share'] for row in found]):.2f}", flush=True)
 
 
 if __name__ == "__main__":

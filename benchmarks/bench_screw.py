@@ -9,7 +9,6 @@ a z-hop in each and measures it, heights too; `learn` learns from that; `mend` m
 
 import argparse
 import json
-import subprocess
 import sys
 import tempfile
 from dataclasses import replace
@@ -22,7 +21,9 @@ from printmend.corruption.toml import corruption_toml
 from printmend.printer import read_printer
 from printmend.saved import exact_model, write_model
 
-PRINTMEND = str(Path(sys.executable).with_name("printmend"))
+sys.path.insert(0, str(Path(__file__).parent))
+from runner import run
+
 PRESET = "ender3"
 HEAD = ["G21", "G90", "M83", "G28"]
 LOW_MM, HIGH_MM, PART_MM = 60.0, 140.0, 2.9  # the tower, and the parts of its sides: no fraction of a pulley's turn
@@ -53,13 +54,6 @@ def spiral(turns: int = 40) -> str:
     return "\n".join(lines) + "\n"
 
 
-def run(*args: str) -> str:
-    done = subprocess.run([PRINTMEND, *args], capture_output=True, text=True, check=False)  # noqa: S603 — our own program
-    if done.returncode != 0:
-        raise SystemExit(f"printmend {' '.join(args)}: {done.stderr.strip()}")
-    return done.stdout
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--printers", type=int, default=3)
@@ -88,11 +82,11 @@ def judge(at: Path, seed: int, noise_mm: float) -> None:
     trace, model, exact = (str(at / name) for name in ("trace.csv", "model.json", "exact.json"))
     printed = ["--corruption", str(at / "broken.toml"), "--noise-mm", str(noise_mm), "--seed", str(seed), "-o", trace]
     run("twin", str(at / "tower.gcode"), "--printer", PRESET, *printed)
-    said = run("learn", trace, "--printer", PRESET, "-o", model)
+    said = run("learn", trace, "--printer", PRESET, "-o", model).stdout
     for name in ("tower", "spiral"):
         wanted, out = str(at / f"{name}.gcode"), str(at / f"{name}.mended.gcode")
         run("mend", wanted, "-m", model, "-o", out, "--overwrite")
-        found = json.loads(run("check", wanted, "-m", exact, "--against", out, "--json"))
+        found = json.loads(run("check", wanted, "-m", exact, "--against", out, "--json").stdout)
         errors = [found["before"], found["after"], *found["heights"]]
         cells = "".join(f"{each['rms_mm']:7.3f} ({each['max_mm']:5.3f})".rjust(15) for each in errors)
         print(f"{seed:5d} {noise_mm:6.2f} {name:8}{cells}", flush=True)

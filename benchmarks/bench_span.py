@@ -10,6 +10,8 @@ makes a learner worse than no model.
 
 import argparse
 import itertools
+import sys
+from pathlib import Path
 
 import numpy as np
 
@@ -21,6 +23,9 @@ from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
 
+sys.path.insert(0, str(Path(__file__).parent))
+from runner import options_of, rows_of
+
 SEED = 60606
 SPANS_MM, NOISES_MM = (1.0, 2.0, 4.0, 5.8, 6.2, 10.0, 20.0), (0.0, 0.02, 0.05)
 FAMILIES = ("pulley", "pulley-play")
@@ -28,22 +33,21 @@ ROWS, ASKED = 400, 200
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--learners", default="naive,greybox,meta")
-    parser.add_argument("--machines", type=int, default=3, help="of each family")
-    parser.add_argument("--seed", type=int, default=SEED)
-    options = parser.parse_args()
+    options = options_of(__doc__, seed=SEED, learners="naive,greybox,meta", machines=3)
     names = options.learners.split(",")
     print(f"| noise, mm | span of X, mm | {' | '.join(names)} |")
     print("|---:|---:|" + "---:|" * len(names))
     for noise_mm, span_mm in itertools.product(NOISES_MM, SPANS_MM):
-        found = [
-            missed_mm(names, family, span_mm, noise_mm, (options.seed, number))
-            for family in FAMILIES
-            for number in range(options.machines)
-        ]
+        cases = itertools.product(FAMILIES, [span_mm], [noise_mm], range(options.machines))
+        found = [row for _, row in rows_of(missed, cases, options)]
         cells = [f"{np.median([one[name] for one in found]):.4f}" for name in names]
         print(f"| {noise_mm:g} | {span_mm:g} | {' | '.join(cells)} |", flush=True)
+
+
+def missed(options: argparse.Namespace, case: tuple[str, float, float, int]) -> dict[str, float]:
+    """Return what each learner did not foresee of one machine."""
+    *drawn, number = case
+    return missed_mm(options.learners.split(","), *drawn, (options.seed, number))
 
 
 def missed_mm(

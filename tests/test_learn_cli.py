@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from printmend.cli.main import group
+from printmend.cli.main import group, main
+from printmend.cli.terminal import usual_language
 from printmend.corruption import (
     HEALTHY,
     Corruption,
@@ -26,6 +27,7 @@ from printmend.errors import ConfigError, PrintmendError
 from printmend.export.firmware import EXPORTS, simple_part
 from printmend.machine import Mechanism
 from printmend.measure import write_trace
+from printmend.messages import ENGLISH, GERMAN
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
@@ -47,6 +49,27 @@ def trace_file(folder: Path, corruption: Corruption, noise_mm: float = 0.05, see
 
 def run(*args: object) -> Result:
     return CliRunner().invoke(group, [str(arg) for arg in args])
+
+
+def test_results_and_errors_come_in_the_language_of_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for named, spoken in (({}, ENGLISH), ({"LANG": "de_AT.UTF-8"}, GERMAN), ({"LANG": "de", "LC_ALL": "C"}, ENGLISH)):
+        assert usual_language(named) == spoken
+    broken = Corruption((Drive(belt=Play(0.3)), Drive(belt=Play(0.2))))
+    trace, model = trace_file(tmp_path, broken), tmp_path / "m.json"
+    done = run("--lang", "de", "learn", trace, "--printer", "ender3", "-o", model)
+    assert done.exit_code == 0, done.exception
+    assert "Spiel des Riemens 0," in done.output
+    assert "Fehler vor dem Heilen: 0," in done.output
+    assert not re.search(r"\b(the|before|points|written)\b", done.output)
+    assert "belt play 0." in read_model(model).findings[0]  # a file is the same for every reader
+    monkeypatch.setattr(
+        "sys.argv", ["printmend", "--lang", "de", "learn", str(tmp_path / "absent.csv"), "--printer", "ender3"]
+    )
+    with pytest.raises(SystemExit, match="2"):
+        main()
+    assert capsys.readouterr().err.endswith("gefunden: keine solche Datei. Den Pfad prüfen\n")
 
 
 @pytest.mark.parametrize(("offset_mm", "said"), [(0.3, "X pulley eccentric 0.3000"), (0.0, "X healthy")])

@@ -275,7 +275,7 @@ if __name__ == "__main__":
         group.main(asked, standalone_mode=False)
     except InputError as error:
         said = str(error)
-    assert "wanted a scheduler at tcp://127.0.0.1:9" in said and "start `dask scheduler`" in said, said
+    assert "expected a scheduler at tcp://127.0.0.1:9" in said and "start `dask scheduler`" in said, said
     assert not list(made.parent.glob("made*"))
     cases = [Case("table1", "", place, "play", "damaged", "paper", 0, source=place) for place in sys.argv[1:]]
     pool = executor(1, "local:2")
