@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 from click.testing import CliRunner
+from scipy.special import ndtr
 
 from printmend.cli.fit import command
 from printmend.cli.measure import command as measure
@@ -22,6 +23,7 @@ from printmend.fit.setting import Wanted, wanted
 from printmend.fit.words import after_size_mm
 from printmend.gcode.container import open_gcode
 from printmend.gcode.sliced import sliced
+from printmend.measure.silhouette import Silhouette, find_edges
 from printmend.printer import read_printer
 from printmend.repair.fit import fit_part
 from printmend.repair.mend import refuse_grown
@@ -240,3 +242,33 @@ def test_a_file_that_its_slicer_enlarged_is_not_enlarged_again(tmp_path):
         refuse_grown(file, None)
         with pytest.raises(GcodeError, match=r"enlarged against 0\.40 %"):
             refuse_grown(file, "pla")
+
+
+def layered(foot_mm: float, dark: float, *, covers: bool) -> Silhouette:
+    """Return an edge at x = 10 mm of an upper layer; a darker one below it, out of focus, stands out by ``foot_mm``.
+
+    The upper layer ``covers`` it, or the scanner shows the darker of both.
+    """
+    px_per_mm = 600 / 25.4
+    x = (np.arange(int(16 * px_per_mm)) + 0.5) / px_per_mm
+    upper, lower = (ndtr((10.0 + out - x) / blur) for out, blur in ((0.0, 0.03), (foot_mm, 0.25)))
+    share = upper + (1 - upper) * dark * lower if covers else np.maximum(upper, dark * lower)
+    image = np.tile((230 - 170 * share)[None, :, None], (200, 1, 3))
+    image += np.random.default_rng(5).normal(0, 3, image.shape)
+    colour, plate = np.full(3, -1 / np.sqrt(3), np.float32), np.full((60, 100), -230 * np.sqrt(3), np.float32)
+    mask = np.zeros(plate.shape, bool)
+    return Silhouette(image.astype(np.uint8), colour, plate, 85 * np.sqrt(3), mask, 1, px_per_mm, np.zeros(2))
+
+
+@pytest.mark.parametrize("covers", [False, True])
+@pytest.mark.parametrize("foot_mm", [0.0, 0.1, 0.3])
+def test_a_foot_out_of_focus_does_not_move_the_edge_above_it(foot_mm: float, covers: bool) -> None:
+    silhouette = layered(foot_mm, 0.35, covers=covers)
+    at_px = np.stack([np.full(30, 10.04 * silhouette.px_per_mm - 0.5), np.linspace(30, 170, 30)], axis=1)
+    out = np.tile([1.0, 0.0], (30, 1))
+    found = [find_edges(silhouette, at_px, out, 0.6, foot=foot) + 0.04 for foot in (True, False)]
+    errors = [abs(float(np.mean(each))) for each in found]
+    assert errors[0] < 0.014
+    assert errors[0] < errors[1]
+    bare = layered(foot_mm, 0.0, covers=covers)
+    assert abs(np.mean(find_edges(bare, at_px, out, 0.6, foot=True)) + 0.04) < 0.002

@@ -31,7 +31,7 @@ TURN_SD_MM, SKEW_SD_MM, PLAY_SD_MM = 1.0, 0.5, 0.1
 # By how much parts in any filament are too large [share], and machines' own scales (`filament.ledger`).
 ANY_MEAN, ANY_SD, MACHINE_SD = -0.004, 0.004, 0.002
 EDGE_SD_MM = 0.008  # by which all edges of a scan may be seen too far out or in
-UPPER_SD_MM = 0.015  # … of an outline above the first layer, beside which the foot shows
+UPPER_SD_MM = 0.01  # … above the first layer, beside which the foot shows
 LEAST_SIGMA_MM, HUBER_SIGMAS, ROUNDS = 0.004, 2.0, 12
 LEAST_SHARE = 0.08  # of the places that tells something of its own
 RANGE = 1.645  # standard deviations of a 90 % range
@@ -221,8 +221,9 @@ def _side(
     has_holes = bool((block.group > OUTER).any())
     apart = covariance[hole, hole] + covariance[outline, outline] - 2 * covariance[outline, hole]
     scale = values[:2] / SHARE_MM
+    edge_sd = EDGE_SD_MM if layer.number == 1 else UPPER_SD_MM
     rounds = [
-        _hole(one, layer.outline, float(values[hole]), covariance, hole, scale, left[block.group == one.number], sigma)
+        _hole(one, edge_sd, float(values[hole]), covariance, hole, scale, left[block.group == one.number], sigma)
         for one in layer.outline.rounds
     ]
     edge = layer.outline.edge_mm[layer.outline.group == OUTER]
@@ -231,11 +232,10 @@ def _side(
     pick = np.zeros((2, len(values)))
     pick[:, outline] = 2.0
     pick[[0, 1], [0, 1]] = size / SHARE_MM
-    edge_sd = EDGE_SD_MM if layer.number == 1 else UPPER_SD_MM
     came_sd = np.sqrt(np.einsum("ap,pq,aq->a", pick, covariance, pick) + (2 * edge_sd) ** 2)
     return Side(
         layer.number, float(values[outline]), float(np.hypot(sd[outline], edge_sd)),
-        float(values[hole]) if has_holes else None, float(np.hypot(sd[hole], EDGE_SD_MM)),
+        float(values[hole]) if has_holes else None, float(np.hypot(sd[hole], edge_sd)),
         float(np.hypot(np.sqrt(max(apart, 0.0)), EDGE_SD_MM)), tuple(rounds), (float(size[0]), float(size[1])),
         (float(came[0]), float(came[1])), (float(came_sd[0]), float(came_sd[1])),
         float(np.median(2 * layer.walls.half_mm)), len(block.seen), sigma,
@@ -244,7 +244,7 @@ def _side(
 
 # Its many parameters are what one hole takes of its layer.
 def _hole(
-    one: Round, outline: Outline, hole_mm: float, covariance: np.ndarray, hole: int, scale: np.ndarray,
+    one: Round, edge_sd: float, hole_mm: float, covariance: np.ndarray, hole: int, scale: np.ndarray,
     left: np.ndarray, sigma: float,
 ) -> Hole:  # fmt: skip
     """Return a round hole as it came out: what is left of its own places beside all holes counts as far as it is
@@ -255,5 +255,5 @@ def _hole(
     diameter = one.diameter_mm * (1 + float(scale.mean())) - 2 * (hole_mm + own)
     pick = np.zeros(len(covariance))
     pick[hole], pick[:2] = -2.0, one.diameter_mm / 2 / SHARE_MM
-    sd = np.sqrt(pick @ covariance @ pick + (2 * spread) ** 2 + (2 * EDGE_SD_MM) ** 2)
+    sd = np.sqrt(pick @ covariance @ pick + (2 * spread) ** 2 + (2 * edge_sd) ** 2)
     return Hole(one, diameter, float(sd), own)

@@ -17,6 +17,9 @@ LEAST_CONTRAST = 10.0  # grey levels between plastic and plate
 MARGIN_MM = 4.0  # margin around the part within which its edges are looked for
 REACH_MM = 0.45  # half the window about an edge whose integral places it
 INNER_MM, OUTER_MM = (-0.34, -0.12), (0.14, 0.45)  # where the levels of plastic and plate are read, from the edge
+BESIDE_MM = (0.1, 0.22)  # where what shows beside an upper layer is read
+BETWEEN = 0.25  # share of that by which the middle of an upper layer's edge lies above half of its step
+STEEP_SHARE = 0.4  # of the step about its middle: the part of an upper layer's edge that places it
 RAY_STEP_MM = 0.025  # distance between the places of a ray across an edge
 ACROSS_MM = (-0.36, -0.24, -0.12, 0.0, 0.12, 0.24, 0.36)  # places beside a ray of the rays that are averaged with it
 CHUNK = 400  # rays followed at once
@@ -138,20 +141,27 @@ def _plastic_colour(excess: np.ndarray) -> tuple[np.ndarray, float | None]:
     return direction.astype(np.float32), float(np.median(plastic @ direction)) / 2
 
 
-def find_edges(silhouette: Silhouette, at_px: np.ndarray, out_px: np.ndarray, capture_mm: float) -> np.ndarray:
+def find_edges(
+    silhouette: Silhouette, at_px: np.ndarray, out_px: np.ndarray, capture_mm: float, *, foot: bool = False
+) -> np.ndarray:
     """Return how far [S] mm from ``at_px`` [S, 2] the plastic ends along ``out_px`` [S, 2] (unit vectors, out of the
     plastic), NaN where it does not within ``capture_mm``.
 
     The edge is where the plastic would end if it ended at once: the integral of its share. Blur leaves this alone.
+    ``foot``: a layer that lies deeper may show beside the edge, dark and out of focus. It spoils the integral, so the
+    middle of the steep part places the edge. That lies at half the step above the plate where the edge hides the
+    deeper layer, at half the step above that layer where both darken; the level between is off by the least.
     """
     found = np.full(len(at_px), np.nan)
     for first in range(0, len(at_px), CHUNK):
         part = slice(first, first + CHUNK)
-        found[part] = _edges_at_once(silhouette, at_px[part], out_px[part], capture_mm)
+        found[part] = _edges_at_once(silhouette, at_px[part], out_px[part], capture_mm, foot)
     return found
 
 
-def _edges_at_once(silhouette: Silhouette, at_px: np.ndarray, out_px: np.ndarray, capture_mm: float) -> np.ndarray:
+def _edges_at_once(
+    silhouette: Silhouette, at_px: np.ndarray, out_px: np.ndarray, capture_mm: float, foot: bool
+) -> np.ndarray:
     """Return what `find_edges` does, of few enough rays for their pixels to fit in the memory."""
     scale = silhouette.px_per_mm
     reach = capture_mm + REACH_MM
@@ -187,7 +197,12 @@ def _edges_at_once(silhouette: Silhouette, at_px: np.ndarray, out_px: np.ndarray
     high = np.median(values[:, (offset > INNER_MM[0]) & (offset < INNER_MM[1])], axis=1)
     low = np.median(values[:, (offset > OUTER_MM[0]) & (offset < OUTER_MM[1])], axis=1)
     step = high - low
-    share = np.clip((values - low[:, None]) / np.maximum(step, 1e-6)[:, None], 0.0, 1.0)
+    if foot:
+        beside = np.median(values[:, (offset > BESIDE_MM[0]) & (offset < BESIDE_MM[1])], axis=1)
+        level = high / 2 + BETWEEN * beside
+        share = np.clip((values - level[:, None]) / (STEEP_SHARE * np.maximum(high, 1e-6))[:, None] + 0.5, 0.0, 1.0)
+    else:
+        share = np.clip((values - low[:, None]) / np.maximum(step, 1e-6)[:, None], 0.0, 1.0)
     share[:, offset < INNER_MM[0]] = 1.0
     share[:, offset > OUTER_MM[1] - 0.05] = 0.0
     edge = along[nearest] + (share.sum(axis=1) - margin - 0.5) * RAY_STEP_MM

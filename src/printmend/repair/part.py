@@ -237,7 +237,8 @@ def _look(
     begin = printed_mm[walls.row] + (walls.half_mm + swell_mm)[:, None] * walls.normal
     at_px = (begin - pose.shift_mm) @ back * scale - 0.5
     out_px = walls.normal @ back
-    met = find_edges(silhouette, at_px, out_px, capture_mm)
+    above = walls.layer > 1 and eye_mm is None
+    met = find_edges(silhouette, at_px, out_px, capture_mm, foot=above)
     hidden = np.zeros(len(begin), bool)
     if eye_mm is not None:  # a wall that faces the camera shows its whole height beside the edge
         facing = np.sum((pose.apply(eye_mm[:2]) - begin) * walls.normal, axis=1)
