@@ -14,6 +14,7 @@ from printmend.errors import ModelError, TraceError
 from printmend.measure.table import write_trace
 from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.printer import read_printer
+from printmend.repair.filament import printed_in, update_in, updated_in, verify_in
 from printmend.repair.history import read_history, rows_of
 from printmend.repair.learned import learn_model
 from printmend.repair.update import Updated
@@ -123,6 +124,34 @@ def test_a_scanners_doubt_hides_no_change_of_the_machine(
         assert verdict.stretch_percent == pytest.approx(100 * grown, abs=0.02)
     anew = update_words(verdict, Updated(bent, (), ("X",)))
     assert ("is not the one" in anew) == (result == BROKEN)  # what keeps its promise is of this machine
+
+
+SHRINKS = np.array([0.006, 0.003])  # along X and Y
+
+
+def in_plastic(trace: Trace) -> Trace:
+    """Return the scan of a check print that shrank."""
+    middle = np.array(ENDER3.middle_mm[:2])
+    measured = trace.measured_mm - SHRINKS * (trace.measured_mm - middle)
+    return replace(trace, measured_mm=measured + 3.0, placed=False, instrument=KNOWN_SCALE)
+
+
+def test_what_a_check_print_shrank_breaks_no_promise(bent: SavedModel) -> None:
+    scan = in_plastic(checked(bent, BENT, 0.02, points=200))
+    assert verify(bent, scan).result == BROKEN
+    verdict = verify_in(bent, scan, "pla-black")
+    assert verdict.result == KEPT, verdict.words
+
+
+def test_a_check_print_in_a_known_filament_was_mended_with_it(bent: SavedModel) -> None:
+    first = in_plastic(Trace(stairs(200), Twin.of(BENT, ENDER3).follow(stairs(200)), homed=True))
+    knows = update_in(bent, first, "pla-black", rng=np.random.default_rng(1)).model
+    mended = mended_mm(printed_in(knows, "pla-black"), stairs(200))
+    printed = Twin.of(BENT, ENDER3).follow(mended) + np.random.default_rng(2).normal(0, 0.02, mended.shape)
+    again = in_plastic(Trace(stairs(200), printed, homed=True))
+    verdict = verify_in(knows, again, "pla-black")
+    assert verdict.result == KEPT, verdict.words
+    assert not updated_in(knows, again, "pla-black").anew
 
 
 @pytest.mark.parametrize(

@@ -25,25 +25,30 @@ from printmend.messages import say
               help="SCAN shows the underside of this part, printed mended; name the unmended file.")  # fmt: skip
 @click.option("--dpi", type=Finite(min=50, max=9600), help="Resolution of the scans, where the files do not say it.")
 @click.option("--distance", "distance_mm", metavar="MM", type=Finite(min=1, max=1000), help="As in `measure`.")
+@click.option("--filament", metavar="NAME", help="What the check print was printed in, as pla-black: what it shrank is "
+              "no error of the machine.")  # fmt: skip
 @click.option("-o", "--output", metavar="NEW.mend.json", type=click.Path(path_type=Path, dir_okay=False),
               help="Write the model, brought up to date with this measurement.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 def command(
     measured: tuple[Path, ...], model_path: Path, plan_path: Path | None, part_path: Path | None, dpi: float | None,
-    distance_mm: float | None, output: Path | None, as_json: bool,
+    distance_mm: float | None, filament: str | None, output: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Compare a check print with what was promised, and note the result in the model's history.
 
     The check print is the G-code of a probe, mended with the model and printed. TRACE.csv has the places that were
     wanted and the measured ones. The history lies beside the model, printer.mend.history.jsonl. A promise that is
-    broken ends with exit code 3, a measurement that is too coarse to tell with 0.
+    broken ends with exit code 3, a measurement that is too coarse to tell with 0. With --filament, mend the check print
+    with it where the model knows it, and without it where the model does not.
     """
     from printmend.cli.outputs import spare
     from printmend.errors import RefusedError, of_file
     from printmend.extras import require
+    from printmend.filament import check_name
     from printmend.measure import read_plan, read_trace
+    from printmend.repair.filament import updated_in, verify_in
     from printmend.repair.history import history_of
-    from printmend.repair.verify import BROKEN, remember_verdict, update_words, updated, verify
+    from printmend.repair.verify import BROKEN, remember_verdict, update_words
     from printmend.saved import read_model, write_model
 
     is_table = len(measured) == 1 and measured[0].suffix.lower() == ".csv"
@@ -52,6 +57,8 @@ def command(
     if not is_table:
         require("printmend verify", "cv2", "PIL", "scipy")
     spare((output,), (*measured, plan_path, part_path, history_of(model_path)))
+    if filament is not None:
+        check_name(filament)
     model = read_model(model_path)
     if is_table:
         trace = read_trace(measured[0], model.printer)
@@ -65,8 +72,8 @@ def command(
         assert plan_path is not None
         trace = measure_scans(measured, read_plan(plan_path), dpi=dpi, distance_mm=distance_mm).trace
     with of_file(measured[0]):
-        verdict = verify(model, trace)
-        newer = None if output is None else updated(model, trace)
+        verdict = verify_in(model, trace, filament)
+        newer = None if output is None else updated_in(model, trace, filament)
     history = remember_verdict(model_path, model, verdict)
     if output is not None and newer is not None:
         write_model(output, newer.model)

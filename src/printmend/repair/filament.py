@@ -33,6 +33,7 @@ from printmend.promise.scale import axis_scales, instrument_of
 from printmend.repair.history import Ageing
 from printmend.repair.learned import AUTO, learn_model
 from printmend.repair.update import Updated, update
+from printmend.repair.verify import Verdict, made, updated, verify
 from printmend.saved import Branches, SavedModel, branches_of, saved_model, screw_of, with_screw
 from printmend.saved.values import numbers
 
@@ -42,6 +43,7 @@ PLAIN_SDS = 4.0  # standard deviations that it must be off, too
 OTHER_SDS = 5.0  # by which a scale must differ from what is known, to be another machine's
 READING_SD_MM = 0.05  # of a length read from a steel rule with half millimetres
 TRAVELS_MM = (50.0, 2000.0)  # lengths of a travel that are read with a rule
+LEAST_SD = 1e-4  # share: no two prints in one filament shrink more alike
 MOST_OFF = 0.1  # share: a travel that is further off was read or typed wrongly
 NUMBERS = ("printer", "motors", "frame", "screw", "noise_mm", "findings", "format", "version", "program", "learner")
 _TRAVEL = re.compile(r"([xy])=(\d+(?:\.\d+)?):(\d+(?:[.,]\d+)?)", re.IGNORECASE)
@@ -125,6 +127,31 @@ def _is_anew(updated: Updated, axis: int) -> bool:
     )
 
 
+def verify_in(model: SavedModel, trace: Trace, filament: str | None) -> Verdict:
+    """Compare a check print with what was promised, as `verify` does, but for what it shrank.
+
+    A check print in a ``filament`` that the model knows was mended with it, and so enlarged by what it would shrink;
+    one in another was not. What is open of the shrinkage counts as the filament's, and neither keeps nor breaks the
+    promise.
+    """
+    if filament is None:
+        return verify(model, trace)
+    known = known_filaments(model).get(filament)
+    if known is None:
+        return verify(model, grown(trace, model.printer, filament))
+    share = np.array([part.acts_mm[0] for part in known]) / SCALE_MM
+    sd = max(float(part.draws_mm.std()) for part in known) / SCALE_MM
+    return verify(model, _enlarged(trace, model.printer, share, sd))
+
+
+def updated_in(model: SavedModel, trace: Trace, filament: str | None) -> Updated:
+    """Bring a model up to date with a mended check print in a ``filament``, as `verify_in` takes it."""
+    if filament is None:
+        return updated(model, trace)
+    mended = printed_in(model, filament) if filament in known_filaments(model) else model
+    return update_in(model, made(mended, trace), filament, rng=np.random.default_rng(0))
+
+
 def printed_in(model: SavedModel, filament: str | None) -> SavedModel:
     """Return a model as it prints parts in a filament: what mending must undo is the machine's and what the part will
     shrink. Raises `ModelError` for a filament that the model does not know."""
@@ -187,6 +214,18 @@ def grown(trace: Trace, printer: Printer, filament: str | None) -> Trace:
         return grown
     out_mm = (1 + more) * trace.offset_mm + more * np.sum((trace.commanded_mm - middle) * trace.normal, axis=1)
     return replace(grown, offset_mm=out_mm)
+
+
+def _enlarged(trace: Trace, printer: Printer, share: np.ndarray, sd: float) -> Trace:
+    """Return a trace whose wanted and measured places are those before it shrank by a ``share`` [2] along X and Y,
+    known to ``sd``."""
+    middle, more = np.array(printer.middle_mm[:2]), share / (1 - share)
+    wanted, measured = (each + more * (each - middle) for each in (trace.commanded_mm, trace.measured_mm))
+    wanted[0] = trace.commanded_mm[0]
+    offset = trace.offset_mm
+    if offset is not None and trace.normal is not None:
+        offset = offset * (1 + np.sum(more * np.square(trace.normal), axis=1))
+    return replace(trace, commanded_mm=wanted, measured_mm=measured, offset_mm=offset, shrinkage_sd=max(sd, LEAST_SD))
 
 
 def _shown(model: SavedModel, filament: str | None) -> Entry:

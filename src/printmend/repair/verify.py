@@ -304,7 +304,8 @@ def made(model: SavedModel, trace: Trace) -> Trace:
         offset = offset + np.sum(trace.normal * (trace.commanded_mm - commanded), axis=1)
     return Trace(
         commanded, trace.measured_mm, sigma_mm=trace.sigma_mm, homed=trace.homed, placed=trace.placed,
-        instrument=trace.instrument, normal=trace.normal, offset_mm=offset,
+        instrument=trace.instrument, normal=trace.normal, offset_mm=offset, shrinkage_sd=trace.shrinkage_sd,
+        motion=trace.motion,
     )  # fmt: skip
 
 
