@@ -10,6 +10,7 @@ import pytest
 from printmend.corruption import HEALTHY, Corruption, Drive, WrongRadius, families, sample
 from printmend.corruption.belt import Play
 from printmend.corruption.pulley import EccentricBore
+from printmend.corruption.shaft import Ripple
 from printmend.printer import Printer
 from printmend.repair import mend_gcode
 from printmend.repair.against import judged
@@ -159,6 +160,26 @@ def test_chords_lie_on_both_sides_of_the_path() -> None:
     least = np.sqrt(curvature / (16 * 0.005)).sum() * 0.25
     drawn = sum(move.draws for move in result.given)
     assert least < drawn < 1.25 * least + 1
+
+
+@pytest.mark.parametrize("wall", ["X190 Y60.5", "X60 Y160"])
+def test_an_outer_wall_along_an_axis_keeps_its_width(wall: str) -> None:
+    """The teeth of a belt make the nozzle faster and slower along it: no piece holds speeds 3 % from its own."""
+    ripple = Ripple((0.025 / ENDER3.axes[0].mm_per_step,), (2.0 / ENDER3.axes[0].mm_per_step,), (1.0,))
+    mechanism = Corruption((Drive(ripple=ripple), Drive(ripple=ripple))).lower(ENDER3).homed()
+    text = START + b";TYPE:External perimeter\nG1 " + wall.encode() + b" E8 F1800\n"
+    result = judge(text, mechanism)
+    assert result.after.max() < 0.006
+    k = 0 if wall.startswith("X190") else 1
+    drive, paces = mechanism.transmissions[k], []
+    for move in (move for move in result.given if move.draws):
+        motor = np.linspace(move.start[k], move.end[k], 50)
+        belt = np.interp(motor, drive.motor_mm, drive.lower_mm)
+        assert np.ptp(np.gradient(belt, motor)) < 0.066 or abs(belt[-1] - belt[0]) < 0.25
+        paces.append((belt[-1] - belt[0]) / (motor[-1] - motor[0]) * move.feed)
+    assert np.std(paces) < 0.01 * np.mean(paces)
+    other = judge(text.replace(b"External perimeter", b"Internal infill"), mechanism)
+    assert len(other.given) < len(result.given) / 4
 
 
 def test_nothing_leaves_the_bed() -> None:

@@ -28,6 +28,10 @@ from printmend.jit import inner
 SHORT_MM = 0.4  # chords below this may bulge twice as far; on a radius of 4 mm all are shorter
 LOOK_AHEAD_MM = 8.0  # how far along a line its curvature is looked up at once
 LOOKS_A_CHORD, CLOSEST_LOOK_MM = 10.0, 0.01  # at how many places of a chord, and how densely it is looked at the most
+UNEVEN = 0.03  # by which share a wall may be wider or thinner somewhere along a chord: some 1 % RMS
+SHORTEST_EVEN_MM = 0.2  # chords that are to keep a wall's width: half a line's width
+ALONG_AN_AXIS = 0.26  # the tangent of a wall's angle to it, at the most
+GENTLY = 0.1  # mm of slack a mm of path, at the most: a motor that crosses faster turns the command aside
 MOST_SCORE = 1.1  # that such a chord may have: the exact command's distances are nearly those on the bed
 REST_SHARE = 0.5  # of a chord: before a shorter rest it is cut in the middle
 _FAR_MM = 12.0  # for how much of a motor's way the curvature of its tables is looked up
@@ -100,25 +104,28 @@ def _longest(model, curve, state, mode0, mode1, t, whole, bound, shortest):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _look_mm(model, way0, way1, m0, m1, most):
+def _look_mm(model, way0, way1, m0, m1, most, even):
     """Return how densely a line must be looked at from motors (m0, m1) on, whose way a mm of path is (way0, way1)."""
     bend0 = sharpest(model, 0, m0, m0 + LOOK_AHEAD_MM * way0) * way0 * way0
     bend1 = sharpest(model, 1, m1, m1 + LOOK_AHEAD_MM * way1) * way1 * way1
     bend = norm(bend0, bend1)
+    look = UNEVEN / (4.0 * bend) if even and bend > 0.0 else LOOK_AHEAD_MM
     if is_framed(model):
         bend += model.head.frame_bend
-    return min(max(np.sqrt(16.0 * most / max(bend, 1e-12)) / LOOKS_A_CHORD, CLOSEST_LOOK_MM), LOOK_AHEAD_MM)
+    look = min(look, np.sqrt(16.0 * most / max(bend, 1e-12)) / LOOKS_A_CHORD)
+    return min(max(look, CLOSEST_LOOK_MM), LOOK_AHEAD_MM)
 
 
 # Its many parameters are a line, where the motors are on it, and how far the command may stray.
 @inner(error_model="numpy", _nrt=False)
-def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most):
+def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most, even):
     """Return (end, m0, m1): where the longest straight command from t ends that stays near a line's exact command.
 
     The exact command at each place leaves an interval of directions to the one that may pass it at ``aside_most``; the
     command is as long as these have a direction in common. So its ends lie on the outer side of a bend and its middle
-    on the inner one, and it goes straight through ripples that are smaller. Along the line its ends are exact. It ends
-    at ``stop`` exactly, where the belts are wanted at (u0, u1), or at ``limit`` at the latest.
+    on the inner one, and it goes straight through ripples that are smaller. Along the line its ends are exact. Where it
+    is to be ``even``, the exact command is nowhere much faster or slower. It ends at ``stop`` exactly, where the belts
+    are wanted at (u0, u1), or at ``limit`` at the latest.
     """
     length = curve.length
     to0, to1 = motor_along(model, state, 0, mode0, u0, stop), motor_along(model, state, 1, mode1, u1, stop)
@@ -134,13 +141,14 @@ def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most
     along_most = max(ALONG_PER_ASIDE * model.head.chord, abs(x * tx + y * ty))
     near = max(aside_most, abs(tx * y - ty * x))
     low, high, slow, fast = -np.inf, np.inf, -np.inf, np.inf
+    last, slowest, fastest = x * tx + y * ty, -np.inf, np.inf
     end, aside, along, least, most = t, 0.0, 0.0, 0.0, 0.0
     at, seen, step = t, t, 0.0
     while at < limit:
         if at >= seen:
-            step = _look_mm(model, way0, way1, m0, m1, aside_most) / length
+            step = _look_mm(model, way0, way1, m0, m1, aside_most, even) / length
             seen = at + LOOK_AHEAD_MM / length
-        at = limit if limit - at < 1.5 * step else at + step
+        before, at = at, limit if limit - at < 1.5 * step else at + step
         if at == stop:
             m0, m1 = to0, to1
         else:
@@ -149,6 +157,12 @@ def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most
         a, p, q = x * tx + y * ty, tx * y - ty * x, at - t
         room = 0.0 if at == stop else aside_most
         from_p, to_p = max(p - room, low * q), min(p + room, high * q)
+        if even:  # what one command draws with one speed must not differ much in its wanted speed
+            pace = (a - last) / (at - before)
+            slowest, fastest = max(slowest, pace - UNEVEN * length), min(fastest, pace + UNEVEN * length)
+            last = a
+            if q * length > SHORTEST_EVEN_MM:
+                slow, fast = max(slow, slowest), min(fast, fastest)
         if from_p <= to_p and slow * q <= a <= fast * q:
             end, aside, along, least, most = at, p, a, from_p, to_p
         low, high = max(low, (p - near) / q), min(high, (p + near) / q)
@@ -164,11 +178,22 @@ def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most
         p = most if p / q > aside / (end - t) else least
     x, y = along * tx - p * ty, along * ty + p * tx
     d0, d1 = to_motors(model, x, y)
-    if mode0 * d0 < 0.0 and mode0 != 2:
+    if mode0 == 0:  # it stands, or crosses its slack
+        d0 = motor_along(model, state, 0, mode0, u0, end) - from0
+    elif mode0 * d0 < 0.0 and mode0 != 2:
         d0 = 0.0
-    if mode1 * d1 < 0.0 and mode1 != 2:
+    if mode1 == 0:
+        d1 = motor_along(model, state, 1, mode1, u1, end) - from1
+    elif mode1 * d1 < 0.0 and mode1 != 2:
         d1 = 0.0
     return end, from0 + d0, from1 + d1
+
+
+@inner(error_model="numpy", _nrt=False)
+def _is_even(model, curve):
+    """Say whether a line's width shows, and goes with the speed of one axis: an outer wall along an axis."""
+    x, y = abs(curve.x1 - curve.x0), abs(curve.y1 - curve.y0)
+    return model.head.even != 0.0 and min(x, y) <= ALONG_AN_AXIS * max(x, y)
 
 
 # As `_reach`.
@@ -178,12 +203,12 @@ def _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest):
 
     Belts that lag, or that are not yet driven, do not follow the exact command: then the chord is none.
     """
-    most = model.head.chord
-    end, m0, m1 = _reach(model, curve, state, mode0, mode1, t, stop, stop, u0, u1, most)
-    if end < stop and (end - t < shortest or (end - t) * curve.length < SHORT_MM):
+    most, even = model.head.chord, _is_even(model, curve)
+    end, m0, m1 = _reach(model, curve, state, mode0, mode1, t, stop, stop, u0, u1, most, even)
+    if end < stop and (end - t < shortest or (not even and (end - t) * curve.length < SHORT_MM)):
         return t, m0, m1
     if 0.0 < stop - end < REST_SHARE * (end - t):  # two of a length instead of one and a rest
-        half, h0, h1 = _reach(model, curve, state, mode0, mode1, t, (t + stop) / 2.0, stop, u0, u1, most)
+        half, h0, h1 = _reach(model, curve, state, mode0, mode1, t, (t + stop) / 2.0, stop, u0, u1, most, even)
         if half - t >= shortest:
             end, m0, m1 = half, h0, h1
     x, y = printed(model, middle(state, 0), middle(state, 1))
@@ -223,7 +248,8 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     if bound > 8.0 * _bulge(model, whole * length) or ((d0 > _FAR_MM or d1 > _FAR_MM) and model.head.bent != 0.0):
         end = t
         bends = bound * SHORT_MM * SHORT_MM > 64.0 * model.head.chord * whole * whole * length * length  # all are short
-        if curve.arc == 0.0 and mode0 != 0 and mode1 != 0 and not bends:
+        crosses = max(abs(state.crossing[0]), abs(state.crossing[1])) > GENTLY * length
+        if curve.arc == 0.0 and not crosses and not bends:
             end, n0, n1 = _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest)
         step = end - t
         if end > t:

@@ -25,6 +25,7 @@ from printmend.gcode.kernels.layout import (
     PIECE_LINE,
     PIECE_TRAVEL,
     ROLE_MASK,
+    ROLE_OUTER,
     ROLE_SHIFT,
     WORD_E,
     WORD_X,
@@ -344,7 +345,8 @@ def mend(
             continue
         known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
         extruding = r.flags & FLAG_EXTRUDING != 0
-        model.head.chord = model.head.chords[(r.flags >> ROLE_SHIFT) & ROLE_MASK if extruding else TRAVEL]
+        role = (r.flags >> ROLE_SHIFT) & ROLE_MASK if extruding else TRAVEL
+        model.head.chord, model.head.even = model.head.chords[role], role == ROLE_OUTER
         counts.moves += 1
         if extruding and known:
             counts.extruding += 1
