@@ -1,6 +1,6 @@
 """Are fine patterns on walls found, named and mended, and is no healthy printer accused of one?
 
-    .venv/bin/python benchmarks/bench_vfa.py --seed 1 --printers 100 [--healthy 200] [--switch phase] [--part] [--walls]
+    .venv/bin/python benchmarks/bench_vfa.py --seed 1 --printers 100 [--healthy 200] [--part] [--walls [--shaper]]
 
 Of each printer of printmend's twin the dots of `printmend probe` are measured with noise of 0.02 mm, as a scan that
 knows neither place nor scale. One motor ripples by 0.016 to 0.04 mm, with a belt tooth, motor poles, pairs of full
@@ -9,8 +9,9 @@ and period. A false name is any other ripple, and on a healthy printer any. With
 printed: what the ripple and all else leave of it [mm RMS], and how many moves a line becomes.
 
 With ``--walls`` a box is mended, whose walls go along the axes. There a ripple is an error of speed, and so of how wide
-a line is. Klipper's planner drives the printer (`make hosts`), with pressure advance and a shaper; the width's RMS
-deviation [%] is that of the box on a sound printer, of the box as it is, and of the mended one (klippy_bead.py).
+a line is. Klipper's planner drives the printer (`make hosts`), with pressure advance; the width's RMS deviation [%] is
+that of the box on a sound printer, of the box as it is, and of the mended one (klippy_bead.py). With ``--shaper`` an
+input shaper is on, too: one of 40 Hz takes half of what mends a tooth at 50 mm/s, which is 25 Hz.
 """
 
 import argparse
@@ -65,7 +66,7 @@ def machine(broken: Corruption, printer: Printer) -> Mechanism:
     return made
 
 
-def box_gcode(side_mm: float = 60.0, walls: int = 2, layers: int = 4) -> str:
+def box_gcode(side_mm: float = 60.0, walls: int = 1, layers: int = 4) -> str:
     """Return a box whose walls go along the axes."""
     rows, low = ["G28", "G90", "M83"], 110.0 - side_mm / 2
     for layer in range(layers):
@@ -79,11 +80,13 @@ def box_gcode(side_mm: float = 60.0, walls: int = 2, layers: int = 4) -> str:
     return "\n".join(rows) + "\n"
 
 
-def widths_percent(source: Path, mended: Path, broken: Corruption, printer: Printer) -> tuple[float, float, float]:
+def widths_percent(
+    source: Path, mended: Path, broken: Corruption, printer: Printer, extras: str
+) -> tuple[float, float, float]:
     """Return how far lines are from their width on a sound printer, on the broken one, and there as mended [% RMS]."""
     printer = replace(printer, limits=MotionLimits(*FAST))
     true, folder = TruePrinter.of(corruption_toml(broken), printer), source.parent / "run"
-    plans = [plan(ADVANCED + path.read_bytes(), printer, folder, extras=SHAPED) for path in (source, mended)]
+    plans = [plan(ADVANCED + path.read_bytes(), printer, folder, extras=extras) for path in (source, mended)]
     wanted, tracks = wanted_path(plans[0]), [Track(plans[0], printer), *(Track(one, printer, true) for one in plans)]
     sound, before, after = (
         100 * wall_deviation(one, track, wanted) for one, track in zip([plans[0], *plans], tracks, strict=True)
@@ -117,6 +120,7 @@ def main() -> None:
     parser.add_argument("--switch", default="unknown")
     parser.add_argument("--part", action="store_true")
     parser.add_argument("--walls", action="store_true")
+    parser.add_argument("--shaper", action="store_true")
     given = parser.parse_args()
     printer = replace(read_printer("ender3"), homing=Homing(given.switch))
     began, found, false = time.perf_counter(), Counter[str](), Counter[str]()
@@ -147,7 +151,7 @@ def main() -> None:
             if given.walls:
                 source.write_text(box_gcode())
                 said = mend_gcode(source, model, output, force=True).prediction
-                row = widths_percent(source, output, broken, printer)
+                row = widths_percent(source, output, broken, printer, SHAPED if given.shaper else "")
                 widths.setdefault(kind, []).append((*row, said.commands / said.moves))
                 output.unlink()
         healthy = 0
