@@ -35,10 +35,10 @@ function transmission(side, axis, mostDent) {
   return { first: axis.first_mm, rate: 1 / axis.pitch_mm, lower: half ? span.map((u) => u - half) : span, upper: half ? span.map((u) => u + half) : span };
 }
 
-const branch = (drive, name, m) => branch_at(drive[name], 0, drive.first, drive.rate, drive[name].length - 1, m);
+export const branch = (drive, name, m) => branch_at(drive[name], 0, drive.first, drive.rate, drive[name].length - 1, m);
 
 // A machine that has just been homed: the engaged branches pass through the end stops.
-function machine(faults, { axes, home_mm: home, corexy, most_dent_mm: mostDent }) {
+export function machine(faults, { axes, home_mm: home, corexy, most_dent_mm: mostDent }) {
   const terms = [new Float64Array(10), new Float64Array(10)];
   terms[0][2] = Math.tan((faults.skew_deg * Math.PI) / 180) * 100;
   const way = { corexy: corexy ? 1 : 0, framed: faults.skew_deg ? 1 : 0, origin: [0, 0], scale: [100, 100], terms, wave_count: 0, waves: [] };

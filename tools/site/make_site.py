@@ -1,7 +1,8 @@
 """Make the play screen as a folder that any static host serves: python tools/site/make_site.py [FOLDER]
 
 The page is the studio's own. Its law is translated from the program's kernels (`translate.py`). What *Mend it* shows is
-made here by the program, once for each preset: measured, learned and mended as in the studio.
+made here by the program, once for each preset: measured, learned and mended as in the studio. For other faults the
+page mends by itself, with the planner's kernels in JavaScript, for a printer that is known exactly.
 """
 
 import gzip
@@ -33,10 +34,14 @@ def make(folder: Path, names: list[str]) -> int:
     """Write the page with the plays ``names`` to ``folder``; return how many bytes it has."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(PAGE, folder, ignore=shutil.ignore_patterns("stream.js", "*.sha256"))
-    for name in ("api.js", "faults.js"):
+    for name in ("api.js", "faults.js", "planner.js", "planner-worker.js"):
         shutil.copy(HERE / name, folder / name)
     (folder / "law.js").write_text(page_parts.law(), encoding="utf-8")
-    (folder / "printer.json").write_text(json.dumps(page_parts.printer()), encoding="utf-8")
+    (folder / "kernels").mkdir()
+    for name, text in page_parts.planner().items():
+        (folder / "kernels" / name).write_text(text, encoding="utf-8")
+    (folder / "part.packed").write_bytes(gzip.compress(json.dumps(page_parts.part()).encode(), mtime=0))
+    (folder / "printer.json").write_text(json.dumps(page_parts.printer() | {"base": names[0]}), encoding="utf-8")
     (folder / "messages.json").write_text(json.dumps(page_messages(), ensure_ascii=False), encoding="utf-8")
     for name in names:
         _play(folder / "plays" / name, name, presets()[name])

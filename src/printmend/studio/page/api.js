@@ -6,7 +6,7 @@ export class Problem extends Error {}
 
 // A page without a server has another file of this name: it shows only what was made beforehand.
 export const STATIC = false;
-export const mendable = () => true;
+export const mendable = () => true, beforehand = () => false;
 
 async function answer(response) {
   const body = response.status === 204 ? null : heed(await response.json().catch(() => null));

@@ -1,6 +1,6 @@
 // Try it: a printer that exists only here, broken with sliders, mended in front of one's eyes.
 import { html, useEffect, useRef, useState } from "./vendor.js";
-import { ended, fileOf, get, mendable, post, STATIC } from "./api.js";
+import { beforehand, ended, fileOf, get, mendable, post, STATIC } from "./api.js";
 import { Number_, Plate, Pulley, Save, Slice, Wall } from "./drawings.js";
 import { inside, Machine } from "./machine.js";
 import { Counting, times } from "./moment.js";
@@ -92,7 +92,7 @@ export function Play() {
   return html`<div class="head"><div><h1>${t("play_title")}</h1><p class="now">${t(done && scene ? "now_mended" : "play_now")}</p></div>
       ${done ? html`<button class="big" onClick=${() => setKey(null)}>${t("change")}</button>`
         : html`<button class="primary big" disabled=${running || !mendable(faults)} onClick=${start}>${running ? t("mending") : t("mend_it")}</button>`}</div>
-    <${Problem} error=${error ?? lost} />${STATIC && html`<p class="note">${t(mendable(faults) ? "static_now" : "static_presets")}</p>`}
+    <${Problem} error=${error ?? lost} />${STATIC && html`<p class="note">${t(beforehand(faults) ? "static_now" : "static_own")}</p>`}
     <div class="split first">
       <div class="stack">
         ${result ? html`<${Result} result=${result} played=${key} />` : running ? html`<section class="card"><${Progress} job=${job ?? { state: "queued", share: 0, id: key }} steps=${faults.screw_mm ? TOWER : STEPS} /></section>` : html`
@@ -119,11 +119,11 @@ export function Play() {
 }
 
 function Result({ result, played }) {
-  const [lit, light] = useState(null), { before, after, said } = result, more = before.rms_mm / Math.max(after.rms_mm, 1e-4), larger = inside(said.machine);
+  const [lit, light] = useState(null), { before, after, said } = result, more = before.rms_mm / Math.max(after.rms_mm, 1e-4), larger = said ? inside(said.machine) : 1;
   return html`<section class="card stack"><div class="numbers">
       <${Number_} value=${mm(before.rms_mm)}>${t("before")}</${Number_}><${Counting} from=${before.rms_mm} to=${after.rms_mm}>${t("after")}</${Counting}>
       ${!result.refused && more > 1.5 && html`<${Counting} from=${1} to=${more} unit="" show=${times}>${t("better")}</${Counting}>`}</div></section>
-    <section class="card stack"><h2>${t("found")}</h2>
+    ${!said ? html`<section class="card stack"><h2>${t("found")}</h2><p class="soft">${t("static_known")}</p></section>` : html`<section class="card stack"><h2>${t("found")}</h2>
       <div class="picture"><${Machine} machine=${said.machine} larger=${larger} label=${larger > 1 ? t("machine", { n: larger }) : t("machine_sound")} faults=${said.faults.map((fault) => fault.part)} lit=${lit} light=${light} played=${played} /></div><p class="faint">${t("light_up")}</p>
-      ${said.faults.length ? said.faults.map((fault) => html`<div ...${lights(fault, lit, light)}><h3>${say(fault.title)}</h3><p class="faint">${say(fault.meaning)}</p></div>`) : html`<p>${say(said.headline)}</p>`}</section>`;
+      ${said.faults.length ? said.faults.map((fault) => html`<div ...${lights(fault, lit, light)}><h3>${say(fault.title)}</h3><p class="faint">${say(fault.meaning)}</p></div>`) : html`<p>${say(said.headline)}</p>`}</section>`}`;
 }

@@ -102,8 +102,9 @@ export default {
   devices: "Geräte", devices_now: "Diese Geräte dürfen von anderen Rechnern herein. Jedes hat ein eigenes Token.", device_new: "Ein Gerät einlassen", device_name: "Sein Name: Handy, Laptop", device_user: "Wessen Drucker es sieht (leer: alle)",
   device_add: "Einlassen", device_scan: "Scannen Sie das mit dem Gerät, oder öffnen Sie dort die Adresse. Sie wird nur dieses eine Mal gezeigt.", device_qr: "Die Adresse als QR-Code", device_of: "sieht die Drucker von {user}", device_all: "sieht alle Drucker", revoke: "Aussperren", revoke_sure: "{name} aussperren? Sein Token ist dann nichts mehr wert.",
 
-  static_now: "Diese Seite läuft ohne Server. Die Regler folgen dem Gesetz des Programms; was Heilen zeigt, hat das Programm vorher gemessen, gelernt und geheilt. Installieren Sie printmend, um eigene Fehler zu heilen.",
-  static_presets: "Ohne das Programm lassen sich hier nur die Fehler der Knöpfe oben heilen. Wählen Sie einen davon, oder installieren Sie printmend.",
+  static_now: "Diese Seite läuft ohne Server. Für die Fehler der Knöpfe zeigt Heilen, was das Programm vorher gemessen, gelernt und geheilt hat. Eigene Fehler werden hier im Browser geheilt.",
+  static_own: "Diese Fehler werden hier in Ihrem Browser geheilt, vom Planer des Programms. Er kennt diesen Drucker genau.",
+  static_known: "Dafür wurde nichts gedruckt oder gemessen: Der Planer hat jeden Fehler genau gesagt bekommen. Das Programm findet die Fehler an einem Testdruck, und was ein Druck nicht zeigt, bleibt im Teil. Installieren Sie printmend, um auch das zu sehen.",
 
   pair: "Mit Moonraker oder OctoPrint koppeln", pair_now: "Ein gekoppelter Rechner bekommt dieses Modell und jedes neuere von selbst.", pair_make: "Code zeigen", pair_how: "Führen Sie das innerhalb von {n} Minuten auf dem Rechner des Druckers aus, mit dem Ort des Modells aus seinen Einstellungen. Der Code gilt einmal.",
   unpair: "Trennen", part_sure: "{name} trennen? Er behält sein Modell und bekommt kein neueres.",

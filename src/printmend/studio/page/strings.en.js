@@ -102,8 +102,9 @@ export default {
   devices: "Devices", devices_now: "These devices may enter from other computers. Each has a token of its own.", device_new: "Let in a device", device_name: "Its name: phone, laptop", device_user: "Whose printers it sees (empty: all of them)",
   device_add: "Let it in", device_scan: "Scan this with the device, or open the address there. It is shown this once.", device_qr: "The address as a QR code", device_of: "sees {user}'s printers", device_all: "sees all printers", revoke: "Shut it out", revoke_sure: "Shut out {name}? Its token is then worth nothing.",
 
-  static_now: "This page runs without a server. The sliders follow the program's own law; what Mend it shows was measured, learned and mended by the program beforehand. Install printmend to mend faults of your own.",
-  static_presets: "Without the program only the faults of the buttons above can be mended here. Choose one of them, or install printmend.",
+  static_now: "This page runs without a server. For the faults of the buttons, Mend it shows what the program measured, learned and mended beforehand. Faults of your own are mended here in the browser.",
+  static_own: "These faults are mended here, in your browser, by the program's own planner. It knows this printer exactly.",
+  static_known: "Nothing was printed or measured for this: the planner was told each fault exactly. The program finds the faults from a test print, and what a print cannot show stays in the part. Install printmend to see that, too.",
 
   pair: "Pair with Moonraker or OctoPrint", pair_now: "A host that is paired gets this model, and each newer one, by itself.", pair_make: "Show a code", pair_how: "Run this on the host within {n} minutes, with the model's place from its settings. The code is good once.",
   unpair: "Part", part_sure: "Part {name}? It keeps the model that it has, and gets no newer one.",
