@@ -21,6 +21,7 @@ from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 from printmend.twin.gcode import print_dots, print_line
 from printmend.twin.scanner import DEFAULT, render_scan
+from tests.mending import PLAY, mended
 from tests.promised import ENDER3, HEALTHY, measured
 
 EVEN = (np.arange(400) + 0.5) / 400
@@ -81,6 +82,12 @@ def test_the_file_prints_every_way_point_and_says_its_seconds(plan):
     assert line is not None
     np.testing.assert_allclose(line[[0, -1]], plan.waypoints_mm[[plan.moving, -1]], atol=1e-4)
     assert 0 < 60 * (cost(plan)[0] - cost(bare)[0]) < 30
+
+
+def test_a_mended_file_has_the_plans_dots_whatever_begins_its_lines(plan):
+    text, _ = mended(probe_gcode(plan).encode(), PLAY)
+    printed = print_dots(read_gcode(text, printer=ENDER3), Twin(PLAY), plan)
+    np.testing.assert_allclose(printed, plan.marks_mm, atol=0.01)
 
 
 def test_plan_and_table_keep_them(tmp_path, plan):

@@ -347,7 +347,7 @@ def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel
     assert 0.001 < export.doubt_mm < 0.1
     assert export.doubt_mm > 0.015  # what a printer may do in motion, which no dot at rest shows, as in `mend`'s range
     without, most = (np.hypot(each, export.doubt_mm) for each in (export.before_mm, export.after_mm))
-    assert f"up to {without:.3f} mm without, up to {most:.3f} mm with this" in remainder(export)
+    assert f"up to {without:.3f} mm without these settings, up to {most:.3f} mm with them" in remainder(export)
     text = dict(export.files)["marlin.gcode"]
     assert "M500" not in text
     assert "to undo" in text

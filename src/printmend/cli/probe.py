@@ -190,7 +190,7 @@ def command(
         return
     error_mm = expected_error_mm(printer, plan, part=part, after=trace)
     click.echo(
-        f"Expected error afterwards, {'of the part' if part else 'anywhere on the bed'}: {error_mm:.3f} mm, typically"
+        f"Expected error after mending, {'of the part' if part else 'anywhere on the bed'}: {error_mm:.3f} mm RMS"
     )
     click.echo(f"{plan_path}: the plan; keep it for `printmend measure`")
     page = write_leaflet(output, plan, printer, printer_name, papers=papers)

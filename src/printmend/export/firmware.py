@@ -212,9 +212,9 @@ def remainder(export: Export) -> str:
     """Say what the firmware takes, what remains, and which settings stay out."""
     without_mm, with_mm = (np.hypot(each, export.doubt_mm) for each in (export.before_mm, export.after_mm))
     said = (
-        f"expected over the bed, typically: up to {without_mm:.3f} mm without, up to {with_mm:.3f} mm with this "
-        f"({export.before_mm:.3f} and {export.after_mm:.3f} by what the model knows alone); what remains is for "
-        "`printmend mend`, with a model learned after these settings are in place"
+        f"expected error over the bed (RMS): up to {without_mm:.3f} mm without these settings, up to {with_mm:.3f} mm "
+        f"with them ({export.before_mm:.3f} and {export.after_mm:.3f} for the model alone). To mend the rest, learn a "
+        "new model with these settings in place"
     )
     return "\n".join([said, *(f"left out: {each}" for each in export.left_out)])
 

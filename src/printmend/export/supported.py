@@ -94,7 +94,7 @@ def _judged(
 def _why(name: str, gain_mm: float, doubt_mm: float, chance: float = 1.0) -> str:
     """Say why a setting is left out."""
     if gain_mm <= -GAIN_MM:
-        return f"{name} alone would make prints {-gain_mm:.3f} mm worse, typically, over the bed"
+        return f"{name} alone would make prints {-gain_mm:.3f} mm worse over the bed (RMS)"
     if gain_mm < GAIN_MM:
         return f"{name} would help by less than {GAIN_MM:.3f} mm over the bed"
     if chance < SURE:

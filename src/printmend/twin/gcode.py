@@ -131,6 +131,8 @@ def print_dots(program: Program, twin: Twin, plan: ProbePlan) -> np.ndarray:
     path = moves.end_mm[rests, :2]
     fresh = np.append(True, (path[1:] != path[:-1]).any(axis=1))[: len(path)]
     rests, path = rests[fresh], path[fresh]
+    if plan.moving:  # the lines at speed come last, and their first bit may be extruded standing
+        rests, path = rests[: len(plan)], path[: len(plan)]
     if len(path) != len(plan) or np.abs(path - plan.marks_mm).max() > _MENDED_MM:
         raise InputError(
             "the printed file", wanted=f"the probe of this plan, with {len(plan)} dots, or what `mend` made of it",
