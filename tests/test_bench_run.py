@@ -11,11 +11,13 @@ import trimesh
 
 from printmend.errors import ConfigError, InputError
 from printmend.executor import Processes, Serial, WorkerDied, program_version
+from printmend.path import Body, Layer
 from printmend_lab.bench.case import Case, Result
+from printmend_lab.bench.layers import covering_layer
 from printmend_lab.bench.report import body_table, failure_texts, text_table
 from printmend_lab.bench.rows import PAPER_ROWS, row
 from printmend_lab.bench.run import read_results, run
-from printmend_lab.bench.table1 import cells, draw_cases, lines, table1
+from printmend_lab.bench.table1 import cells, draw_cases, lines, set_up, table1
 from printmend_lab.bench.trial import evaluate
 from tests.bodies import write_vase
 from tests.mortal import dies_on_two
@@ -88,6 +90,28 @@ def test_heldout_never_prints_the_training_layer_and_paper_may(vases: list[Path]
             assert len(set(result.values["judged"])) == 3
             results.add(result.values["training_layer"] in result.values["judged"])
     assert seen == {"paper": {True, False}, "heldout": {False}}
+
+
+def test_the_covering_layer_shows_most_of_the_motor_that_shows_less(ender5) -> None:
+    """A long way on a short span teaches less than a shorter one over a turn; what is beyond a turn counts as one."""
+    hatch = np.tile([[1, 0], [-1, 0]], (400, 1))
+    layers = [
+        Layer(n, 0.2, np.array([500, 500]), controls, np.ones(len(controls), bool))
+        for n, controls in enumerate(
+            (hatch, np.tile([1, 1], (150, 1)), np.tile([1, 1], (220, 1)), np.tile([1, 1], (260, 1)))
+        )
+    ]
+    body = Body("bar", tuple(layers))
+    assert body.training_layer is layers[0]
+    assert covering_layer(body, ender5) is layers[3]  # both of the last show a turn; it is longer
+    assert covering_layer(Body("bar", tuple(layers[:2])), ender5) is layers[1]
+    assert covering_layer(Body("bar", tuple(layers[:1])), ender5) is layers[0]
+
+
+def test_covered_learns_from_that_layer_and_does_not_judge_it(vases: list[Path]) -> None:
+    (case,) = drawn(vases[:1], protocol="covered")
+    stand = set_up(case)
+    assert len(stand.layers) == 3
 
 
 def test_a_seed_repeats_every_row(vases: list[Path]) -> None:

@@ -35,7 +35,7 @@ def evaluate(
     controller: str = "optimal",
     families: Sequence[str] = ("pulley",),
     severity: Severity = "damaged",
-    protocol: Literal["paper", "heldout"] = "heldout",
+    protocol: Literal["paper", "heldout", "covered"] = "heldout",
     seed: int = 0,
     limit: int | None = None,
 ) -> Evaluation:
@@ -44,7 +44,8 @@ def evaluate(
     ``learners`` are names (`naive`, `greybox`, `oracle`, or with a controller of their own: `greybox+greedy` is the
     paper's) or learners themselves, which plan with ``controller``. ``bodies`` are meshes, G-code files and folders of
     them; what is broken is drawn from ``families`` and the ``seed``, the same for every learner. Up to three layers are
-    judged, with `heldout` never the one that was learned from, with `paper` any. Nothing is kept; `printmend bench
+    judged, with `heldout` never the one that was learned from, with `paper` any. With `covered` the
+    one that is learned from shows the most of both motors' turns, and is not judged. Nothing is kept; `printmend bench
     table1` also keeps results, goes on after an interruption and uses several processes. Raises `InputError` for an
     unknown name and where there is no body; a learner that fails on a body has a result that says why.
     """

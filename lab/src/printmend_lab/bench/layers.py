@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from printmend.metrics import rmse
-from printmend.path import Layer, Trace
+from printmend.path import Body, Layer, Trace
 from printmend.printer import Printer
 from printmend.protocols import WorldModel
 from printmend.twin import Twin
@@ -26,6 +26,20 @@ def errors(layers: Sequence[Layer], prints: Sequence[np.ndarray], printer: Print
         "rmse_mm": rmse(targets * pitch_mm, printed * pitch_mm),
         "targets": sum(layer.transitions for layer in layers),
     }
+
+
+def covering_layer(body: Body, printer: Printer) -> Layer:
+    """Return the layer that shows the most of a turn of the motor of which it shows less; of equals the longest.
+
+    The paper learns from the longest (`Body.training_layer`), which may be a long infill on a short span.
+    """
+
+    def shown(layer: Layer) -> tuple[float, int]:
+        spans = np.ptp(printer.to_motor(layer.nominal_steps), axis=0)
+        turns = [min(span / printer.axes[k].steps_per_turn, 1.0) for k, span in enumerate(spans)]
+        return min(turns), layer.transitions
+
+    return max(body.layers, key=shown)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,11 +12,11 @@ from printmend.corruption import fault, read_corruption
 from printmend.corruption.sampling import Severity, check_family
 from printmend.errors import InputError
 from printmend.executor import HERE, Executor
-from printmend.path import Layer, Trace
+from printmend.path import Body, Layer, Trace
 from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
 from printmend_lab.bench.case import PRINTER, Case, Result
-from printmend_lab.bench.layers import LayerStand
+from printmend_lab.bench.layers import LayerStand, covering_layer
 from printmend_lab.bench.report import Summary, grouped, summary
 from printmend_lab.bench.rows import OPTIMUM, Row, check_rows, row
 from printmend_lab.bench.run import run
@@ -32,7 +32,7 @@ from printmend_lab.published import layer_trace
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Protocol = Literal["paper", "heldout"]
+Protocol = Literal["paper", "heldout", "covered"]
 TABLE = "table1"
 WITH_PLAY = ("play", "loose", "set-screw", "everything")  # parts of the names of families with play
 
@@ -115,12 +115,20 @@ def dataset_cases(
     return cases
 
 
+def _training(body: Body, printer: Printer, protocol: str) -> Layer:
+    return covering_layer(body, printer) if protocol == "covered" else body.training_layer
+
+
 def set_up(case: Case) -> LayerStand:
-    """Print a case's largest layer, and draw the layers that are judged."""
+    """Print the layer that is learned from, and draw the layers that are judged.
+
+    It is the longest, as in the paper; with the protocol ``covered`` the one that shows most of both motors' turns,
+    where bodies are not those of the published data.
+    """
     if case.reference is not None and (Path(case.reference) / RECIPE).exists():
         printer, body = read_printer(case.printer), read_body(body_file(Path(case.reference), case.source))
         twin = Twin.of(read_corruption(corruption_file(Path(case.reference), case.sample)), printer)
-        training = body.training_layer
+        training = _training(body, printer, case.protocol)
         printed = twin.run(training.controls, training.start_steps)  # as in the set, but not rounded
     elif case.reference is not None:
         reference = read_reference(Path(case.reference))
@@ -133,7 +141,7 @@ def set_up(case: Case) -> LayerStand:
         printer = read_printer(case.printer)
         body = load_body(_gcode(case, printer), printer)
         twin = Twin.of(fault(case.family, case.rng(CORRUPTION), cast(Severity, case.severity)), printer)
-        training = body.training_layer
+        training = _training(body, printer, case.protocol)
         printed = twin.run(training.controls, training.start_steps)
     layers = drawn_layers(body.layers, training, case.protocol, case.layers, case.rng(_LAYERS), subject=body.name)
     measured = layer_trace(training, printed, printer)

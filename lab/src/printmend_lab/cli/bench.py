@@ -49,7 +49,7 @@ command.add_command(submit_check)
     "--dataset", type=click.Path(path_type=Path), help="A data set of `printmend dataset build`, instead of --bodies."
 )
 @click.option("--every-printer", is_flag=True, help="With --dataset: each body on all of its printers, not on one.")
-@click.option("--protocol", type=click.Choice(["paper", "heldout"]), default="paper", show_default=True)
+@click.option("--protocol", type=click.Choice(["paper", "heldout", "covered"]), default="paper", show_default=True)
 @click.option("--families", default="pulley", show_default=True, help="Corruptions to draw from, with commas.")
 @click.option("--severity", type=click.Choice(["damaged", "realistic", "paper"]), default="damaged", show_default=True)
 @click.option(
@@ -74,7 +74,8 @@ def table1(
 
     Each body is printed on a broken printer (on each, with --every-printer), a model learns from its largest layer, and
     up to three random layers are planned and printed: any layers with --protocol paper, never the training layer with
-    heldout. An interrupted run goes on where it was; OUT/sliced keeps the G-code of meshes.
+    heldout. With covered, the training layer shows the most of both motors' turns, and is not judged. An interrupted
+    run goes on where it was; OUT/sliced keeps the G-code of meshes.
     """
     from printmend.cli.progress import progress
     from printmend.extras import require
