@@ -20,10 +20,10 @@ def onto_bed(coefficients: np.ndarray, origin: np.ndarray, scale: np.ndarray, pl
 
 
 def waved(waves: np.ndarray, origin: np.ndarray, scale: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """What wavy guides add: Σ c cos(kw) + d sin(kw) in x and in y, w the divided place along an axis (eq. 14)."""
+    """What wavy guides add: Σ c cos(kw) + d sin(kw) in x and in y, w the divided place along a direction (eq. 14)."""
     moved, divided = np.zeros(2), (place + origin) / scale
-    for axis, rate, *sizes in waves:
-        angle = rate * divided[int(axis)]
+    for along_x, along_y, *sizes in waves:
+        angle = along_x * divided[0] + along_y * divided[1]
         moved += np.reshape(sizes, (2, 2)) @ [np.cos(angle), np.sin(angle)]
     return moved
 

@@ -53,8 +53,9 @@ def frame_step(belts: tuple[float, float], mechanism: Mechanism) -> list[float]:
     for axis, place in enumerate((x, y)):
         for (p, q), a in zip(frame.exponents, frame.coefficients_mm[axis], strict=True):
             place += a * (x / frame.scale_mm) ** p * (y / frame.scale_mm) ** q
-        for along, period_mm, *sizes in frame.waves:
-            angle = 2 * np.pi * (x, y)[int(along)] / period_mm
+        for towards, period_mm, *sizes in frame.waves:
+            along = x * np.cos(towards * np.pi / 2) + y * np.sin(towards * np.pi / 2)
+            angle = 2 * np.pi * along / period_mm
             place += sizes[2 * axis] * np.cos(angle) + sizes[2 * axis + 1] * np.sin(angle)
         bed.append((place - low[axis]) / printer.mm_per_step[axis])
     return bed

@@ -28,8 +28,12 @@ def test_the_way_onto_the_bed_and_back(seed: int, corexy: bool) -> None:
     rng = np.random.default_rng(seed)
     coefficients, origin = rng.normal(0.0, 2.0, (2, 10)), rng.uniform(-50.0, 50.0, 2)
     scale, belts = rng.uniform(400.0, 600.0, 2), rng.uniform(0.0, 500.0, 2)
-    axes, count = rng.integers(0, 2, bed.MOST_WAVES), int(rng.integers(0, bed.MOST_WAVES + 1))
-    waves = np.column_stack([axes, rng.uniform(3.0, 15.0, len(axes)), rng.normal(0.0, 0.5, (len(axes), 4))])
+    count = int(rng.integers(0, bed.MOST_WAVES + 1))
+    rates, sizes = (
+        rng.normal(0.0, 10.0, (bed.MOST_WAVES, 2)),
+        rng.normal(0.0, 0.5 / bed.MOST_WAVES, (bed.MOST_WAVES, 4)),
+    )
+    waves = np.hstack([rates, sizes])
     values = BedMap(corexy, coefficients, origin, scale, waves[:count]).record
     values.waves[:] = waves.view(bed.WAVE).ravel()  # those beyond the count are none
 

@@ -14,6 +14,8 @@ from printmend.effects.bump import Bump
 from printmend.effects.carriage import Carriage
 from printmend.effects.carriage_wave import CarriageWave
 from printmend.effects.creep import Creep
+from printmend.effects.crooked import Crooked
+from printmend.effects.distortion import Distortion
 from printmend.effects.drift import Drift
 from printmend.effects.effect import Acts, Effect, Of, Places, Scene, Term, home_of, places_of, scene_of
 from printmend.effects.elastic import Elastic
@@ -52,8 +54,8 @@ from printmend.plugins import load_plugin, plugin_names
 
 _ALL: tuple[Effect, ...] = (
     Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Bump(), Rub(),
-    Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Racking(), Tilt(), Lag(), LagWear(), Speed(), TwoMotors(),
-    UnevenPlay(), Drift(), Creep(), Step(), Warmth(), Wear(), Wander(),
+    Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Crooked(), Distortion(), Racking(), Tilt(), Lag(), LagWear(),
+    Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Warmth(), Wear(), Wander(),
     Origin(), Shift(), Turn(), Stretch(), Carriage(), CarriageWave(), Halves(), Bead(), Shrinkage(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")

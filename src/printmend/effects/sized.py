@@ -9,7 +9,7 @@ import numpy as np
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.errors import ConfigError
 from printmend.machine import Frame, Mechanism, Transmission
-from printmend.machine.kernels.bed import MOST_WAVES
+from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
 from printmend.path import FLATBED
 from printmend.printer import Printer
 
@@ -79,7 +79,7 @@ def _belt_mm(scene: Scene, motor: int, parts: Sequence[Sized], motor_mm: np.ndar
 def frame_of(scene: Scene, parts: Sequence[Sized]) -> Frame:
     """Return the frame that these parts make: its polynomials, and a row of its waves for each guide."""
     held = [part for part in parts if EFFECTS[part.effect].acts is Acts.FRAME]
-    waves = [_wave(scene, part) for part in parts if EFFECTS[part.effect].acts is Acts.WAVE]
+    waves = [_waves(scene, part) for part in parts if EFFECTS[part.effect].acts is Acts.WAVE]
     coefficients = np.zeros((2, 10))
     if held:
         x, y = (np.linspace(axis.min_mm, axis.max_mm, GRID) for axis in scene.printer.axes[:2])
@@ -91,14 +91,28 @@ def frame_of(scene: Scene, parts: Sequence[Sized]) -> Frame:
         )
         coefficients = np.linalg.lstsq(Frame().terms(bed), np.asarray(moved), rcond=None)[0].T
         coefficients[np.abs(coefficients) < 1e-9] = 0.0
-    return Frame(coefficients, waves=np.array(waves).reshape(-1, 6))
+    return Frame(coefficients, waves=few_waves(np.vstack([np.zeros((0, WAVE_FIELDS)), *waves])))
 
 
-def _wave(scene: Scene, part: Sized) -> list[float]:
-    """Return a guide's wave as a row of `Frame.waves`."""
+def _waves(scene: Scene, part: Sized) -> np.ndarray:
+    """Return an effect's waves as rows [K, 6] of `Frame.waves`; that of a guide is one."""
+    effect = EFFECTS[part.effect]
+    if hasattr(effect, "rows"):
+        return np.asarray(effect.rows(part.where, part.shape, part.sizes_mm))
     across, along = part.sizes_mm[:2], part.sizes_mm[2:] if len(part.sizes_mm) > 2 else np.zeros(2)
     x, y = (along, across) if part.where == 0 else (across, along)
-    return [float(part.where), part.shape[0], *x.tolist(), *y.tolist()]
+    return np.array([[float(part.where), part.shape[0], *x, *y]])
+
+
+def few_waves(rows: np.ndarray) -> np.ndarray:
+    """Return rows of waves [K, 6] with those alike put together, and of more than a frame has room for the largest."""
+    kinds, which = np.unique(rows[:, :2], axis=0, return_inverse=True)
+    if len(kinds) < len(rows) > MOST_WAVES:
+        sizes = np.zeros((len(kinds), 4))
+        np.add.at(sizes, which.ravel(), rows[:, 2:])
+        rows = np.hstack([kinds, sizes])
+    largest = np.argsort(-np.square(rows[:, 2:]).sum(axis=1), kind="stable")[:MOST_WAVES]
+    return rows[np.sort(largest)]
 
 
 def with_effects(mechanism: Mechanism, parts: Sequence[Sized]) -> Mechanism:
@@ -134,12 +148,7 @@ def _framed(frame: Frame, printer: Printer, parts: list[Sized]) -> Frame:
     mine = [part for part in parts if EFFECTS[part.effect].acts in (Acts.FRAME, Acts.WAVE)]
     if not mine:
         return frame
-    waves = len(frame.waves) + sum(EFFECTS[part.effect].acts is Acts.WAVE for part in mine)
-    if waves > MOST_WAVES:
-        raise ConfigError(
-            "effects of the frame", wanted=f"at most {MOST_WAVES} waves of guides", came=str(waves), todo="remove some"
-        )
     more = frame_of(scene_of_printer(printer), mine)
     coefficients, home = frame.coefficients_mm + more.coefficients_mm, np.array([printer.home_mm], float)
     coefficients[:, Frame.exponents.index((0, 0))] -= (more.apply(home) - home)[0]  # the end stops put it right
-    return Frame(coefficients, frame.scale_mm, np.concatenate([frame.waves, more.waves]))
+    return Frame(coefficients, frame.scale_mm, few_waves(np.concatenate([frame.waves, more.waves])))

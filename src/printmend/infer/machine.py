@@ -9,7 +9,6 @@ from printmend.effects import EFFECTS, Acts, Scene
 from printmend.effects.pulley import HARMONICS
 from printmend.effects.sized import Sized, belts_mm, frame_of
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
-from printmend.machine.kernels.bed import MOST_WAVES
 from printmend.saved.branches import Branches, Wave, rising
 
 
@@ -21,7 +20,7 @@ def machine_of(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[B
     if scene.homed:
         return _from_home(scene, parts)
     drives = [_drive(scene, motor, [part for part in parts if _is_of(part, motor)]) for motor in range(2)]
-    mechanism = Mechanism(scene.printer, (drives[0][0], drives[1][0]), frame_of(scene, _few_waves(parts)))
+    mechanism = Mechanism(scene.printer, (drives[0][0], drives[1][0]), frame_of(scene, parts))
     return mechanism, (drives[0][1], drives[1][1])
 
 
@@ -46,12 +45,6 @@ def frame_from_home(mechanism: Mechanism) -> Frame:
     coefficients = frame.coefficients_mm.copy()
     coefficients[:, constant] -= (frame.apply(home) - home)[0]
     return replace(frame, coefficients_mm=coefficients)
-
-
-def _few_waves(parts: Sequence[Sized]) -> list[Sized]:
-    """Return parts without those waves of guides that a frame has no room for."""
-    waves = [part for part in parts if EFFECTS[part.effect].acts is Acts.WAVE]
-    return [part for part in parts if part not in waves[MOST_WAVES:]]
 
 
 def _is_of(part: Sized, motor: int) -> bool:

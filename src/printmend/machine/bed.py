@@ -18,8 +18,8 @@ class BedMap:
     for belts at (x, y), and y' with b_pq (physics.md eq. 13 and 14).
 
     ``terms`` [2, 10] are a and b in the order of `Frame.exponents`, ``origin`` [2] is (x0, y0) and ``scale`` [2] is
-    (Lx, Ly), all in one unit: mm, or full steps. ``waves`` [K, 6] are added: the axis that each runs along, its angle
-    a unit of that axis's divided place, and its cosine and sine in x and in y.
+    (Lx, Ly), all in one unit: mm, or full steps. ``waves`` [K, 6] are added: the angle of each a
+    unit of the divided places along x and along y, and its cosine and sine in x and in y.
     """
 
     corexy: bool

@@ -20,7 +20,7 @@ import numpy as np
 from printmend.errors import ConfigError
 from printmend.machine.bed import BedMap
 from printmend.machine.kernels import run
-from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS, WAVE_RATE
+from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
 from printmend.messages import say
 from printmend.path import frozen
 from printmend.printer import Printer
@@ -111,9 +111,10 @@ class Frame:
 
         x' = x + Σ_{p+q ≤ 3} a_pq (x/L)^p (y/L)^q + Σ_k c_k cos(2πs/P) + d_k sin(2πs/P)          y' likewise
 
-    L is ``scale_mm`` and s one of x and y. ``coefficients_mm`` [2, 10] in the order of `Frame.exponents`. Skew, axis
-    scale, straightness and yaw fit. ``waves`` [K, 6], of rails that are not straight, at most `MOST_WAVES` of them: the
-    axis s of each (0 or 1), its length P mm, and its c and d in x, then in y, mm.
+    L is ``scale_mm`` and s the way along a wave. ``coefficients_mm`` [2, 10] in the order of `Frame.exponents`. Skew,
+    axis scale, straightness and yaw fit. ``waves`` [K, 6], of crooked rails or a distorted bed, at most `MOST_WAVES`
+    of them: where each runs, in right angles (0 along x, 1 along y), its length P mm, and its c and d in x, then in y,
+    mm.
     """
 
     coefficients_mm: np.ndarray = field(default_factory=lambda: np.zeros((2, 10)))
@@ -149,8 +150,11 @@ class Frame:
 
     def bed_map(self, *, corexy: bool) -> BedMap:
         """Return the frame behind two motors, in mm: how their belts reach the bed."""
-        waves = self.waves.copy()
-        waves[:, WAVE_RATE] = TURN_RAD * self.scale_mm / waves[:, WAVE_RATE]
+        waves, (towards, length_mm) = self.waves.copy(), self.waves[:, :2].T
+        along = [
+            np.where(towards == rest, 0.0, law(towards * TURN_RAD / 4)) for rest, law in ((1, np.cos), (0, np.sin))
+        ]
+        waves[:, :2] = np.stack(along, axis=1) * (TURN_RAD * self.scale_mm / length_mm)[:, None]
         return BedMap(corexy, self.coefficients_mm, np.zeros(2), np.full(2, self.scale_mm), waves)
 
     def apply(self, xy_mm: np.ndarray) -> np.ndarray:

@@ -55,9 +55,10 @@ QUANTITIES = {
     "elastic": "belt-stretch", "splice": "belt-joint-dent-2", "teeth": "belt-ripple",
     "ripple": "motor-ripple", "bump": "belt-dent", "rub": "lost-motion-change",
     "warp": "belt-guide-unevenness", "skew": "frame-skew", "axes": "difference-x-y",
-    "bow": "bend-guides", "wavy": "waves-guides",
+    "bow": "bend-guides", "wavy": "waves-guides", "crooked": "crookedness-guides",
+    "distortion": "distortion-bed",
 }  # fmt: skip
-OF_FRAME = ("skew", "axes", "bow", "wavy")  # kinds of fault that no motor has
+OF_FRAME = ("skew", "axes", "bow", "wavy", "crooked", "distortion")  # kinds of fault that no motor has
 OF_ONE_PRINT = ("offset",)  # kinds of fault that differ from print to print: nobody lays a plate twice alike
 
 

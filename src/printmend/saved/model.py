@@ -32,7 +32,7 @@ from printmend.saved.values import TODO, number, numbers, refuse, rising, rounde
 
 FORMAT = "printmend model"
 VERSION = 2  # of a file with a screw
-LEAST_WAVE_MM = 10.0  # length of a rail's wave: a shorter one is no bend
+LEAST_WAVE_MM = 2.0  # length of a frame's wave: a shorter one is no bend
 _WITHOUT_SCREW = 1  # what is written for a machine whose Z is as designed: every printmend reads it
 MAX_ENTRIES = 1_000_000  # entries of one table that a file may have; 500 mm by sixteenths of a 0.2 mm step are 40 000
 # Entries of one table that are written: of a printer with finer or more micro-steps every n-th, for four tables are a
@@ -405,10 +405,10 @@ def _frame(section: Any, subject: str) -> Frame:
     if not isinstance(waves, list) or len(waves) > MOST_WAVES:
         refuse(f"{subject} [frame]", f"at most {MOST_WAVES} waves", say("something-else"))
     each = [numbers({"wave": wave}, "wave", f"{subject} [frame]", WAVE_FIELDS) for wave in waves]
-    if any(len(wave) != WAVE_FIELDS or wave[0] not in (0, 1) or wave[1] < LEAST_WAVE_MM for wave in each):
+    if any(len(wave) != WAVE_FIELDS or abs(wave[0]) > 1 or wave[1] < LEAST_WAVE_MM for wave in each):
         refuse(
             f"{subject} [frame]",
-            f"waves of an axis, at least {LEAST_WAVE_MM:g} mm and four sizes",
+            f"waves of a direction, at least {LEAST_WAVE_MM:g} mm and four sizes",
             say("something-else"),
         )
     return Frame(np.array(rows), scale_mm, np.array(each).reshape(-1, WAVE_FIELDS))

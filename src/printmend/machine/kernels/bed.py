@@ -8,16 +8,15 @@ import numpy as np
 
 from printmend.jit import inner
 
-MOST_WAVES = 4  # of the rails of one frame
+MOST_WAVES = 192  # of one frame
 WAVE = np.dtype(
     [
-        ("axis", "f8"),  # 0 or 1: it runs along x or y
-        ("rate", "f8"),  # its angle a unit of the divided place [rad]
+        ("rate", "f8", 2),  # its angle a unit of the divided place along x and along y [rad]
         ("x", "f8", 2),  # what its cosine and its sine add to x
         ("y", "f8", 2),  # and to y
     ]
 )
-WAVE_FIELDS, WAVE_RATE = 6, 1  # numbers of a wave as a row of an array, and which of them says how long it is
+WAVE_FIELDS = 6  # numbers of a wave as a row of an array
 BED = np.dtype(
     [
         ("corexy", "f8"),  # 1 or 0: the motors are those of a CoreXY
@@ -84,7 +83,7 @@ def _waved(way, p, q):
     x, y = 0.0, 0.0
     for k in range(way.wave_count):
         wave = way.waves[k]
-        angle = wave.rate * (p if wave.axis == 0.0 else q)
+        angle = wave.rate[0] * p + wave.rate[1] * q
         cos, sin = np.cos(angle), np.sin(angle)
         x += wave.x[0] * cos + wave.x[1] * sin
         y += wave.y[0] * cos + wave.y[1] * sin
@@ -97,15 +96,12 @@ def _waved_derivatives(way, p, q):
     xp, xq, yp, yq = 0.0, 0.0, 0.0, 0.0
     for k in range(way.wave_count):
         wave = way.waves[k]
-        along_x = wave.axis == 0.0
-        angle = wave.rate * (p if along_x else q)
-        cos, sin = wave.rate * np.cos(angle), wave.rate * np.sin(angle)
+        angle = wave.rate[0] * p + wave.rate[1] * q
+        cos, sin = np.cos(angle), np.sin(angle)
         x = wave.x[1] * cos - wave.x[0] * sin
         y = wave.y[1] * cos - wave.y[0] * sin
-        if along_x:
-            xp, yp = xp + x, yp + y
-        else:
-            xq, yq = xq + x, yq + y
+        xp, yp = xp + wave.rate[0] * x, yp + wave.rate[0] * y
+        xq, yq = xq + wave.rate[1] * x, yq + wave.rate[1] * y
     return xp, xq, yp, yq
 
 

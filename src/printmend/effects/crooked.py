@@ -1,0 +1,71 @@
+"""A guide that is crooked by no rule, or dented: it pushes the head aside by a Gaussian process of the place on it."""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+import numpy as np
+
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.keys import Whole
+from printmend.effects.prior import alternatives
+from printmend.effects.uneven import COUNT, LENGTHS_MM, spectrum
+from printmend.effects.words import LEAST_SHOWN_MM, PLACES, Care, Fault, Found
+from printmend.messages import say
+
+TITLE = partial(say, "guide-crooked-or-dented")
+MEANING = partial(say, "head-pushed-aside-mm")
+REPAIR = partial(say, "feel-along-guides")
+
+
+class Crooked(Usual):
+    """Cosines over the span that was seen of one bed axis, which push along the other."""
+
+    name = "crooked"
+    of = Of.MACHINE
+    acts = Acts.WAVE
+    fate = STAYS
+    keys = Whole()
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for axis in range(2):
+            span = scene.bed_span_mm[axis]
+            yield from alternatives(self.name, axis, [span], *(spectrum(span, each, COUNT) for each in LENGTHS_MM))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return along(1 - where, mirrored(places.bed_mm[:, where], shape, COUNT))
+
+    def rows(self, where: int, shape: tuple[float, ...], sizes_mm: np.ndarray) -> np.ndarray:
+        """Return its waves as rows [K, 6] of a frame."""
+        rates = np.zeros((COUNT, 2))
+        rates[:, where] = np.pi * np.arange(1, COUNT + 1) / max(shape[1] - shape[0], 1.0)
+        return plane_waves(rates, rates[:, where] * shape[0], 1 - where, sizes_mm)
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        place = np.linspace(found.shape[0], found.shape[1], PLACES)
+        series = mirrored(place, found.shape, COUNT)
+        size, sd = found.size(lambda sizes: float(np.abs(series @ sizes).max()))
+        if size >= LEAST_SHOWN_MM:
+            most, names = place[np.abs(series @ found.sizes_mm).argmax()], ("XY"[found.where], "XY"[1 - found.where])
+            words = say("fault-crooked", *names, f"{size:.2f}", f"{most:.0f}")
+            yield Fault("frame", "crooked", size, sd, "mm", words)
+
+    def advice(self, fault: Fault, where: str) -> Care | None:
+        """Say what a crooked guide does, and where to look."""
+        if fault.kind != "crooked":
+            return None
+        return Care(TITLE(), MEANING(f"{fault.value:.2f}"), fault.value, REPAIR())
+
+
+def mirrored(place_mm: np.ndarray, span_mm: tuple[float, ...], count: int) -> np.ndarray:
+    """Return so many cosines over a span [N, K] at places [N]; beyond it they come back."""
+    low, high = span_mm
+    return np.asarray(np.cos(np.outer((place_mm - low) / max(high - low, 1.0), np.pi * np.arange(1, count + 1))))
+
+
+def plane_waves(rates: np.ndarray, phase_rad: np.ndarray, axis: int, sizes_mm: np.ndarray) -> np.ndarray:
+    """Return waves cos(r·place − phase) [K] with rates r [K, 2] in rad/mm that push along an axis, as rows [K, 6]."""
+    out = np.zeros((len(rates), 6))
+    out[:, 0] = np.arctan2(rates[:, 1], rates[:, 0]) * 2 / np.pi
+    out[:, 1] = 2 * np.pi / np.hypot(*rates.T)
+    out[:, 2 + 2 * axis], out[:, 3 + 2 * axis] = sizes_mm * np.cos(phase_rad), sizes_mm * np.sin(phase_rad)
+    return out
