@@ -13,26 +13,13 @@ from printmend.effects.effect import Effect, Term
 from printmend.effects.keys import AXES, limits_of
 from printmend.effects.sample import terms_of
 from printmend.effects.sized import scene_of_printer
-from printmend.messages import say
+from printmend.messages import catalogue, say
 from printmend.printer import Printer
 
 _FURTHEST = 5.0  # times the example: where a slider of a size ends
 _STEEPNESS = 8.0  # a wave of a period has at most this share of it as its size: its belt still moves forwards
 _STEPS = 200  # of a slider
 
-_TITLES = {
-    "place": "effect-place", "scale": "effect-scale", "bend": "effect-bend", "pulley": "effect-pulley",
-    "play": "effect-play", "breathing": "effect-breathing", "friction": "effect-friction", "elastic": "effect-elastic",
-    "uneven": "effect-uneven", "splice": "effect-splice", "idler": "effect-idler", "teeth": "effect-teeth",
-    "skew": "effect-skew", "aspect": "effect-aspect", "bent": "effect-bent", "rail": "effect-rail",
-    "racking": "effect-racking", "tilt": "effect-tilt", "lag": "effect-lag", "lag_wear": "effect-lag-wear",
-    "speed": "effect-speed", "two_motors": "effect-two-motors", "uneven_play": "effect-uneven-play",
-    "drift": "effect-drift", "creep": "effect-creep", "step": "effect-step", "warmth": "effect-warmth",
-    "wear": "effect-wear", "wander": "effect-wander", "origin": "effect-origin", "shift": "effect-shift",
-    "turn": "effect-turn", "stretch": "effect-stretch", "carriage": "effect-carriage",
-    "carriage_wave": "effect-carriage-wave", "halves": "effect-halves", "bead": "effect-bead",
-    "shrinkage": "effect-shrinkage",
-}  # fmt: skip
 _LABELS = {
     "size_mm": "number-size", "percent": "number-percent", "square_mm": "number-square", "cube_mm": "number-cube",
     "harmonic": "number-harmonic", "phase_rad": "number-phase", "at_mm": "number-at", "width_mm": "number-width",
@@ -55,11 +42,11 @@ def offered_effects(printer: Printer) -> list[dict[str, Any]]:
 
 
 def _card(name: str, line: str) -> dict[str, Any]:
-    effect = EFFECTS[name]
+    effect, own = EFFECTS[name], name.replace("_", "-")
     terms = offered(effect)
     places = sorted({term.where for term in terms})
     return {
-        "name": name, "title": say(_TITLES[name]) if name in _TITLES else line,
+        "name": name, "title": say(f"effect-{own}") if f"effect-{own}" in catalogue() else line,
         "of": say(_OF[effect.of.value]), "on": ["x", "y"] if len(places) > 1 else [],
         "sliders": _sliders(effect, [term for term in terms if term.where == places[0]]) if terms else [],
     }  # fmt: skip
