@@ -3,14 +3,18 @@
     .venv/bin/python benchmarks/bench_sbc.py --seed 1 --draws 200 [--figure docs/figures/sbc.png]
 
 Each draw takes a printer, a session and an instrument from the priors of the effects (`infer.simulate`), prints the
-marks of `printmend probe`, adds noise of 0.02 or 0.05 mm, learns, and draws machines. Two figures are ranked among
-theirs: the shift of one random place of the bed by the machine's effects that act, and the root mean square of what the
-acting model leaves over a part in the middle. Even ranks give a χ² of the number of bins less one; the last column is
-the chance of a larger one.
+marks of `printmend probe`, adds noise of 0.02 or 0.05 mm, learns, and draws machines. Three figures are ranked among
+theirs: one random size of the effects that most printers may have (`WEIGHTS`), the shift of one random place of the bed
+by the machine's effects, and the root mean square of what the acting model leaves over a part in the middle. Even ranks
+give a χ² of the number of bins less one; the last column is the chance of a larger one. With --rows a stopped run
+goes on where it was, and says at once what its draws show.
 """
 
 import argparse
 import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +25,7 @@ from printmend.effects import EFFECTS, Of, Scene, columns_of, scene_of
 from printmend.effects.effect import LONG_MOVE_MM, Places
 from printmend.effects.sized import Sized
 from printmend.infer.fit import HOME_SD_MM, fitted
-from printmend.infer.part import Part
+from printmend.infer.part import DRAWS, Part
 from printmend.infer.posterior import posterior_of
 from printmend.infer.simulate import drawn_parts, measured
 from printmend.learn.greybox import Greybox
@@ -33,10 +37,12 @@ sys.path.insert(0, str(Path(__file__).parent))
 from runner import parsed, parser_of, rows_of
 
 BINS = 12
+WEIGHTS = ("play", "pulley", "skew", "aspect")  # effects whose sizes are ranked
 
 
-def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float] | None:
-    """Return the ranks, from 0 to 1, of one drawn printer's place and of what mending leaves; None for another turn."""
+def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float, float] | None:
+    """Return the ranks, from 0 to 1, of one drawn printer's size, of its place and of what mending leaves; None for
+    another turn."""
     printer = read_printer(preset)
     plan = design_probe(printer)
     path = np.concatenate([np.array(printer.home_mm)[None], plan.waypoints_mm])
@@ -58,12 +64,29 @@ def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float] | Non
     acts_mm = _all_moved([(part, part.acts_mm[:, None]) for part in posterior.parts], places, scene)
     one, axis = int(rng.integers(len(places))), int(rng.integers(2))
     left = (np.sqrt(np.mean(np.square(each - acts_mm).sum(axis=1), axis=0)) for each in (true_mm, drawn_mm))
-    return _rank(true_mm[one, axis], drawn_mm[one, axis], rng), _rank(*left, rng)
+    return (
+        _weight(true, posterior.parts, scene, rng),
+        _rank(true_mm[one, axis], drawn_mm[one, axis], rng),
+        _rank(*left, rng),
+    )
+
+
+def _weight(true: Sequence[Sized], parts: Sequence[Part], scene: Scene, rng: np.random.Generator) -> float:
+    """Return the rank of one size, chosen before anything is known of it; an effect that is not there has the size 0,
+    and equal sizes are ranked by lot."""
+    terms = {(t.effect, t.where, t.shape): t for name in WEIGHTS for t in EFFECTS[name].terms(scene)}
+    term = list(terms.values())[int(rng.integers(len(terms)))]
+    at, key = int(rng.integers(len(term.sd_mm))), (term.effect, term.where, term.shape)
+    here = [part.sizes_mm[at] for part in true if (part.effect, part.where, part.shape) == key]
+    drawn = [part.draws_mm[at] for part in parts if (part.effect, part.where, part.shape) == key]
+    return _rank(np.float64(sum(here)), np.sum(drawn, axis=0) if drawn else np.zeros(DRAWS), rng)
 
 
 def ranked(options: argparse.Namespace, case: tuple[int]) -> dict[str, object]:
     """Return the ranks of one draw."""
-    return {"ranks": ranks_of(options.preset, np.random.default_rng([options.seed, *case]))}
+    begun = time.process_time()
+    ranks = ranks_of(options.preset, np.random.default_rng([options.seed, *case]))
+    return {"ranks": ranks, "cpu_s": round(time.process_time() - begun, 2)}
 
 
 def _rank(true: np.ndarray, drawn: np.ndarray, rng: np.random.Generator) -> float:
@@ -94,19 +117,26 @@ def main() -> None:
     parser.add_argument("--preset", choices=("ender3", "corexy"), default="ender3")
     parser.add_argument("--figure", type=Path)
     options = parsed(parser)
-    found = [row["ranks"] for _, row in rows_of(ranked, [(draw,) for draw in range(options.draws)], options)]
+    rows = []
+    with suppress(KeyboardInterrupt):
+        for _, row in rows_of(ranked, [(draw,) for draw in range(options.draws)], options):
+            rows.append(row)
+    found, minutes = [row["ranks"] for row in rows], sum(row["cpu_s"] for row in rows) / 60
     ranks = np.array([each for each in found if each is not None])
     print(f"{'rank of':12} draws  χ²    p     counts in {BINS} bins")
-    for name, column in zip(("a place", "what is left"), ranks.T, strict=True):
+    for name, column in zip(("a size", "a place", "what is left"), ranks.T, strict=True):
         counts = np.bincount(np.minimum((column * BINS).astype(int), BINS - 1), minlength=BINS)
         even = len(column) / BINS
         square = float(np.sum((counts - even) ** 2 / even))
         print(f"{name:12} {len(column):5} {square:5.1f} {chi2.sf(square, BINS - 1):.3f}  {' '.join(map(str, counts))}")
+    print(f"{minutes:.1f} min of processor time for {len(rows)} draws: {1000 * minutes / len(rows):.0f} min for 1000")
     if options.figure is not None:
         import matplotlib.pyplot as plt
 
-        figure, axes = plt.subplots(1, 2, figsize=(8, 2.6), layout="constrained")
-        for axis, name, column in zip(axes, ("a place of the bed", "what mending leaves"), ranks.T, strict=True):
+        figure, axes = plt.subplots(1, 3, figsize=(10, 2.6), layout="constrained")
+        for axis, name, column in zip(
+            axes, ("one size", "a place of the bed", "what mending leaves"), ranks.T, strict=True
+        ):
             axis.hist(column, bins=BINS, range=(0, 1), color="#0f766e")
             axis.axhline(len(column) / BINS, color="#444", lw=1)
             axis.set(xlabel=f"rank of {name} among the draws", ylabel="printers")
