@@ -18,7 +18,7 @@ from printmend.units import SIGMA_PER_MEDIAN
 
 DEGREES = 5.0  # of freedom of Student's t, by which rows are weighed: one wrong row in twenty is nothing unusual
 LEAST_BESIDE = -9.0  # of the score that a block adds, below which it is left out of the last fit
-CHUNK_ROWS = 16384  # that are summed at once
+CHUNK_ROWS = 2048  # that are summed at once
 MOST_MARKS = 1200  # marks that are looked at: more take time and say the same
 PASSES = 4  # of contacts, then search, at most
 SETTLED_MM = 0.02  # belts that move less from pass to pass change no column worth a word

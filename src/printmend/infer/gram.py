@@ -48,8 +48,9 @@ class Rows:
 
 def seen(name: str, where: int, shape: tuple[float, ...], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     """Return what the rows see [M, P] of an effect at one place with one shape."""
-    columns = columns_of(name, places, where, shape, scene)
-    return np.asarray(np.einsum("mc,mcp->mp", rows.along, columns[rows.mark]))
+    marks, numbers = np.unique(rows.mark, return_inverse=True)  # of a long trace the search looks at few
+    columns = columns_of(name, places.at(marks), where, shape, scene)
+    return np.asarray(np.einsum("mc,mcp->mp", rows.along, columns[numbers]))
 
 
 @dataclass(frozen=True, eq=False)
