@@ -6,12 +6,14 @@ python benchmarks/bench_planning.py --loose
 Trains on the longest layer of the shipped pulley, plans others. `first` is the first plan call, tables included;
 `targets/s` the best of three later calls on a layer there and back, as often as needed. Seconds are of the CPU, which
 a busy machine disturbs less. With --loose: one layer on machines with much play, cartesian and CoreXY, in targets a
-second an axis: a layer of N targets has 2N of them.
+second an axis: a layer of N targets has 2N of them. Of a CoreXY it also says how many states the search follows.
 """
 
 import argparse
 import json
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +28,7 @@ from printmend.printer import read_printer
 from printmend.protocols import State, WorldModel
 from printmend.twin import Twin
 from printmend_lab.body import body_of, demo_body_gcode
+from printmend_lab.control.kernels import coupled
 from printmend_lab.control.registry import controller, controller_names
 from printmend_lab.published import layer_trace
 
@@ -89,6 +92,23 @@ def measure(name: str, planner: str, model: WorldModel, twin: Twin, layers: list
     }
 
 
+@contextmanager
+def counted(states: list[int]) -> Iterator[None]:
+    """Add to ``states`` how many the search for both motors follows meanwhile."""
+    follow = coupled.follow
+
+    def counting(*arguments: object) -> tuple:
+        found = follow(*arguments)
+        states[0] += len(found[3])
+        return found
+
+    coupled.follow = counting
+    try:
+        yield
+    finally:
+        coupled.follow = follow
+
+
 def loose() -> None:
     for preset in ("ender5", "corexy"):
         printer = read_printer(preset)
@@ -103,7 +123,7 @@ def loose() -> None:
             machines[f"{hull} hull, 2 mm of play"] = Corruption((drive, drive))
         print(f"\n{preset}: million targets/s an axis, RMSE in steps")
         for name, corruption in machines.items():
-            model, shown = MechanismModel(corruption.lower(printer)), []
+            model, shown, followed = MechanismModel(corruption.lower(printer)), [], [0]
             for planner in ("greedy", "lookahead", "optimal"):
                 best_s = np.inf
                 for _ in range(4):
@@ -112,6 +132,10 @@ def loose() -> None:
                     best_s = min(best_s, time.process_time() - started)
                 missed = float(np.sqrt(((plan.imagined_steps - layer.nominal_steps) ** 2).sum(axis=1).mean()))
                 shown.append(f"{planner} {2 * layer.transitions / best_s / 1e6:5.2f} {missed:6.3f}")
+            with counted(followed):
+                controller("optimal").plan(model, layer.nominal_steps[1:], layer.start_steps)
+            if followed[0]:
+                shown.append(f"{followed[0] / layer.transitions:.1f} states followed a target")
             print(f"{name:28}{'   '.join(shown)}", flush=True)
 
 
