@@ -96,7 +96,7 @@ class Trend:
         unit, size = self.fault.unit, abs(self.fault.value)
         said = f"{size:.3f} {unit} now"
         if len(self.sizes) - self.since < LEAST_RUN:
-            said += "; three measurements since the last repair tell a trend"
+            said += "; a trend needs three measurements since the last repair"
         elif not self.is_sure:
             said += ", and steady"
         else:
@@ -107,11 +107,11 @@ class Trend:
     def _passed_words(self) -> str:
         if self.passed is None:
             return ""
-        level, means = self._size_words(self.passed.level), f"prints are off by {self.passed.effect_mm:g} mm or more"
+        level, means = self._size_words(self.passed.level), f"it shifts prints by {self.passed.effect_mm:g} mm or more"
         if self.passed.when_s is None:
-            said = f"more than {level} since the first measurement: {means} for it"
+            said = f"more than {level} since the first measurement: {means}"
         else:
-            said = f"it passed {level} about {_month(self.passed.when_s)}: since then {means} for it"
+            said = f"it passed {level} about {_month(self.passed.when_s)}: since then {means}"
         return f"; {said}. {self._advice(self.fault.value)}"
 
     @property
@@ -123,8 +123,8 @@ class Trend:
             late = "not for years" if self.latest_s is None else _month(self.latest_s)
             said += f" (between {_month(self.earliest_s)} and {late})"
         if self.passed is None:
-            return f"; {said}, and prints off by {self.effect_mm:g} mm for it: {self._advice(self.level)}"
-        return f" {said[0].upper()}{said[1:]}, and prints off by {self.effect_mm:g} mm"
+            return f"; {said}, and then shift prints by {self.effect_mm:g} mm: {self._advice(self.level)}"
+        return f" {said[0].upper()}{said[1:]}, and then shift prints by {self.effect_mm:g} mm"
 
     def _size_words(self, level: float) -> str:
         return f"{level:.2f} {self.fault.unit}"
@@ -168,7 +168,7 @@ class Ageing:
         ]
         if not said:
             return ""
-        return f"{self.months:.1f} months after the last measurement, wear so far lets expect {', '.join(said)}"
+        return f"{self.months:.1f} months after the last measurement, wear has probably added {', '.join(said)}"
 
 
 def history_of(model_path: Path) -> Path:
