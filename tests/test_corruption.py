@@ -34,7 +34,7 @@ from printmend.corruption import (
 from printmend.corruption.sampling import sample
 from printmend.errors import ConfigError
 from printmend.machine import Mechanism, Transmission
-from printmend.printer import Printer
+from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend.units import radius_mm
 from tests.naive_twin import hull_support_mm
@@ -346,3 +346,14 @@ def test_the_papers_severity_is_damaged_but_for_its_pulleys() -> None:
         assert one == other
     with pytest.raises(ConfigError, match="damaged, realistic or paper"):
         sample("play", np.random.default_rng(4), "worn")  # type: ignore[arg-type]
+
+
+def test_what_wears_goes_on_in_the_next_print() -> None:
+    """After one print, all of the play that came loose in it is there from its first row on."""
+    ender3 = read_printer("ender3")
+    path = np.array([[0.0, 0.0], [100.0, 50.0], [50.0, 100.0], [100.0, 50.0], [20.0, 20.0]])
+    worn = Twin.of(corruption_of(["wear:on=x,size_mm=0.4", "drift:on=y,size_mm=0.3"]), ender3)
+    again, way = worn.again().follow(path) - path, np.array([1.0, -1.0, 1.0, -1.0])
+    done = 1.0 + np.cumsum(np.hypot(*np.diff(path, axis=0).T)) / np.hypot(*np.diff(path, axis=0).T).sum()
+    np.testing.assert_allclose(again[1:, 0], -0.2 * way * done, atol=1e-9)
+    assert not again[:, 1].any()

@@ -1,6 +1,7 @@
 """Effects that no machine's tables hold, along a commanded path: columns times sizes, row by row."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,10 +11,11 @@ from printmend.machine import Contacts, Mechanism, contacts_from
 from printmend.path import Trace
 
 
-def added_mm(parts: Sequence[Sized], trace: Trace, scene: Scene, contacts: Contacts) -> np.ndarray:
-    """Return what effects add [N, 2] mm to the rows of a print, whose belts touched so."""
+def added_mm(parts: Sequence[Sized], trace: Trace, scene: Scene, contacts: Contacts, *, before: int = 0) -> np.ndarray:
+    """Return what effects add [N, 2] mm to the rows of a print, whose belts touched so, after prints ``before``."""
     bed_mm = scene.printer.from_motor(contacts.belt_mm)
     places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
+    places = replace(places, done=places.done + before)
     moved = np.zeros((len(trace), 2))
     for part in parts:
         moved = moved + columns_of(part.effect, places, part.where, part.shape, scene) @ part.sizes_mm
@@ -27,11 +29,13 @@ def moved_mm(
     *,
     motors_mm: np.ndarray | None = None,
     from_home: bool = False,
+    before: int = 0,
 ) -> np.ndarray:
     """Return what effects add [N, 2] mm along a path [N, 2] mm of the whole print.
 
     ``motors_mm`` [N, ≥ 2] is where the motors stop, else exactly on the path. ``from_home``: the path begins at the end
-    stops, where each belt is engaged as its motor came; else it rests in the middle of its play.
+    stops, where each belt is engaged as its motor came; else it rests in the middle of its play. ``before``: so many
+    prints wore the machine.
     """
     printer = mechanism.printer
     way_mm = float(np.hypot(*np.diff(path_mm, axis=0).T).sum())
@@ -39,4 +43,6 @@ def moved_mm(
     motors_mm = printer.to_motor(path_mm) if motors_mm is None else motors_mm[:, :2]
     ways = [printer.motor_home_direction(motor) if from_home else 0 for motor in range(2)]
     contacts = contacts_from(mechanism, motors_mm, ways)
-    return added_mm(parts, Trace(path_mm, np.full(path_mm.shape, np.nan), homed=from_home), scene, contacts)
+    return added_mm(
+        parts, Trace(path_mm, np.full(path_mm.shape, np.nan), homed=from_home), scene, contacts, before=before
+    )

@@ -13,6 +13,7 @@ import numpy as np
 from printmend.corruption import Corruption, Fault
 from printmend.corruption.jump import Jumps
 from printmend.effects import EFFECTS, Of, Places, columns_of
+from printmend.effects.effect import STAYS
 from printmend.effects.sized import Sized, scene_of_printer, with_effects
 from printmend.errors import InputError
 from printmend.machine import (
@@ -33,12 +34,14 @@ from printmend.twin.along import moved_mm
 class Twin:
     """A printer with a mechanism, true (from a `Fault`) or learned, and the jumps of its motors.
 
-    ``along`` are the effects that no mechanism holds: they act along the path.
+    ``along`` are the effects that no mechanism holds: they act along the path. ``before`` are the prints that went on
+    before: what wears goes on from there.
     """
 
     mechanism: Mechanism | GainMechanism
     jumps: tuple[Jumps, Jumps] = (Jumps(), Jumps())
     along: tuple[Sized, ...] = ()
+    before: int = 0
 
     @classmethod
     def of(cls, corruption: Fault, printer: Printer) -> "Twin":
@@ -53,8 +56,9 @@ class Twin:
 
     def again(self) -> "Twin":
         """Return this printer in a print to come: no jumps, and of the effects along the path those that stay."""
-        lasting = (Of.MACHINE, Of.MATERIAL)
-        return Twin(self.mechanism, along=tuple(part for part in self.along if EFFECTS[part.effect].of in lasting))
+        found = [(part, EFFECTS[part.effect]) for part in self.along]
+        lasting = (part for part, law in found if law.of is not Of.INSTRUMENT and law.fate == STAYS)
+        return Twin(self.mechanism, along=tuple(lasting), before=self.before + 1)
 
     @property
     def printed_along(self) -> tuple[Sized, ...]:
@@ -124,7 +128,7 @@ class Twin:
         pitch_mm = np.array([axis.mm_per_step for axis in self.printer.axes[:2]])
         low_mm = np.array([axis.min_mm for axis in self.printer.axes[:2]])
         path_mm = low_mm + np.vstack([start, start + np.cumsum(controls, axis=0)]) * pitch_mm
-        moved = moved_mm(mechanism, parts, path_mm)
+        moved = moved_mm(mechanism, parts, path_mm, before=self.before)
         return np.asarray(printed + (moved - moved[0]) / pitch_mm)  # a layer starts where it should
 
     def _jumped(self, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -160,7 +164,9 @@ class Twin:
         places_mm = reach_bed(mechanism, motors_mm, belts_mm)
         if parts := self._parts(printed=True):
             path_mm = np.asarray(waypoints_mm, float)[:, :2]
-            places_mm[:, :2] += moved_mm(mechanism, parts, path_mm, motors_mm=motors_mm, from_home=True)
+            places_mm[:, :2] += moved_mm(
+                mechanism, parts, path_mm, motors_mm=motors_mm, from_home=True, before=self.before
+            )
         return places_mm
 
     def seen(self, waypoints_mm: np.ndarray) -> np.ndarray:
@@ -174,7 +180,7 @@ class Twin:
         path_mm, parts = np.asarray(waypoints_mm, float)[:, :2], self._parts(printed=False)
         if not parts:
             return np.zeros(path_mm.shape)
-        return moved_mm(self.homed(), parts, path_mm, from_home=True)
+        return moved_mm(self.homed(), parts, path_mm, from_home=True, before=self.before)
 
     def _parts(self, *, printed: bool) -> list[Sized]:
         """Return the effects along the path of the print, or those of its measurement."""
