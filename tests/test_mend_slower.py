@@ -5,15 +5,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from printmend.corruption import Corruption, Drive
+from printmend.corruption.shaft import Ripple
 from printmend.errors import RefusedError
 from printmend.gcode import kernels as k
+from printmend.gcode.container import open_gcode
 from printmend.gcode.machine import initial_state
 from printmend.gcode.read import interpret_text
 from printmend.invert import Fineness
 from printmend.invert.fineness import COARSEST_MM
-from printmend.repair import mend_gcode
+from printmend.repair import mend_gcode, slower
+from printmend.repair.slower import with_few_moves
 from printmend.saved import write_model
-from tests.mending import BENT, START, exactly
+from tests.mending import BENT, ENDER3, START, exactly
 from tests.test_mend_cli import run
 
 TYPES = {
@@ -114,3 +118,16 @@ def test_the_command_takes_a_percentage(said: str, code: int, source: Path, tmp_
     write_model(tmp_path / "m.mend.json", exactly(BENT))
     done = run("mend", source, "-m", tmp_path / "m.mend.json", "-o", tmp_path / "o.gcode", "--slower", said)
     assert code == (3 if isinstance(done.exception, RefusedError) else done.exit_code), done.output
+
+
+def test_walls_that_keep_their_width_make_nothing_coarser(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their many moves are no reason to draw other lines with fewer."""
+    pitch = ENDER3.axes[0].mm_per_step
+    model = exactly(Corruption((Drive(ripple=Ripple((0.02 / pitch,), (2.0 / pitch,), (1.0,))), Drive())).lower(ENDER3))
+    source = tmp_path / "wall.gcode"
+    source.write_bytes(START + b";TYPE:External perimeter\nG1 X120 E2 F1800\n;TYPE:Internal infill\nG1 Y80 E1\nG1 X60 E2\n")
+    monkeypatch.setattr(slower, "_ripples", lambda _: True)
+    with open_gcode(source) as file:
+        assert with_few_moves(file, model, Fineness()) == (Fineness(), None)
+    prediction = mend_gcode(source, model, tmp_path / "out.gcode", force=True).prediction
+    assert prediction.commands > 20 * prediction.moves

@@ -36,6 +36,7 @@ class Fineness:
     key of `SEGMENTS_PER_S`, or None: guessed from each file. ``slower`` is by which share the print may take longer at
     the most, None without a limit; ``ease`` how much coarser lines are drawn for that, by their `SPARE`.
     ``crossing_mm_s2`` is how fast a motor may speed up while it crosses its slack; None: as the printer's file says.
+    ``evenly`` says that outer walls along an axis are cut until they keep their width.
     """
 
     tolerance_mm: float = TOLERANCE_MM
@@ -43,6 +44,7 @@ class Fineness:
     slower: float | None = None
     crossing_mm_s2: float | None = None
     ease: float = 0.0
+    evenly: bool = True
 
     @property
     def tolerances_mm(self) -> dict[int, float]:

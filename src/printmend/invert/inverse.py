@@ -36,6 +36,7 @@ def lookup(mechanism: Mechanism, tolerance_mm: float = k.TOLERANCE_MM) -> look.M
     head.home[:] = printer.home_mm
     head.home_side[:] = printer.x.home_direction, printer.y.home_direction
     head.chord = head.chords[:] = chord_mm = tolerance_mm / 2
+    head.evenly = 1.0
     parts: list[np.ndarray] = []
     size, sharpest = 0, 0.0
     screw = None if mechanism.screw is None or _is_straight(mechanism.screw) else mechanism.screw
@@ -160,15 +161,16 @@ class Planner:
 
     def begin(
         self, segments_per_s: float = np.inf, tolerances_mm: Mapping[int, float] = MappingProxyType({}),
-        crossing_mm_s2: float = 0.0,
+        crossing_mm_s2: float = 0.0, evenly: bool = True,
     ) -> None:  # fmt: skip
         """Begin a program: nothing is known of where the machine is. What was added up so far is kept.
 
         ``segments_per_s`` is how many moves a second its firmware takes: no line is cut finer than that.
         ``tolerances_mm`` holds how far lines of a role may be off where that is more than elsewhere. A motor that
         crosses its slack may speed up by ``crossing_mm_s2`` where that is more than the file's own acceleration.
+        Outer walls along an axis keep their width if ``evenly``.
         """
-        self.model.head.crossing = crossing_mm_s2
+        self.model.head.crossing, self.model.head.evenly = crossing_mm_s2, evenly
         self.model.head.period = 1.0 / (60.0 * segments_per_s)
         self.model.head.chords[:] = self.model.head.chords[look.TRAVEL]
         for role, tolerance_mm in tolerances_mm.items():

@@ -65,14 +65,14 @@ def with_few_moves(file: GcodeFile, model: SavedModel, fineness: Fineness) -> tu
 
     A ripple of hundredths of a millimetre bends every line several times a millimetre. Walls show it, infill does not.
     """
-    roles = set[int]()
-    if not _ripples(model) or _planned(file, model, fineness, roles)[1] <= MOST_MOVES:
+    roles, uneven = set[int](), replace(fineness, evenly=False)  # a wall that keeps its width has to have its moves
+    if not _ripples(model) or _planned(file, model, uneven, roles)[1] <= MOST_MOVES:
         return fineness, None
     low, high = 0.0, _MOST_EASE
-    if _planned(file, model, replace(fineness, ease=high), roles)[1] <= MOST_MOVES:
+    if _planned(file, model, replace(uneven, ease=high), roles)[1] <= MOST_MOVES:
         for _ in range(_FEW_TRIALS):
             ease = (low + high) / 2
-            many = _planned(file, model, replace(fineness, ease=ease), roles)[1] > MOST_MOVES
+            many = _planned(file, model, replace(uneven, ease=ease), roles)[1] > MOST_MOVES
             low, high = (ease, high) if many else (low, ease)
     found = replace(fineness, ease=high)
     return found, say("to-have-few-moves", _words(found, roles))

@@ -37,7 +37,8 @@ HEAD = np.dtype(
         ("guide", "i8", (3, 2)),  # entry k is the index of the first entry of the table that is ≥ floor + k·pitch
         ("chord", "f8"),  # how far a chord may lie from the wanted path [mm], of the line in hand
         ("chords", "f8", ROLES),  # the same of lines of each role, of travels the last
-        ("even", "f8"),  # 1 or 0: the line in hand is an outer wall, whose width shows
+        ("evenly", "f8"),  # 1 or 0: walls keep their width
+        ("even", "f8"),  # 1 or 0: the line in hand is a wall that does, because it shows
         ("sample", "f8"),  # how densely a chord must be looked at [mm]
         ("look", "f8"),  # how densely the prediction looks [mm]
         ("crossing", "f8"),  # the largest acceleration of a motor that crosses its slack [mm/s²], 0 for the file's

@@ -346,7 +346,7 @@ def mend(
         known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
         extruding = r.flags & FLAG_EXTRUDING != 0
         role = (r.flags >> ROLE_SHIFT) & ROLE_MASK if extruding else TRAVEL
-        model.head.chord, model.head.even = model.head.chords[role], role == ROLE_OUTER
+        model.head.chord, model.head.even = model.head.chords[role], model.head.evenly * (role == ROLE_OUTER)
         counts.moves += 1
         if extruding and known:
             counts.extruding += 1
