@@ -120,7 +120,7 @@ def judged(source: Path, family: str, options: argparse.Namespace, folder: Path)
     more = () if options.crossing is None else ("--crossing", str(options.crossing), "--firmware", "klipper")
     report = mend(plain, model, output, *more)
     # What `mend` says of a file that leaves M83 to a macro of its printer's, this printer has to be told.
-    top = b"M83\n" if any("put M83 at its top" in said for said in report["warnings"]) else b""
+    top = b"M83\n" if any("put M83 at" in said for said in report["warnings"]) else b""
     before, after, complaints = both(top + text, top + output.read_bytes(), printer, corruption, folder / "run")
     machine = corruption.lower(printer)
     moves = straightened(read_gcode(plain, printer=printer).moves, TOLERANCE_MM)
