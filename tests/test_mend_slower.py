@@ -125,7 +125,8 @@ def test_walls_that_keep_their_width_make_nothing_coarser(tmp_path: Path, monkey
     pitch = ENDER3.axes[0].mm_per_step
     model = exactly(Corruption((Drive(ripple=Ripple((0.02 / pitch,), (2.0 / pitch,), (1.0,))), Drive())).lower(ENDER3))
     source = tmp_path / "wall.gcode"
-    source.write_bytes(START + b";TYPE:External perimeter\nG1 X120 E2 F1800\n;TYPE:Internal infill\nG1 Y80 E1\nG1 X60 E2\n")
+    wall, infill = b";TYPE:External perimeter\nG1 X120 E2 F1800\n", b";TYPE:Internal infill\nG1 Y80 E1\nG1 X60 E2\n"
+    source.write_bytes(START + wall + infill)
     monkeypatch.setattr(slower, "_ripples", lambda _: True)
     with open_gcode(source) as file:
         assert with_few_moves(file, model, Fineness()) == (Fineness(), None)
