@@ -104,7 +104,7 @@ export function Play() {
           ${!STATIC && html`<${Effects} chosen=${faults.effects ?? []} onChange=${(effects) => { const { effects: _, ...rest } = faults; change(effects.length ? { ...rest, effects } : rest); }} />`}`}
       </div>
       <div class="stack">
-        ${scene ? html`<${Part} scene=${scene} name="printmend" morph=${scene.mended ? 2 : 1} moment share=${{ numbers: { before_mm: result.before.rms_mm, after_mm: result.after.rms_mm }, printer: t("card_play"), part: t("card_plate") }} /><p class="faint">${t(result?.refused || result?.before.rms_mm < 0.002 ? "play_healthy" : "aligned")}</p>`
+        ${scene && result ? html`<${Part} scene=${scene} name="printmend" morph=${scene.mended ? 2 : 1} moment share=${{ numbers: { before_mm: result.before.rms_mm, after_mm: result.after.rms_mm }, printer: t("card_play"), part: t("card_plate") }} /><p class="faint">${t(result?.refused || result?.before.rms_mm < 0.002 ? "play_healthy" : "aligned")}</p>`
           : html`<div class="stage">
             ${running && has("seen.jpg") && what === "plate" ? html`<img alt=${t("step_scan")} src=${fileOf(job, "seen.jpg")} style=${{ width: "100%", height: "100%", objectFit: "contain" }} />`
               : !shown ? html`<p class="soon" role="status">${t("drawing")}</p>` : (what === "plate" ? html`<${Plate} id="drawing" marks=${shown.marks_mm} errors=${shown.errors_mm} big=${shown.big} bed=${shown.bed_mm} enlarge=${enlarge} />`
