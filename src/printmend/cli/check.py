@@ -15,7 +15,7 @@ from printmend.cli.terminal import echo
     help="What `printmend learn` wrote about this printer.",
 )  # fmt: skip
 @click.option("--filament", metavar="NAME",
-              help="Also mend what the part will shrink in it [default: left to the slicer].")  # fmt: skip
+              help="Also correct the shrinkage of this filament [default: left to the slicer].")  # fmt: skip
 @click.option("--against", metavar="out.gcode", type=click.Path(path_type=Path, dir_okay=False),
               help="Judge this file, made from PART.gcode, instead of what mending would write.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="For programs.")

@@ -16,19 +16,19 @@ from printmend.cli.number import Finite
 @click.argument("scan", metavar="SCAN", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--gcode", "part_path", required=True, metavar="PART.gcode",
               type=click.Path(path_type=Path, dir_okay=False), help="The file that was printed.")  # fmt: skip
-@click.option("--printer", "printer_name", metavar="NAME|FILE.toml", help="What printed it; or say --model.")
+@click.option("--printer", "printer_name", metavar="NAME|FILE.toml", help="The printer, or give --model.")
 @click.option("-m", "--model", "model_path", metavar="NAME|printer.mend.json", type=ModelType(),
-              help="What `learn` wrote about it: the machine's own errors are taken off.")  # fmt: skip
-@click.option("--filament", metavar="NAME", help="What it was printed in, as pla-black.")
+              help="Model of the printer that `learn` wrote: removes the machine's own errors.")  # fmt: skip
+@click.option("--filament", metavar="NAME", help="The filament, as pla-black.")
 @click.option(
     "--top", metavar="SCAN", type=click.Path(path_type=Path, dir_okay=False),
-    help="A scan of the top side of a part 8 mm high or more: it tells the elephant's foot from wide lines.",
+    help="Scan of the top of a part at least 8 mm high: separates elephant's foot from wide lines.",
 )  # fmt: skip
 @click.option("--layer", type=click.IntRange(min=1), default=1, show_default=True,
               help="Which layer SCAN shows; 1 is the underside.")  # fmt: skip
 @click.option("--dpi", type=Finite(min=50, max=9600), help="Resolution [default: what the file says, or 600]")
 @click.option("--distance", "distances_mm", metavar="MM", type=Finite(min=1, max=1000), multiple=True,
-              help="What callipers say of the widths that are named: settles the scale.")  # fmt: skip
+              help="Calliper reading of the widths that `fit` names; settles the scale.")  # fmt: skip
 @click.option("--overlay", type=click.Path(path_type=Path, dir_okay=False), help="Draw what was found over the scan.")
 @click.option("--out", "folder", metavar="DIR", type=click.Path(path_type=Path, file_okay=False),
               help="Write the profile to import, and all numbers as fit.json.")  # fmt: skip

@@ -19,7 +19,7 @@ from printmend.messages import say
     "--printer", "printer_name", metavar="NAME|FILE.toml", help="A preset or your own printer [with --update: the old]"
 )
 @click.option("--learner", default="auto", show_default=True, metavar="auto|greybox|lightgbm-axis|…",
-              help="auto is the simplest machine that the trace supports.")  # fmt: skip
+              help="auto: the simplest machine that explains the trace.")  # fmt: skip
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False),
     help="[default: printer.mend.json; with --update: the old model's file]",
@@ -28,15 +28,15 @@ from printmend.messages import say
 @click.option("--update", "old", metavar="NAME|OLD.mend.json", type=ModelType(),
               help="Bring this model up to date with a second, smaller print, and say what changed.")  # fmt: skip
 @click.option("--phase", "moved", metavar="NAME|OLD.mend.json", type=ModelType(),
-              help="Find where this model's motors stand after work on its belts, from a `probe --phase`.")  # fmt: skip
+              help="After work on the belts: find this model's motors again from a `probe --phase`.")  # fmt: skip
 @click.option(
-    "--filament", metavar="NAME", help="What the part was printed in, as pla-black; none for dots on a plate or paper."
+    "--filament", metavar="NAME", help="Filament of a measured part, as pla-black; none for dots on a plate or paper."
 )
 @click.option("--travel", "travels", metavar="AXIS=SENT:WENT", multiple=True,
-              help="How far the head went by a steel rule, in mm, as x=200:199.6; TRACE may be left out with --update.",
+              help="Travel of the head by a steel rule, in mm, as x=200:199.6. With --update, TRACE is optional.",
               )  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
-              help="Picks the rows looked at first in a long trace.")  # fmt: skip
+              help="Seed that picks the first rows of a long trace.")  # fmt: skip
 @click.option("--date", "when", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD",
               help="When the print was made, for `printmend history` [default: today]")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the diagnosis as JSON.")

@@ -27,24 +27,24 @@ MOST_NAMED = 40  # missing marks that are named one by one
 @click.argument("scans", nargs=-1, type=click.Path(path_type=Path), metavar="SCAN...")
 @click.option("--probe", "plan_path", type=click.Path(path_type=Path), help="The plan that `probe` wrote.")
 @click.option("--gcode", "part_path", metavar="PART.gcode", type=click.Path(path_type=Path),
-              help="SCAN shows a layer of this file instead; give --printer, too.")  # fmt: skip
+              help="SCAN shows a layer of this file, not a probe. Needs --printer.")  # fmt: skip
 @click.option("--layer", type=click.IntRange(min=1), default=1, show_default=True,
-              help="With --gcode: which one; 1 is the underside.")  # fmt: skip
+              help="With --gcode: the layer that SCAN shows; 1 is the underside.")  # fmt: skip
 @click.option("--dpi", type=Finite(min=50, max=9600), help="Resolution [default: what the file says, or 600]")
 @click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="[default: trace.csv]")
 @click.option(
     "--overlay", type=click.Path(path_type=Path, dir_okay=False), help="Draw what was found over the first scan."
 )
 @click.option("--distance", "distances_mm", metavar="MM", type=Finite(min=1, max=1000), multiple=True,
-              help="What callipers say of the distance that `measure` names: settles the scale; with --gcode twice.",
+              help="Calliper reading of the distance that `measure` names, for the scale. With --gcode up to two.",
               )  # fmt: skip
 @click.option("--scanner-error", "scanner_percent", metavar="PERCENT", type=Finite(min=0.005, max=2),
-              help="How far lengths in your scanner's scans are off, typically, where you know it [default: 0.13]",
+              help="RMS error of lengths in your scanner's scans, if you know it [default: 0.13]",
               )  # fmt: skip
-@click.option("--callipers", is_flag=True, help="Ask for a few distances instead; SCAN may be a list of them.")
+@click.option("--callipers", is_flag=True, help="Without a scan: ask for a few distances. SCAN may be a list of them.")
 @click.option("--printer", "printer_name", metavar="NAME|FILE.toml",
-              help="With --gcode: what printed it. With --callipers: learn a model of it.")  # fmt: skip
-@click.option("--filament", metavar="NAME", help="With --gcode: what the part was printed in, as pla-black.")
+              help="With --gcode: the printer. With --callipers: learn a model of it.")  # fmt: skip
+@click.option("--filament", metavar="NAME", help="With --gcode: the filament of the part, as pla-black.")
 def command(
     scans: tuple[Path, ...], plan_path: Path | None, part_path: Path | None, layer: int, dpi: float | None,
     output: Path | None, overlay: Path | None, distances_mm: tuple[float, ...],

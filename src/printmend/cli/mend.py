@@ -24,23 +24,23 @@ if TYPE_CHECKING:
     help="What `printmend learn` wrote about this printer.",
 )  # fmt: skip
 @click.option("--filament", metavar="NAME",
-              help="Also mend what the part will shrink in it [default: left to the slicer].")  # fmt: skip
+              help="Also correct the shrinkage of this filament [default: left to the slicer].")  # fmt: skip
 @click.option("-o", "--output", metavar="FILE|FOLDER|-", type=click.Path(path_type=Path),
               help="Default PART.mended.gcode; - is the standard output. Of several files a folder.")  # fmt: skip
 @click.option("--in-place", is_flag=True, help="Replace PART.gcode: for slicers' post-processing.")
 @click.option("--overwrite", is_flag=True, help="Write over an output that exists.")
 @click.option("--report", metavar="FILE.html|json", type=click.Path(path_type=Path, dir_okay=False),
-              help="Write what to expect: a page with pictures of the part, or all numbers.")  # fmt: skip
+              help="Write the prediction: a page with pictures of the part, or all numbers.")  # fmt: skip
 @click.option("--force", is_flag=True,
               help="Write even where the prediction is not better, or where a file names another printer.")  # fmt: skip
 @click.option("--tolerance", "tolerance_mm", type=Finite(0.002, 0.2), default=0.01, show_default=True,
-              metavar="MM", help="How far the path may be off; more of it makes fewer moves and stops.")  # fmt: skip
+              metavar="MM", help="Largest error of the path; more tolerance makes fewer moves and stops.")  # fmt: skip
 @click.option("--firmware", type=click.Choice(["marlin8", "marlin32", "klipper", "rrf", "prusa", "bambu"]),
-              help="What reads the file: how many moves a second it takes. Default: as the file says.")  # fmt: skip
+              help="Firmware of the printer, which limits moves per second [default: as the file says].")  # fmt: skip
 @click.option("--slower", type=Percent(0, 1000), metavar="5%",
-              help="How much longer it may take: infill is drawn less closely first, outer walls last.")  # fmt: skip
+              help="Largest increase of printing time: infill loses accuracy first, outer walls last.")  # fmt: skip
 @click.option("--crossing", "crossing_mm_s2", type=Finite(10, 1e6), metavar="MM_S2",
-              help="How fast a motor may speed up while it crosses its slack: it drives nothing then.")  # fmt: skip
+              help="Acceleration of a motor while it crosses its slack and drives nothing.")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Files at a time.")
 @click.option("--json", "as_json", is_flag=True, help="A line of JSON for each file.")
 @click.option("--quiet", is_flag=True, help="Say only what went wrong.")

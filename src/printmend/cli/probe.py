@@ -39,30 +39,30 @@ class Glass(click.ParamType):
 @click.option("--printer", "printer_name", metavar="NAME|FILE.toml", help="A preset or your own printer.")
 @click.option("--size", "size_mm", type=Finite(min=30), help="Side of the square of marks in mm [default: the bed]")
 @click.option(
-    "--for", "part_path", type=click.Path(path_type=Path), metavar="PART.gcode", help="Cover what this part needs."
+    "--for", "part_path", type=click.Path(path_type=Path), metavar="PART.gcode", help="Choose the marks for this part."
 )
 @click.option("--design", type=click.Choice(["fixed", "layer", "optimal", "active"]), default="fixed",
-              show_default=True, help="How the marks are chosen, see above.")  # fmt: skip
-@click.option("--after", type=click.Path(path_type=Path), metavar="TRACE.csv", help="A first print's measurement, "
-              "which optimal and active complete.")  # fmt: skip
-@click.option("--phase", is_flag=True, help="A print of two minutes for a known printer whose belts were worked on: "
+              show_default=True, help="How to choose the marks (see above).")  # fmt: skip
+@click.option("--after", type=click.Path(path_type=Path), metavar="TRACE.csv", help="Measurement of a first print, "
+              "for optimal and active.")  # fmt: skip
+@click.option("--phase", is_flag=True, help="Two-minute print after work on the belts of a known printer, "
               "for `learn --phase`.")  # fmt: skip
-@click.option("--marks", type=click.IntRange(16, 1000), default=600, show_default=True, help="At most.")
+@click.option("--marks", type=click.IntRange(16, 1000), default=600, show_default=True, help="Largest number of marks.")
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("probe.gcode"), show_default=True
 )
-@click.option("--extruder", type=click.Choice(["bowden", "direct"]), help="Where the filament's motor sits: how far "
-              "it is drawn back between dots [default: as the printer says]")  # fmt: skip
+@click.option("--extruder", type=click.Choice(["bowden", "direct"]), help="Place of the filament's motor: sets the "
+              "retraction between dots [default: as the printer says]")  # fmt: skip
 @click.option("--start-from", "start_path", type=click.Path(path_type=Path), metavar="PART.gcode",
-              help="Start as this sliced file of yours does: temperatures, homing, levelling, purge line.")  # fmt: skip
+              help="Copy the start of this sliced file: temperatures, homing, levelling, purge line.")  # fmt: skip
 @click.option("--on", "surface", type=click.Choice(["plate", "paper"]), default="plate", show_default=True,
-              help="Paper: a sheet taped to the bed takes the dots, and goes flat onto any scanner.")  # fmt: skip
+              help="paper: print on a sheet taped to the bed, which lies flat on any scanner.")  # fmt: skip
 @click.option("--pen", is_flag=True, help="Draw with a pen in a clip on the tool head, cold, on paper.")
 @click.option("--scanner", "glass", type=Glass(), metavar="a4|letter|WxH",
               help="Keep the dots within this glass [on paper: a4].")  # fmt: skip
 @click.option("--sheets", type=click.IntRange(1, 3), default=1, show_default=True,
-              help="With --on paper or --pen: so many sheets, one after the other, show a large bed.")  # fmt: skip
-@click.option("--net", is_flag=True, help="On the plate: join larger dots by a thin net, to come off as one sheet.")
+              help="With --on paper or --pen: number of sheets, one after the other, for a large bed.")  # fmt: skip
+@click.option("--net", is_flag=True, help="On the plate: join larger dots by a thin net that comes off as one sheet.")
 @click.option("--first-layer", "layer_path", type=click.Path(path_type=Path), metavar="PART.gcode",
               help="Instead: write the first layer of this part alone, for `measure --gcode`.")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace the plan of another test print.")

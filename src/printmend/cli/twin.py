@@ -34,7 +34,7 @@ def _show_effects(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     "--printer", "printer_name", required=True, metavar="NAME|FILE.toml", help="A preset or your own printer."
 )
 @click.option("--corruption", "broken", required=True, multiple=True, metavar="broken.toml|EFFECT[:KEY=VALUE,…]",
-              help="What is broken: a file (docs/corruptions.md), or an effect; may be repeated.")  # fmt: skip
+              help="The fault: a file (docs/corruptions.md) or an effect. May be repeated.")  # fmt: skip
 @click.option("--list", is_flag=True, is_eager=True, expose_value=False, callback=_show_effects,
               help="Show every effect, what it is, and an example of it.")  # fmt: skip
 @click.option("--noise-mm", type=Finite(min=0, max=10), default=0.05, show_default=True,
@@ -44,7 +44,7 @@ def _show_effects(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     type=click.IntRange(min=0),
     default=1,
     show_default=True,
-    help="Draws noise, dirt, scanner, and what an effect leaves open.",
+    help="Seed of noise, dirt, scanner, and whatever an effect leaves open.",
 )
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("trace.csv"), show_default=True
@@ -58,7 +58,7 @@ def _show_effects(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     "--turn", type=click.Choice(["0", "90", "180", "270"]), default="0", help="How the plate lies on the glass."
 )
 @click.option("--dirt", type=click.Choice(["clean", "default", "heavy"]), default="default", show_default=True,
-              help="What is wrong with the scan.")  # fmt: skip
+              help="How bad the scan is.")  # fmt: skip
 def command(
     source: Path, printer_name: str, broken: tuple[str, ...], noise_mm: float, seed: int, output: Path,
     scan: Path | None, plan_path: Path | None, dpi: float, turn: str, dirt: str,

@@ -22,7 +22,7 @@ from printmend.messages import say
 )  # fmt: skip
 @click.option("--probe", "plan_path", type=click.Path(path_type=Path), help="The plan of the check print, for SCANs.")
 @click.option("--gcode", "part_path", metavar="PART.gcode", type=click.Path(path_type=Path),
-              help="SCAN shows the underside of this part, printed mended; name the unmended file.")  # fmt: skip
+              help="SCAN shows the underside of this part, printed mended. Give the unmended file.")  # fmt: skip
 @click.option("--dpi", type=Finite(min=50, max=9600), help="Resolution of the scans, where the files do not say it.")
 @click.option("--distance", "distance_mm", metavar="MM", type=Finite(min=1, max=1000), help="As in `measure`.")
 @click.option("--filament", metavar="NAME", help="What the check print was printed in, as pla-black: what it shrank is "
