@@ -153,7 +153,7 @@ def fetch(source: str, out: Path) -> None:
 @click.option("--description", default="", help="In a sentence or two; without it, what it holds.")
 @click.option("--doi", default="", help="Its identifier, once there is one: 10.5281/zenodo.123.")
 def card(folder: Path, name: str, creators: tuple[str, ...], url: str, description: str, doi: str) -> None:
-    """Write its card: Croissant for machines, a README, and DataCite's metadata for a DOI."""
+    """Write its card: Croissant, a README, DataCite."""
     from printmend_lab.dataset.card import write_card
 
     for path in write_card(folder, name=name, url=url, creators=creators, description=description, doi=doi):
