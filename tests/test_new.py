@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.errors import InputError
+from printmend_lab.bench.submission import write_result
 from printmend_lab.conformance import kind_of
 from printmend_lab.conformance.begin import begin_package
 from printmend_lab.conformance.controllers import CHECKS as CONTROLLER_CHECKS
@@ -66,6 +67,16 @@ def test_names_that_packages_cannot_have_are_refused_and_nothing_is_written(name
     with pytest.raises(InputError, match="name"):
         begin_package("learner", name, tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("kind", "row"), [("learner", "my-own+optimal"), ("controller", "greybox+my-own")])
+def test_its_readme_leads_to_a_suite(kind: str, row: str, tmp_path: Path) -> None:
+    begin_package(kind, "my-own", tmp_path)
+    text = (tmp_path / "my-own" / "README.md").read_text()
+    assert f"printmend/Families-v1 --rows {row} " in text
+    record = {"suite": "printmend/Families-v1", "row": row}
+    path = write_result(record, tmp_path / "results")  # where the README looks for it
+    assert f"submit-check {path.relative_to(tmp_path)}" in text
 
 
 def test_a_folder_that_is_there_stays(tmp_path: Path) -> None:

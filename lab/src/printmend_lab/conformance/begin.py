@@ -66,7 +66,11 @@ pip install -e '.[test]'
 pytest
 printmend conformance {name}
 printmend bench table1 --bodies generated:4 --families pulley --models {models}
+printmend bench suite printmend/Families-v1 --rows {row} -o results
+printmend bench submit-check results/Families-v1/{row}.json
 ```
+
+The other suites, and the data that one of them reads, are in printmend's documentation, "Suites that do not change".
 
 Without an installation, in this folder: `PYTHONPATH=src printmend conformance {package}.{kind}:MINE`.
 """
@@ -85,6 +89,7 @@ def begin_package(kind: str, name: str, folder: Path) -> list[Path]:
     words = {
         "name": name, "package": package, "kind": kind, "group": _GROUPS[kind], "title": kind.title(),
         "version": printmend.__version__, "models": models,
+        "row": f"{name}+optimal" if kind == "learner" else f"greybox+{name}",
     }  # fmt: skip
     source = importlib.resources.files("printmend_lab.conformance.templates").joinpath(f"own_{kind}.py")
     code = source.read_text(encoding="utf-8").replace(f"own-{kind}", name)
