@@ -164,7 +164,11 @@ def test_a_measured_row_is_a_learner_beside_a_straight_line(seen: Suite, tmp_pat
     (tmp_path / "wrong.json").write_text(json.dumps(wrong))
     with pytest.raises(InputError, match="expected a worst of"):
         check_submission(tmp_path / "wrong.json")
-    for more, said in (([], "add --data"), (["--data", str(out)], "git clone"), (["--rows", "naive+optimal"], "naive")):
+    for more, said in (
+        ([], "add --data"),
+        (["--data", str(out)], "git clone"),
+        (["--rows", "naive+optimal"], "ask for naive"),
+    ):
         failed = CliRunner().invoke(group, [*asked, *(["--data", str(data)] if "--rows" in more else []), *more])
         assert said in str(failed.exception)
 

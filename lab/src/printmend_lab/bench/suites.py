@@ -55,6 +55,9 @@ class Suite:
     def label(self, name: str) -> str:
         """Return a row's name with the suite's noise, where it measures. Raise `InputError` for one that is none."""
         if self.measured:
+            if "+" in name:
+                todo = f"ask for {name.partition('+')[0]}: nothing is planned here"
+                raise InputError(self.name, wanted="rows that are learners alone", came=repr(name), todo=todo)
             measured.read_row(name)
             return name
         label = f"{name}@{self.noise_mm:g}" if self.noise_mm and families.measures(name) else name

@@ -8,17 +8,18 @@ import click
 
 from printmend_lab.cli.where import with_executor
 
+_ROWS = "naive,greybox+optimal,meta+optimal"
 _REASONS = 3  # of failed cases that are printed; the file has all
 
 
 @click.command(epilog="Example: printmend bench suite printmend/Families-v1 --rows greybox+optimal -o results")
 @click.argument("name", metavar="SUITE", required=False)
-@click.option("--rows", default="naive,greybox+optimal,meta+optimal", show_default=True, help="With commas.")
+@click.option("--rows", help=f"With commas. Default: {_ROWS}; where nothing is planned, without +optimal.")
 @click.option("--data", type=click.Path(path_type=Path, exists=True, file_okay=False), help="Folder of measured sets.")
 @with_executor
 @click.option("--out", "-o", type=click.Path(path_type=Path), default="printmend-suite", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The results as JSON lines on stdout.")
-def suite(name: str | None, rows: str, data: Path | None, executor: Any, out: Path, as_json: bool) -> None:
+def suite(name: str | None, rows: str | None, data: Path | None, executor: Any, out: Path, as_json: bool) -> None:
     """Run rows on a suite that never changes.
 
     Its seed, bodies, splits and metrics are frozen. Without a SUITE, all are listed. Measured-v1 wants the --data that
@@ -41,7 +42,8 @@ def suite(name: str | None, rows: str, data: Path | None, executor: Any, out: Pa
         todo = "add --data FOLDER" if chosen.measured else "leave --data out"
         raise InputError(chosen.name, wanted="--data" if chosen.measured else "no --data",
                          came="none" if chosen.measured else f"{data}", todo=todo)  # fmt: skip
-    for row in dict.fromkeys(rows.split(",")):
+    asked = rows or (_ROWS.replace("+optimal", "") if chosen.measured else _ROWS)
+    for row in dict.fromkeys(asked.split(",")):
         with progress("cases", chosen.count) as tick:
             record = run_suite(chosen, row, out / "work", data=data, executor=executor, tick=tick)
         path = write_result(record, out)
