@@ -100,7 +100,7 @@ def test_way_points_agree_with_a_fine_walk(printer: Printer, rng: np.random.Gene
     [(np.zeros((3, 3)), np.zeros(2)), (np.zeros(3), np.zeros(2)), (np.full((5000, 2), 3), np.zeros(2))],
 )
 def test_impossible_controls_are_refused(controls: np.ndarray, start: np.ndarray, ender5: Printer) -> None:
-    with pytest.raises(InputError, match="wanted"):
+    with pytest.raises(InputError, match="expected"):
         Twin.of(HEALTHY, ender5).run(controls, start)
 
 

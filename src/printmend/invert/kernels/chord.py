@@ -51,6 +51,7 @@ def along_curve(model, curve, state, mode0, mode1, t):
     return motor_along(model, state, 0, mode0, u0, t), motor_along(model, state, 1, mode1, u1, t)
 
 
+# These kernels take many parameters: the curve, the motors and their modes, and what may be spared.
 @inner(error_model="numpy", _nrt=False)
 def _score(model, curve, state, mode0, mode1, t, end, m0, m1, spare_aside, spare_along):
     """Return the largest error of the chord from t to ``end``, where the motors are at (m0, m1), by what is allowed.
