@@ -9,7 +9,7 @@ import numpy as np
 from printmend.effects import EFFECTS, Places, Scene, Term, places_of
 from printmend.effects.effect import SCALE_MM
 from printmend.effects.sized import Sized
-from printmend.infer.gram import Block, Dictionary, Gram, Rows, dictionary_of, extended, gram_of, seen
+from printmend.infer.gram import Block, Dictionary, Gram, Rows, dictionary_of, extended, gram_of, narrowed, seen
 from printmend.infer.machine import machine_of
 from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
 from printmend.machine import Contacts, Mechanism, contacts_of
@@ -181,8 +181,7 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
 
 
 def _columns_of(blocks: Sequence[Block], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
-    marks, numbers = np.unique(rows.mark, return_inverse=True)
-    few, here = places.at(marks), replace(rows, mark=numbers)
+    few, here = narrowed(places, rows)
     return np.hstack([seen(block.effect, block.where, block.shape, few, here, scene) for block in blocks])
 
 
@@ -243,6 +242,7 @@ def with_shapes(
     """Return the dictionary with more blocks: other shapes of such as it has."""
     if not more:
         return dictionary
+    places, rows = narrowed(places, rows)
     blocks, columns, first = list(dictionary.blocks), [dictionary.columns], dictionary.columns.shape[1]
     for like, shape in more:
         one = seen(like.effect, like.where, shape, places, rows, scene)

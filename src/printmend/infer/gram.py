@@ -1,7 +1,7 @@
 """Every candidate column of a measurement, and the sums of their products: all that the search looks at."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,9 +48,14 @@ class Rows:
 
 def seen(name: str, where: int, shape: tuple[float, ...], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     """Return what the rows see [M, P] of an effect at one place with one shape."""
-    marks, numbers = np.unique(rows.mark, return_inverse=True)  # of a long trace the search looks at few
-    columns = columns_of(name, places.at(marks), where, shape, scene)
-    return np.asarray(np.einsum("mc,mcp->mp", rows.along, columns[numbers]))
+    columns = columns_of(name, places, where, shape, scene)
+    return np.asarray(np.einsum("mc,mcp->mp", rows.along, columns[rows.mark]))
+
+
+def narrowed(places: Places, rows: Rows) -> tuple[Places, Rows]:
+    """Return the places that the rows are of, and the rows of these: the search looks at few of a long trace."""
+    marks, numbers = np.unique(rows.mark, return_inverse=True)
+    return places.at(marks), replace(rows, mark=numbers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +75,7 @@ def dictionary_of(
         for term in effect.terms(scene):
             if kept is None or kept(term):
                 grouped.setdefault(term.key, []).append(term)
+    places, rows = narrowed(places, rows)
     blocks, columns, first = [], [], 0
     for (name, where, shape), terms in grouped.items():
         one = seen(name, where, shape, places, rows, scene)
