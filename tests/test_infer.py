@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy import special
 
-from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, scene_of
+from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, places_of, scene_of
 from printmend.effects.prior import share_of
 from printmend.effects.sample import drawn_places
 from printmend.effects.sized import Sized
 from printmend.infer.fit import HOME_SD_MM, fitted
+from printmend.infer.gram import Rows, dictionary_of, seen
 from printmend.infer.machine import machine_of
 from printmend.infer.normal import log_below
 from printmend.infer.part import DRAWS
@@ -138,3 +139,16 @@ def test_the_normal_tail_is_that_of_scipy() -> None:
     assert log_below(z) == pytest.approx(special.log_ndtr(z), rel=1e-6, abs=1e-12)
     assert log_below(np.zeros((0, 3))).shape == (0, 3)
     assert np.array_equal(log_below(np.array([-1e200, -np.inf, np.inf])), [-np.inf, -np.inf, 0.0])
+
+
+def test_a_dictionary_does_not_depend_on_the_places_that_no_row_is_of() -> None:
+    printer = read_printer("ender3")
+    path, dots = path_of(printer)
+    scene, every = scene_for(printer), np.zeros((len(path), 2))
+    places = places_of(Trace(path, path, homed=True), scene, np.tile(np.arange(len(path))[:, None], 2), every + 1, path)
+    mark = np.flatnonzero(dots)[:20]
+    rows = Rows(mark, np.tile([[1.0, 0.0]], (20, 1)), every[:20, 0], every[:20, 0] + 1, every[:20, 0] + 1)
+    found = dictionary_of(places, rows, scene)
+    for block in found.blocks:
+        whole = seen(block.effect, block.where, block.shape, places, rows, scene)
+        assert np.array_equal(found.columns[:, block.at], whole)
