@@ -48,7 +48,7 @@ function lookup({ way, drives, screw }, known) {
     });
   });
   head.chord = TOLERANCE_MM / 2; head.chords = head.chords.map(() => TOLERANCE_MM / 2);
-  head.bent = Number(sharpest > 0); head.sample = clamp(Math.sqrt((2 * head.chord) / Math.max(sharpest, 1e-12)), 0.02, 2); head.look = 2;
+  head.bent = Number(sharpest > 0); head.evenly = 1; head.sample = clamp(Math.sqrt((2 * head.chord) / Math.max(sharpest, 1e-12)), 0.02, 2); head.look = 2;
   head.frame_bend = frameBend(way, known.bed_mm); head.period = 1 / (60 * SEGMENTS_PER_S);
   if (screw) {
     head.screw = 1; head.rise = rise(screw, head.chord); head.z_limits = known.screw.limits_mm; head.z_home = known.screw.home_mm; head.z_home_side = known.screw.home_side;

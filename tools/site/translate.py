@@ -190,6 +190,8 @@ def _attribute(node: ast.Attribute) -> str:
 
 
 def _compare(node: ast.Compare) -> str:
+    if isinstance(node.ops[0], ast.In) and isinstance(node.comparators[0], ast.Tuple):
+        return f"{_value(node.comparators[0])}.includes({_value(node.left)})"
     sides = [_value(each) for each in (node.left, *node.comparators)]
     pairs = zip(sides, node.ops, sides[1:], strict=False)
     return "(" + " && ".join(f"{left} {_COMPARED[type(op)]} {right}" for left, op, right in pairs) + ")"

@@ -209,7 +209,7 @@ def model_of(document, kernels):
     for motor, drive in enumerate(drives):
         sharpest = max(sharpest, _put_drive(head, tables, motor, drive, look.BEND_BLOCK))
     head.chord, head.chords[:] = TOLERANCE_MM / 2, [TOLERANCE_MM / 2] * len(head.chords)
-    head.bent = float(sharpest > 0.0)
+    head.bent, head.evenly = float(sharpest > 0.0), 1.0
     head.frame_bend = _frame_bend(look, head)
     head.sample = min(max(math.sqrt(2.0 * head.chord / max(sharpest, 1e-12)), 0.02), 2.0)
     head.look, head.period = 2.0, 1.0 / (60.0 * SEGMENTS_PER_S)
@@ -229,9 +229,10 @@ def _put_frame(way, frame, corexy):
         return
     way.framed, way.scale[:] = 1.0, (frame["scale_mm"], frame["scale_mm"])
     way.terms[0][:], way.terms[1][:] = frame["x_mm"], frame["y_mm"]
-    for k, (axis, length, *sizes) in enumerate(frame.get("waves", [])):
-        wave = way.waves[k]
-        wave.axis, wave.rate = axis, 2.0 * math.pi * frame["scale_mm"] / length
+    for k, (towards, length, *sizes) in enumerate(frame.get("waves", [])):
+        wave, rate = way.waves[k], 2.0 * math.pi * frame["scale_mm"] / length
+        angle = towards * math.pi / 2.0  # 0 along x, 1 along y
+        wave.rate[:] = 0.0 if towards == 1 else rate * math.cos(angle), 0.0 if towards == 0 else rate * math.sin(angle)
         wave.x[:], wave.y[:] = sizes[:2], sizes[2:]
         way.wave_count = k + 1
 
