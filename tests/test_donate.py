@@ -155,7 +155,7 @@ def test_a_hostile_path_names_nothing_in_it(tmp_path: Path, folder: Path) -> Non
         (["--trace", "absent.csv"], "expected a file"),
         (["--trace", "."], "expected a file"),
         (["--trace", "pipe"], "expected a file"),
-        (["--trace", "bob.mend.json"], "wanted"),
+        (["--trace", "bob.mend.json"], "expected"),
         (["--probe", "bob.csv"], "expected a probe.json"),
         (["--scan", "bob.mend.json"], "expected a PNG, TIFF or JPEG scan"),
         (["--trace", "bob.csv", "-o", "bob.csv"], "expected a file of its own to write"),

@@ -163,7 +163,7 @@ def test_half_a_turn_is_too_little(low: Learned) -> None:
 def test_whole_turns_show_one_angle_only() -> None:
     model = learned(measured(SCREW, body(4, 8.0)))
     for kind in ("wobble", "unevenness"):
-        assert any(f"Z {kind}: told to" in gap for gap in model.findings[1:])
+        assert any(f"Z {kind}: known only to" in gap for gap in model.findings[1:])
 
 
 def test_a_tower_completes_a_planar_model(bent: SavedModel) -> None:

@@ -254,7 +254,7 @@ def test_widths_of_another_part_are_named(scanned):
     widths, offset = choose_widths(walls), np.zeros(len(edges))
     with pytest.raises(TraceError, match=r"along X .*, found 2\.89, which looks like inches; measure"):
         scaled_by_widths((2.89,), widths, edges, walls, offset, Instrument())
-    with pytest.raises(TraceError, match=r"expected 2 widths"):
+    with pytest.raises(TraceError, match=r"expected at most 2 distances"):
         scaled_by_widths((73.0, 70.0, 30.0), widths, edges, walls, offset, Instrument())
 
 

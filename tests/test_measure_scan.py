@@ -103,7 +103,7 @@ def test_a_quarter_turn_removes_the_scanners_own_axes(tmp_path, plan, printed):
     double = measure_scans(paths, plan)
     assert rms(error_mm(single.measured_mm, printed, scale=True)) > 0.03
     assert rms(error_mm(double.measured_mm, printed, scale=True)) < 0.002
-    assert any("removed" in note for note in double.notes)
+    assert any("That is corrected" in note for note in double.notes)
     assert not any("disagree" in note for note in double.notes)
     other = render_scan(
         printed, plan, dpi=300, degradations=CLEAN, rng=np.random.default_rng(3), quarter_turns=1, stretch=(0.004, 0.0)
@@ -175,7 +175,7 @@ def test_the_command_writes_trace_and_overlay(tmp_path, plan, printed):
     assert (seen == (200, 0, 200)).all(axis=2).sum() > 500
     turned = saved(tmp_path / "turned.png", np.rot90(scan.image), dpi=300)
     measurement = measure_scans([path, turned], plan)
-    assert f"{turned} is the same picture as {path}: counted once" in " ".join(measurement.notes)
+    assert f"{turned} is the same picture as {path} and counts once" in " ".join(measurement.notes)
     assert len((tmp_path / "trace.csv").read_text().splitlines()) == len(rows)
     assert measurement.instrument.axes_sd > SETTLED_AXES_SD
 
@@ -283,7 +283,7 @@ def test_overlapping_scans_of_a_large_plate_are_joined(tmp_path, plan, printed):
     lower = np.ascontiguousarray(again.image[int(low + 0.32 * (high - low)) :][::-1, ::-1])  # turned by half a turn
     parts = [saved(tmp_path / "a.png", upper, 300), saved(tmp_path / "b.png", lower, 300)]
     joined = measure_scans(parts, plan)
-    assert any("joined by" in note for note in joined.notes)
+    assert any("were joined by" in note for note in joined.notes)
     assert len(joined.missing) <= len(whole.missing) + 2
     alone, together = (rms(error_mm(one.measured_mm, printed, scale=False)) for one in (whole, joined))
     assert together < 1.3 * alone

@@ -112,7 +112,7 @@ def test_sheets_are_joined_by_the_dots_that_they_share(tmp_path: Path) -> None:
     with pytest.raises(ScanError, match="none of sheet 2"):
         measure_scans(scans[:1], plan)
     measured = measure_scans(scans[::-1], plan)
-    assert any("2 scans of 2 sheets joined by" in note for note in measured.notes)
+    assert any("2 scans of 2 sheets were joined by" in note for note in measured.notes)
     assert len(measured.missing) < 0.02 * len(plan)
     off = measured.measured_mm - printed
     off = off[np.isfinite(off).all(axis=1)]
