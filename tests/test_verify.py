@@ -123,7 +123,7 @@ def test_a_scanners_doubt_hides_no_change_of_the_machine(
     if result == KEPT:
         assert verdict.stretch_percent == pytest.approx(100 * grown, abs=0.02)
     anew = update_words(verdict, Updated(bent, (), ("X",)))
-    assert ("is not the one" in anew) == (result == BROKEN)  # what keeps its promise is of this machine
+    assert ("does not match the old model" in anew) == (result == BROKEN)  # what keeps its promise is of this machine
 
 
 SHRINKS = np.array([0.006, 0.003])  # along X and Y
