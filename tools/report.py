@@ -92,7 +92,11 @@ def chosen(root: Path, name: str, item: dict[str, Any]) -> list[dict[str, str]]:
     """Return the rows of a results file whose cells are those that are wanted. Raise `InputError` for none."""
     path = root / item["file"]
     where = {key: value if isinstance(value, list) else [value] for key, value in item.get("where", {}).items()}
-    rows = [row for row in read(path) if all(row[key] in value for key, value in where.items())]
+    lines = read(path)
+    needed = {*where, *(item[name] for name in ("value", "over") if name in item)}
+    if missing := sorted(needed - set(lines[0])):
+        raise InputError(path, wanted=f"a column {missing[0]} for {name}", came="none", todo=f"correct {FOLDER}")
+    rows = [row for row in lines if all(row[key] in value for key, value in where.items())]
     if not rows or (len(rows) > 1 and "how" not in item):
         raise InputError(path, wanted=f"a row for {name}: {where}", came=f"{len(rows)}", todo=f"correct {FOLDER}")
     return rows
@@ -115,9 +119,7 @@ def combined(name: str, rows: Sequence[dict[str, str]], item: dict[str, Any]) ->
                 value = float(cell.strip().rstrip("%"))
             except ValueError:
                 raise InputError(name, wanted="a number", came=repr(cell), todo=f"correct {FOLDER}") from None
-            values.append(value / float(row[item["over"]]) if "over" in item else value)
-    if "above" in item:
-        values = [value for value in values if value > item["above"]]
+            values.append((value / float(row[item["over"]]) if "over" in item else value) - item.get("less", 0))
     return float(HOW[item.get("how", "sum")](values))
 
 
