@@ -166,7 +166,8 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     page.reload()  # check print and verdict are there again
     expect(page.get_by_role("link", name="Download the check print")).to_be_visible()
     expect(page.get_by_role("heading", name="The promise was kept")).to_be_visible()
-    expect(page.get_by_text("does not match the old model")).to_have_count(0)  # what keeps its promise is of this machine
+    # What keeps its promise is of this machine.
+    expect(page.get_by_text("does not match the old model")).to_have_count(0)
     page.get_by_role("button", name="Take this measurement").click()
     page.wait_for_selector("text=Taken over")
     watched.picture("prove")
