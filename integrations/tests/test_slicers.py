@@ -100,7 +100,7 @@ def test_a_reason_names_printmend_once(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(SOURCE)}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)  # noqa: S603
     assert done.returncode == 1
-    said = f"printmend: {tmp_path / 'none.json'}: wanted"
+    said = f"printmend: {tmp_path / 'none.json'}: expected"
     assert done.stderr.startswith(said)
     assert (tmp_path / "sliced.gcode").read_text().startswith(f"; not mended by {said}")
 

@@ -19,6 +19,7 @@ from printmend.client import Studio
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
 from printmend.measure import read_plan
 from printmend.measure.image import read_image, write_image
+from printmend.messages import GERMAN, say, together, translated
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.repair.against import judge_gcode
@@ -293,14 +294,12 @@ def test_a_printer_with_nothing_to_mend_is_shown_so(browser: Browser, server: Se
     page.goto(f"{server.address}#/printers/{key}/wrong")
     expect(page.get_by_text("Es fehlt nichts, was ein Druck zeigen würde.")).to_be_visible()
     expect(page.get_by_text("größer", exact=False)).to_have_count(1)  # what the screen is for
-    found = [{"kind": "thermal", "severity": "refusal", "size_mm": 0.1, "evidence": 20.0, "words":
-              "X grew by +0.32 mm from end to end; Y grew by +0.31 mm from end to end while the print went on, as a "
-              "machine that warms up does. The model is of the end of the print"}]  # fmt: skip
+    grew = together("; ", [say("grew-mm-end-end-while-print", *each) for each in (("X", "+0.32"), ("Y", "+0.31"))])
+    found = [{"kind": "thermal", "severity": "refusal", "size_mm": 0.1, "evidence": 20.0, "words": grew}]
     document = {**sound.document, "misfit": {"found": found}}
     write_model(kept, replace(sound, document=document))
     page.reload()
-    words = "X wuchs um +0,32 mm von Ende zu Ende; Y wuchs um +0,31 mm von Ende zu Ende, während gedruckt wurde"
-    expect(page.get_by_text(words)).to_be_visible()
+    expect(page.get_by_text(translated(grew, GERMAN))).to_be_visible()
     expect(page.get_by_text("Es fehlt nichts")).to_have_count(0)
     expect(page.get_by_role("link", name="Weiter: noch einmal messen")).to_be_visible()
     expect(page.get_by_text("Nach einer Messung, die abgelehnt ist")).to_be_visible()
@@ -312,14 +311,14 @@ def test_a_message_is_german_by_its_id_however_its_english_is_worded(browser: Br
     watched.page.goto(server.address)
     said, why = watched.page.evaluate("""async () => {
         const { heed, said, why } = await import("/words.js");
-        const todo = { id: "scan-whole-print-free-margin", values: {} };
-        const least = { id: "least-marks", values: { a: "50%", b: "12" } };
+        const todo = { id: "scan-printed-side", values: {} };
+        const least = { id: "least-measured-marks", values: { a: "12" } };
         const whole = { id: "why", values: { a: "scan.png", b: "half of them", c: "3.5", d: "scan it all" } };
         heed({ jobs: [{ result: { messages: { "scan it all": todo, "half of them": least, "all of it": whole } } }] });
         return [said("scan it all"), why("all of it")];
     }""")
-    assert said == "Den ganzen Druck scannen, mit freiem Rand"
-    assert why == f"scan.png: gebraucht: mindestens 50% der 12 Punkte; bekommen: 3,5. {said}."
+    assert said == "Die bedruckte Seite scannen"
+    assert why == f"scan.png: gebraucht: mindestens 12 gemessene Punkte; gefunden: 3,5. {said}."
     _ok(watched)
 
 
@@ -396,7 +395,7 @@ def test_what_goes_wrong_is_said_in_one_line(browser: Browser, server: Server, t
     expect(alert).to_have_text("Stopped")
     page.unroute("**/api/uploads*")
     page.set_input_files("input[type=file][accept*=gcode]", strange)
-    expect(alert).to_contain_text("holiday.gcode: wanted")
+    expect(alert).to_contain_text("holiday.gcode: expected")
     page.goto(server.address + f"#/printers/{key}/measure")
     (strange := tmp_path / "cat.png").write_bytes(b"\x89PNG\r\n\x1a\nnothing more")
     page.set_input_files("input[type=file][accept='image/*']", strange)
@@ -408,7 +407,7 @@ def test_what_goes_wrong_is_said_in_one_line(browser: Browser, server: Server, t
     )
     page.set_input_files("input[type=file][accept*=cfg]", strange)
     page.get_by_role("button", name="Add it").click()
-    expect(alert).to_have_text(re.compile(r"^\s*printer\.cfg: wanted"))
+    expect(alert).to_have_text(re.compile(r"^\s*printer\.cfg: expected"))
     page.goto(server.address)
     page.get_by_role("button", name="Mend it").click()
     page.get_by_role("button", name="Stop").click()

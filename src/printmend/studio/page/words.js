@@ -52,7 +52,7 @@ export const sentence = (text) => said(text).replace(/^\p{Ll}+ /u, (word) => wor
 export function why(text) {
   const told = known.get(text);
   if (told?.id !== "why") return sentence(text);
-  const [subject, wanted, came, todo] = ["a", "b", "c", "d"].map((name) => said(told.values[name]));
+  const [subject, wanted, came, todo] = ["a", "b", "c", "d"].map((name) => said(plainly(told.values[name])));
   return t("why", { subject: subject ? `${subject}: ` : "", wanted, came, todo: `${todo[0].toUpperCase()}${todo.slice(1)}${/[.?!]$/.test(todo) ? "" : "."}` });
 }
 
