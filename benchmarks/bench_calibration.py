@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from printmend.corruption import sample
-from printmend.learn.greybox import Greybox
 from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
 from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.greybox import Greybox
 from printmend_lab.published import layer_trace
 
 sys.path.insert(0, str(Path(__file__).parent))

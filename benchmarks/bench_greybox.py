@@ -14,12 +14,12 @@ import time
 import numpy as np
 
 from printmend.corruption import HEALTHY, families, sample
-from printmend.learn.greybox import Greybox
 from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
+from printmend_lab.greybox import Greybox
 
 MOVES = 4000
 

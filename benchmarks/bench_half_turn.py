@@ -20,8 +20,6 @@ import numpy as np
 from printmend.corruption import Corruption, Drive, PublishedHull, sample
 from printmend.learn import learner
 from printmend.learn.mechanism_model import MechanismModel
-from printmend.learn.prior import PriorLearner
-from printmend.learn.prior.mixture import mixture, parse_weights
 from printmend.machine import Mechanism
 from printmend.metrics import rmse
 from printmend.printer import Printer, read_printer
@@ -29,6 +27,8 @@ from printmend.twin import Twin
 from printmend.units import TURN_RAD
 from printmend_lab.bench.drawn_body import drawn_body
 from printmend_lab.control.registry import controller
+from printmend_lab.prior import PriorLearner
+from printmend_lab.prior.mixture import mixture, parse_weights
 from printmend_lab.published import layer_trace
 
 HULLS = ("small", "line", "triangle", "square", "egg")

@@ -24,11 +24,11 @@ from scipy.stats import chi2
 from printmend.effects import EFFECTS, Of, Scene, columns_of, scene_of
 from printmend.effects.effect import LONG_MOVE_MM, Places
 from printmend.effects.sized import Sized
+from printmend.infer.first import begun
 from printmend.infer.fit import HOME_SD_MM, fitted
 from printmend.infer.part import DRAWS, Part
 from printmend.infer.posterior import posterior_of
 from printmend.infer.simulate import drawn_parts, measured
-from printmend.learn.greybox import Greybox
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
@@ -53,10 +53,10 @@ def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float, float
     scene = replace(scene, home_sd_mm=(HOME_SD_MM, HOME_SD_MM))
     true = drawn_parts(scene, rng)
     trace = measured(path, dots, scene, true, float(rng.choice([0.02, 0.05])), rng)
-    box = Greybox().fit(trace, printer, rng=rng)
-    if box.periods_mm != scene.turns_mm:
+    first, turned = begun(trace, scene)
+    if first.scene.turns_mm != scene.turns_mm:
         return None
-    fit = fitted(trace, scene, box.mechanism)
+    fit = fitted(turned, scene, first.mechanism)
     posterior = posterior_of(fit, rng)
     places = _places(printer, rng)
     true_mm = _all_moved([(part, part.sizes_mm[:, None]) for part in true], places, scene)

@@ -17,9 +17,10 @@ from dataclasses import replace
 import numpy as np
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
-from printmend.learn.greybox.greybox import Greybox
+from printmend.infer.fit import Fit
 from printmend.path import Trace
 from printmend.printer import read_printer
+from printmend.repair.learned import learn
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
 
@@ -41,6 +42,13 @@ def machine(fault: str, rng: np.random.Generator) -> Corruption:
         Drive(pulley=EccentricBore(sizes[0], float(rng.uniform(0, TURN_RAD))), belt=Play(sizes[1])) for _ in range(2)
     )
     return Corruption((x, y))
+
+
+def _found(fit: Fit, turn_mm: float) -> int:
+    """Return how many motors are said to turn once in so many mm, or to have an idler that does: both move alike."""
+    idlers = [(block.where, block.shape[0]) for block in fit.blocks if block.effect == "idler"]
+    lengths = [*enumerate(fit.scene.turns_mm), *idlers]
+    return len({motor for motor, each in lengths if abs(each / turn_mm - 1) < FOUND_SHARE})
 
 
 def idlers(name: str, seed: int, draws: int) -> None:
@@ -66,11 +74,12 @@ def idlers(name: str, seed: int, draws: int) -> None:
                         return twin.follow(at) + np.stack([off, np.zeros(len(at))], axis=1)
 
                     trace = Trace(points, printed(points) + rng.normal(0, NOISE_MM, points.shape), homed=True)
-                    box = Greybox().fit(trace, preset, rng=rng)
-                    second_mm = box.drives[0].structure.second_mm
-                    kept = box.periods_mm[0] == preset.x.mm_per_turn
-                    found += kept and abs(second_mm / length_mm - 1) < IDLER_SHARE
-                    off = (Twin(box.mechanism).follow(others) - printed(others))[1:]
+                    learned = learn(trace, preset)
+                    assert learned.fit is not None
+                    kept = learned.fit.scene.turns_mm[0] == preset.x.mm_per_turn
+                    periods_mm = [block.shape[0] for block in learned.fit.blocks if block.effect == "idler"]
+                    found += kept and any(abs(each / length_mm - 1) < IDLER_SHARE for each in periods_mm)
+                    off = (Twin(learned.saved.mechanism).follow(others) - printed(others))[1:]
                     missed_mm.append(float(np.sqrt((off**2).sum(axis=1).mean())))
             beside = "beside 0.1" if beside_mm else "alone"
             print(
@@ -106,9 +115,10 @@ def main() -> None:
                         def printed(at: np.ndarray, twin: Twin = twin, steps: float = steps) -> np.ndarray:
                             return twin.follow(at[0] + (at - at[0]) * steps)
 
-                        box = Greybox().fit(Trace(points, printed(points) + noise, homed=True), preset, rng=rng)
-                        right += sum(abs(each * steps / turn_mm - 1) < FOUND_SHARE for each in box.periods_mm)
-                        off = (Twin(box.mechanism).follow(others) - printed(others))[1:]
+                        learned = learn(Trace(points, printed(points) + noise, homed=True), preset)
+                        assert learned.fit is not None
+                        right += _found(learned.fit, turn_mm / steps)
+                        off = (Twin(learned.saved.mechanism).follow(others) - printed(others))[1:]
                         missed_mm.append(float(np.sqrt((off**2).sum(axis=1).mean())))
                     print(
                         f"{name:8} {count:6} {named:>6} {fault:18} {right:3}/{2 * options.draws:<3} "

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from printmend.identify.drive import Design, Rows
 from printmend.saved import Branches
+from printmend_lab.greybox.drive import Design, Rows
 
 
 def follow_play(rows: Rows, branches: Branches, start_mm: float) -> tuple[list[int], list[int], list[float]]:

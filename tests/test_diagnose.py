@@ -21,7 +21,6 @@ from printmend.corruption import (
 from printmend.diagnosis.advice import advise
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import GcodeError, InputError, TraceError
-from printmend.learn.greybox.greybox import Greybox
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import Printer, read_printer
@@ -33,6 +32,7 @@ from printmend.report.examination_file import write_examination
 from printmend.report.pictures import pictures
 from printmend.twin import Twin
 from printmend.units import TURN_RAD, radius_mm
+from printmend_lab.greybox.greybox import Greybox
 from tests.mending import SQUARE
 
 ENDER3 = read_printer("ender3")
@@ -146,7 +146,7 @@ def test_a_motor_that_skipped_is_said_before_each_print(tmp_path: Path, rng: np.
     part = tmp_path / "part.gcode"
     part.write_text("G21\nG90\nM83\nG28\nG0 X60 Y60 Z0.2 F6000\nG1 X160 Y60 E3 F1800\nG1 X160 Y160 E3\n")
     said = check_gcode(part, model).advice[0]
-    assert said.startswith("X skipped during the test print")
+    assert said.startswith("X skipped by +2.00 mm during the test print")
     assert f"warning: {said}" in report(model)
 
 
@@ -156,7 +156,7 @@ def test_what_turns_by_another_length_may_be_an_idler(rng: np.random.Generator) 
     swings = 0.12 * np.sin(points[:, :1] * (2 * np.pi / 34.6)) * [1.0, 0.0]
     trace = Trace(points, points + swings + rng.normal(0, 0.03, points.shape), homed=True)
     examination = examine(trace, printer, rng=rng)
-    assert examination.saved.findings[0].startswith("X idler or pulley uneven, every 34.")
+    assert examination.saved.findings[0].startswith("X idler or belt uneven, every 34.")
     assert any("An idler is off its centre" in one.meaning for one in examination.advice)
     assert not any(one.title.startswith("X pulley") for one in examination.advice)
 

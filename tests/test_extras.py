@@ -30,8 +30,8 @@ sys.modules.update(dict.fromkeys({names}))  # what is None cannot be imported
 import printmend
 for name in set(printmend.__all__) - {{"measure_scans"}}:
     getattr(printmend, name)
-import printmend.export.firmware, printmend.measure.callipers, printmend.learn.prior.prior, printmend.repair.update
-import printmend.learn.hybrid.residual, printmend.probe.part_layer, printmend.promise.misfit_rows
+import printmend.export.firmware, printmend.measure.callipers, printmend_lab.prior.prior, printmend.repair.update
+import printmend_lab.hybrid.residual, printmend.probe.part_layer, printmend.promise.misfit_rows
 import printmend.cli.main as cli
 try:
     printmend.measure_scans

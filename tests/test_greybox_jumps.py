@@ -8,14 +8,14 @@ import pytest
 
 from printmend.corruption import sample
 from printmend.corruption.jump import MissedSteps, ToothSkips
-from printmend.identify.drive.kernels.jumps import cheapest_levels
-from printmend.identify.drive.ladder import Jump, lasting
-from printmend.learn.greybox import Greybox, motor_rows
 from printmend.machine import Transmission, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
 from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.greybox import Greybox, motor_rows
+from printmend_lab.greybox.drive.kernels.jumps import cheapest_levels
+from printmend_lab.greybox.drive.ladder import Jump, lasting
 from printmend_lab.published import layer_trace
 from tests.naive_greybox import cheapest_history
 

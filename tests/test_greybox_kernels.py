@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.identify.drive import CROSS, Contacts, Design, Rows, Structure, contacts, normal_equations
-from printmend.identify.drive.fit import lower_inverse
-from printmend.identify.drive.kernels.columns import turning_rows
-from printmend.identify.drive.kernels.evidence import settle
-from printmend.identify.drive.kernels.periodogram import lengths_left
+from printmend_lab.greybox.drive import CROSS, Contacts, Design, Rows, Structure, contacts, normal_equations
+from printmend_lab.greybox.drive.fit import lower_inverse
+from printmend_lab.greybox.drive.kernels.columns import turning_rows
+from printmend_lab.greybox.drive.kernels.evidence import settle
+from printmend_lab.greybox.drive.kernels.periodogram import lengths_left
 from tests.naive_greybox import column_matrix, follow_play, length_left, settled_prior
 
 DESIGN = Design(3, 2, CROSS, (20, 40), (1, 2, 3, 6), (1, 3), (1, 2), 4, (20.0, 190.0))
@@ -66,7 +66,7 @@ def test_moments_give_the_normal_equations(design: Design, seed: int) -> None:
 
 
 def test_long_traces_are_added_in_chunks(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
-    from printmend.identify.drive import design as greybox_design
+    from printmend_lab.greybox.drive import design as greybox_design
 
     row, parameters = rows(rng), values(DESIGN, rng)
     touch = contacts(DESIGN, parameters, row)

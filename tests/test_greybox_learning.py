@@ -7,13 +7,13 @@ import pytest
 
 from printmend.corruption import HEALTHY, Corruption, Drive, PublishedHull, sample
 from printmend.errors import TraceError
-from printmend.identify.drive import NOTHING
-from printmend.learn.greybox import Greybox, GreyboxModel
 from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
+from printmend_lab.greybox import Greybox, GreyboxModel
+from printmend_lab.greybox.drive import NOTHING
 from printmend_lab.published import layer_trace
 from tests.naive_machine import NaiveDrive, circle, corners, loose, walk
 from tests.shapes import ring_layer

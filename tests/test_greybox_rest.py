@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from printmend.corruption import sample
-from printmend.learn.greybox import Greybox
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import PlayTables
 from printmend.metrics import rmse
@@ -15,6 +14,7 @@ from printmend.printer import read_printer
 from printmend.twin import Twin
 from printmend_lab.bench.drawn_body import drawn_body
 from printmend_lab.control.registry import controller
+from printmend_lab.greybox import Greybox
 from printmend_lab.published import layer_trace
 
 ENDER5 = read_printer("ender5")

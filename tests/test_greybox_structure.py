@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, Play, sample
-from printmend.diagnosis.gaps import gaps_of
-from printmend.learn.greybox import Greybox, GreyboxModel
 from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
+from printmend.repair.learned import learn
 from printmend.twin import Twin
 from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.greybox import Greybox, GreyboxModel
 from printmend_lab.published import layer_trace
 
 ENDER3, ENDER5 = read_printer("ender3"), read_printer("ender5")
@@ -119,7 +119,7 @@ def test_what_a_trace_cannot_tell_is_switched_off_and_said(way: str) -> None:
     printed = twin.follow(path_mm)
     trace = Trace(path_mm, printed + rng.normal(0, 0.05, printed.shape), homed=True)
     model = Greybox().fit(trace, ENDER3, rng=rng)
-    gaps = " ".join(gaps_of(model))
+    gaps = " ".join(learn(trace, ENDER3).saved.findings[1:])
     assert ("play is unknown" in gaps) == (way == "one way")
     assert [drive.structure.play for drive in model.drives] == ["none" if way == "one way" else "constant"] * 2
     assert "crooked frame" in gaps
@@ -138,7 +138,7 @@ def test_a_grid_of_parts_of_a_turn_is_said_to_be_one(apart_mm: float) -> None:
     path_mm = np.array([(x, y) for row, y in enumerate(there) for x in there[:: 1 if row % 2 == 0 else -1]])
     path_mm = np.concatenate([path_mm, path_mm[::-1, ::-1]])
     printed = Twin.of(sample("ellipse", np.random.default_rng(5)), ENDER3).follow(path_mm)
-    gaps = gaps_of(Greybox().fit(Trace(path_mm, printed), ENDER3, rng=np.random.default_rng(5)))
+    gaps = learn(Trace(path_mm, printed), ENDER3).saved.findings[1:]
     assert any("same few angles" in gap for gap in gaps) == (apart_mm == 10.0)
 
 

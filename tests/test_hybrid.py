@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from printmend.corruption import HEALTHY, sample
-from printmend.learn.greybox import Greybox
-from printmend.learn.hybrid import Hybrid, HybridModel, learned_gains, with_residuals
-from printmend.learn.hybrid.continued import continued
-from printmend.learn.hybrid.residual import (
+from printmend.machine import Mechanism, Transmission, healthy_mechanism
+from printmend.machine.kernels import run
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.repair.learned import learn_model
+from printmend.saved import model_text, parse_model
+from printmend.twin import Twin
+from printmend_lab.greybox import Greybox
+from printmend_lab.hybrid import Hybrid, HybridModel, learned_gains, with_residuals
+from printmend_lab.hybrid.continued import continued
+from printmend_lab.hybrid.residual import (
     Kind,
     Points,
     chosen_kind,
@@ -20,13 +27,6 @@ from printmend.learn.hybrid.residual import (
     process,
     process_columns,
 )
-from printmend.machine import Mechanism, Transmission, healthy_mechanism
-from printmend.machine.kernels import run
-from printmend.path import Trace
-from printmend.printer import read_printer
-from printmend.repair.learned import learn_model
-from printmend.saved import model_text, parse_model
-from printmend.twin import Twin
 from printmend_lab.published import layer_trace
 from tests.naive_greybox import follow_tables_slowly
 from tests.shapes import ring_layer

@@ -1,5 +1,6 @@
 """The engine: what effects promise to inference, what the search finds, and whether its draws are true (Talts 2018)."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -12,11 +13,12 @@ from printmend.effects.prior import share_of
 from printmend.effects.sample import drawn_places
 from printmend.effects.sized import Sized
 from printmend.infer.fit import HOME_SD_MM, fitted
-from printmend.infer.gram import Rows, dictionary_of, seen
+from printmend.infer.gram import Block, Dictionary, Rows, dictionary_of, gram_of, seen
 from printmend.infer.machine import machine_of
 from printmend.infer.normal import log_below
 from printmend.infer.part import DRAWS
-from printmend.infer.posterior import posterior_of
+from printmend.infer.posterior import drawn_sets, posterior_of
+from printmend.infer.search import Search
 from printmend.infer.simulate import drawn_parts, measured
 from printmend.machine import healthy_mechanism, print_from_home
 from printmend.path import FLATBED, Trace
@@ -132,6 +134,25 @@ def _moved(part: object, sizes: np.ndarray, places: object, scene: Scene) -> np.
         return np.zeros((len(places), 2, sizes.shape[1]))  # type: ignore[arg-type]
     columns = columns_of(part.effect, places, part.where, part.shape, scene)  # type: ignore[attr-defined,arg-type]
     return np.asarray(np.einsum("ncp,pd->ncd", columns, sizes))
+
+
+def test_sets_are_drawn_by_their_weight(rng: np.random.Generator) -> None:
+    """Of four alike causes of a few numbers, the chain visits each of the sixteen sets as often as it weighs."""
+    columns = rng.standard_normal((12, 1)) + 0.7 * rng.standard_normal((12, 4))
+    error = columns @ [0.6, 0.0, 0.4, 0.0] + rng.standard_normal(12)
+    names = ("scale", "skew", "play", "bend")
+    blocks = tuple(Block(name, 0, (), slice(b, b + 1), np.ones((1, 1)), np.array([-0.5]), name == "play")
+                   for b, name in enumerate(names))  # fmt: skip
+    one = np.ones(12)
+    rows = Rows(np.arange(12), np.ones((12, 2)), error, one, one)
+    search = Search(Dictionary(blocks, columns), gram_of(columns, rows, one))
+    every = [tuple((b, 0) for b in range(4) if number >> b & 1) for number in range(16)]
+    states = {members: search.posterior(members, 1.0, rounds=0) for members in every}
+    weights = np.exp([states[members].score for members in every])
+    likeliest = max(states.values(), key=lambda each: each.score)
+    drawn = Counter(each for _ in range(40) for each in drawn_sets(search, likeliest, rng))
+    shares = np.array([drawn[members] for members in every]) / (40 * DRAWS)
+    assert shares == pytest.approx(weights / weights.sum(), abs=0.025)
 
 
 def test_the_normal_tail_is_that_of_scipy() -> None:

@@ -14,11 +14,11 @@ from printmend.corruption import (
     PublishedHull,
     sample,
 )
-from printmend.identify.pulley import ANY_PULLEY, OUTLINES, Outline
-from printmend.learn.greybox import Greybox
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
+from printmend_lab.greybox import Greybox
+from printmend_lab.greybox.pulley import ANY_PULLEY, OUTLINES, Outline
 from tests.naive_greybox import unwound
 
 PRINTER = read_printer("ender5")

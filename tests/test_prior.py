@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Polygon
-from printmend.identify.pulley.shapes import ANGLES, HARMONICS, draw, kinds, series, turned
-from printmend.learn.greybox import Greybox, GreyboxModel
-from printmend.learn.prior import PriorLearner
-from printmend.learn.prior.mixture import ENTRIES, Component, Mixture, parse_weights, shape_posterior, shipped
-from printmend.learn.prior.training import COMPONENTS, train
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.greybox import Greybox, GreyboxModel
+from printmend_lab.greybox.pulley.shapes import ANGLES, HARMONICS, draw, kinds, series, turned
+from printmend_lab.prior import PriorLearner
+from printmend_lab.prior.mixture import ENTRIES, Component, Mixture, parse_weights, shape_posterior, shipped
+from printmend_lab.prior.training import COMPONENTS, train
 from printmend_lab.published import layer_trace
 
 PRINTER = read_printer("ender5")

@@ -99,28 +99,25 @@ def test_worths_are_differences_of_what_is_known():
 
 
 def test_the_expected_error_is_the_error_of_ridge_least_squares():
-    printer = read_printer("ender3")
     rng = np.random.default_rng(0)
-    motor = prior_belief(printer).motors[0]
-    motor_mm = np.cumsum(rng.uniform(-30, 40, 60)) % 200
-    at, side = motor.contacts(motor_mm)
-    columns = motor.columns(at, side, motor_mm - 110, rng.uniform(-80, 80, 60))
-    told = motor.told(columns)
+    belief = prior_belief(read_printer("ender3"))
+    columns = belief.columns(rng.uniform(20, 200, (60, 2)), np.arange(60))
+    told = belief.told(columns)
     squares = []
     for _ in range(400):
-        truth = rng.normal(0, np.sqrt(np.diag(motor.covariance)))
-        measured = columns @ truth + rng.normal(0, motor.sigma_mm, 60)
-        found = told.covariance @ (columns.T @ measured) / motor.sigma_mm**2
+        truth = rng.normal(0, np.sqrt(np.diag(belief.covariance)))
+        measured = columns @ truth + rng.normal(0, belief.sigma_mm, len(columns))
+        found = told.covariance @ (columns.T @ measured) / belief.sigma_mm**2
         squares.append(np.mean((columns @ (found - truth)) ** 2))
-    expected = np.einsum("ij,jk,ik->", columns, told.covariance, columns) / 60
+    expected = np.einsum("ij,jk,ik->", columns, told.covariance, columns) / len(columns)
     assert np.mean(squares) == pytest.approx(expected, rel=0.05)
 
 
 def test_contacts_follow_the_play():
-    motor = prior_belief(read_printer("ender3")).motors[0]
-    at, side = motor.contacts(np.array([10.0, 20.0, 19.9, 19.8, 19.6, 19.8, 25.0]))
-    np.testing.assert_allclose(at, [10, 20, 20, 20, 19.6, 19.6, 25])
-    np.testing.assert_array_equal(side[1:], [-1, -1, -1, 1, 1, -1])
+    motor_mm = np.array([10.0, 20.0, 19.9, 19.8, 19.6, 19.8, 25.0])
+    touch = prior_belief(read_printer("ender3")).contacts(np.stack([motor_mm, motor_mm], axis=1))
+    np.testing.assert_allclose(motor_mm[touch.row[:, 0]], [10, 20, 20, 20, 19.6, 19.6, 25])
+    np.testing.assert_array_equal(touch.side[1:, 0], [-1, -1, -1, 1, 1, -1])
 
 
 def test_a_first_trace_is_completed_where_it_was_blind():

@@ -10,9 +10,7 @@ from hypothesis import strategies as st
 from printmend.corruption import HEALTHY, Corruption, sample
 from printmend.corruption.screw import Screw
 from printmend.errors import InputError, TraceError
-from printmend.identify.screw import fit_height
-from printmend.identify.screw.screw import _touched
-from printmend.learn.hybrid import HybridModel
+from printmend.infer.screw import _touched, fit_height
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.naive import NaiveModel
 from printmend.machine import Mechanism, lattice_screw
@@ -25,6 +23,7 @@ from printmend_lab.bench.trial import evaluate
 from printmend_lab.body.space import SpacePath, space_path
 from printmend_lab.control.registry import controller
 from printmend_lab.control.space import plan_space
+from printmend_lab.hybrid import HybridModel
 from printmend_lab.space import fit_space, space_trace
 from tests import naive_control
 

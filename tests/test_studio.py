@@ -49,7 +49,6 @@ from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model, todo
 from printmend.repair.prediction import _beyond_seen
 from printmend.repair.update import QUANTITIES, _change
-from printmend.saved.branches import Wave
 from printmend.saved.model import SavedModel, exact_model, saved_model, write_model
 from printmend.studio import kernels, serve, work
 from printmend.studio import said as studio_said
@@ -573,7 +572,7 @@ _REFUSING = """studio.api studio.api_printers studio.host studio.jobs studio.sto
 measure.dots measure.join measure.plan measure.scan measure.table measure.image measure.page measure.ruler
 repair.meant repair.mend repair.update repair.verify gcode.arcs gcode.bgcode gcode.container gcode.read gcode.threemf
 printer.convert printer.klipper printer.slicer printer.toml probe.layout probe.start probe.tower measure.callipers
-identify.drive.sight learn.greybox.rows saved.model files promise.misfit_rows measure.whose filament.material
+measure.follows saved.model files promise.misfit_rows measure.whose filament.material
 repair.filament repair.part fit.estimate measure.lie measure.walls measure.width measure.silhouette"""
 
 
@@ -630,11 +629,9 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     for text in (either.title, either.meaning, either.repair):
         assert "idler" in text
         assert _german(text), text
-    seen = {"turns": 0.4, "angles": 0.4, "forward": 9, "backward": 2, "lower_angles": 0.5, "upper_angles": 1.0}
+    seen = diagnosis.gaps.Sight(0.4, 0.4, 1.0, 0.5, 9, 2)
     for change in ({}, {"turns": 2.0}, {"angles": 1.0, "backward": 9}):
-        sight, shape = SimpleNamespace(**{**seen, **change}), SimpleNamespace(play="even")
-        drive = SimpleNamespace(name="x", sight=sight, branches=SimpleNamespace(period_mm=40.0), structure=shape)
-        gaps = diagnosis.gaps.drive_gaps(drive)  # type: ignore[arg-type]
+        gaps = diagnosis.gaps.motor_gaps("X", replace(seen, **change), 40.0, plays=True)
         assert gaps
         for text in (*gaps, *todo((*gaps, "Z lead: nothing"))):
             assert _german(text), text
@@ -653,12 +650,12 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     said = misfit_rows.passed_over(replace(trace, blank_rows=3), 7)
     assert [each.kind for each in said if _german(each.words)] == ["rows-repeated", "rows-blank"]
     for period in (96.0, 99.9, 120.9):
-        uneven, wave = (
-            SimpleNamespace(pulley="all", play="none"),
-            Wave(harmonics=np.array([3]), cos_mm=np.ones(1), sin_mm=np.ones(1)),
-        )
-        turned = SimpleNamespace(name="x", branches=SimpleNamespace(period_mm=period, mean=wave), structure=uneven)
-        box = SimpleNamespace(drives=(turned,), printer=SimpleNamespace(axes=(SimpleNamespace(mm_per_turn=40.0),)))
+        wave = np.zeros((64, 1))
+        wave[2] = 1.0
+        part = SimpleNamespace(effect="pulley", where=0, acts_mm=wave[:, 0])
+        printer = SimpleNamespace(motors=("x",), axes=(SimpleNamespace(mm_per_turn=40.0),))
+        scene = SimpleNamespace(printer=printer, turns_mm=(period,))
+        box = SimpleNamespace(scene=scene, parts=(part,))
         told = of_rows._other_turns(box)[0].words  # type: ignore[arg-type]
         assert f"repeats every {period / 3:.1f} mm" in told  # three equal waves in what was learned
         assert _german(told), period

@@ -138,10 +138,10 @@ def complete(family: str) -> None:
     import numpy as np
 
     from printmend.corruption import sample
-    from printmend.learn.greybox import Greybox
     from printmend.path import Trace
     from printmend.printer import read_printer
     from printmend.twin import Twin
+    from printmend_lab.greybox import Greybox
 
     printer, rng = read_printer("ender5"), np.random.default_rng(0)
     ends = 100.0 + np.array([0.0, 20.0, 4.0, 18.0, 0.0])
@@ -154,10 +154,10 @@ def print_and_play(_: str) -> None:
     import numpy as np
 
     from printmend.gcode.kernels.meatpack import unpack
-    from printmend.identify.drive.kernels.jumps import cheapest_levels
     from printmend.printer import read_printer
     from printmend_lab.body.load import body_of
     from printmend_lab.env import PrintVectorEnv, algorithm1_agent
+    from printmend_lab.greybox.drive.kernels.jumps import cheapest_levels
 
     body_of(b"G90\nM83\nG1 X90 Y90 Z0.2 E1\n" + b"G2 X90 Y90 I20 J0 E5\n" * 3, read_printer("ender5"), name="circles")
     unpack(np.frombuffer(bytes(4), np.uint8), np.empty(16, np.uint8))

@@ -1,6 +1,6 @@
 """Train the prior over pulleys and write its weights, in about two minutes on one core.
 
-    .venv/bin/python tools/train_prior.py --seed 1 -o src/printmend/learn/prior/prior.safetensors
+    .venv/bin/python tools/train_prior.py --seed 1 -o lab/src/printmend_lab/prior/prior.safetensors
 
 made the weights that are shipped. ``--without KIND`` holds kinds out, to see how the prior does on what it never saw.
 """
@@ -17,7 +17,7 @@ def main() -> None:
     from threadpoolctl import threadpool_limits
 
     from printmend.files import replacing
-    from printmend.learn.prior.training import train_all
+    from printmend_lab.prior.training import train_all
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)

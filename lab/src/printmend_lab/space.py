@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from printmend.errors import TraceError
-from printmend.identify.screw import first_push_mm, fit_height, fit_push, screw_drive
+from printmend.infer.screw import first_push_mm, fit_height, fit_push, screw_drive
 from printmend.learn.registry import ORACLE, fit
 from printmend.machine import GainMechanism, Mechanism, PlayTables, run_motors
 from printmend.path import Trace

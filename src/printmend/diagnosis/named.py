@@ -6,6 +6,7 @@ apart is said together: alternatives that no drawn machine has both of.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -160,15 +161,14 @@ def _groups(parts: Sequence[Part], more: Sequence[Part] = ()) -> list[_Group]:
     left = [part for part in left if part.draws_mm.any() and part.effect in EFFECTS]
     groups: list[_Group] = []
     while left:
-        first, *rest = left
-        there, draws, left = np.asarray(first.draws_mm.any(axis=0)), first.draws_mm, []
-        for part in rest:
-            has = part.draws_mm.any(axis=0)
-            same = (part.effect, part.where, len(part.draws_mm)) == (first.effect, first.where, len(first.draws_mm))
-            if same and not (has & there).any():
-                there, draws = there | has, draws + part.draws_mm
-            else:
-                left.append(part)
+        first, *left = left
+        there, draws = np.asarray(first.draws_mm.any(axis=0)), first.draws_mm
+        for part in sorted(filter(partial(_is_alternative, first), left), key=partial(_apart, first)):
+            free = part.draws_mm.any(axis=0) & ~there  # machines that have both have two
+            there, draws = there | free, draws + part.draws_mm * free
+            at = next(number for number, each in enumerate(left) if each is part)
+            left[at] = replace(part, draws_mm=part.draws_mm * ~free)
+        left = [part for part in left if part.draws_mm.any()]
         chance = float(there.mean())
         acts, is_wave = bool(first.acts_mm.any()), hasattr(EFFECTS[first.effect], "waves_mm")
         alone = draws is first.draws_mm and not is_wave  # else near shapes, or the next homings, share what acts
@@ -176,6 +176,16 @@ def _groups(parts: Sequence[Part], more: Sequence[Part] = ()) -> list[_Group]:
         found = Found(EFFECTS[first.effect], first.where, first.shape, sizes, draws, chance, acts)
         groups.append(_Group(found, there))
     return groups
+
+
+def _is_alternative(first: Part, part: Part) -> bool:
+    """Tell whether a part may be the same effect with another shape: of those that act, each is one of its own."""
+    same = (part.effect, part.where, len(part.draws_mm)) == (first.effect, first.where, len(first.draws_mm))
+    return same and not part.acts_mm.any()
+
+
+def _apart(first: Part, part: Part) -> float:
+    return float(np.abs(np.subtract(part.shape, first.shape)).sum())
 
 
 def _with_turn(parts: Sequence[Part], turned_rad: float) -> list[Part]:

@@ -13,8 +13,6 @@ from printmend.effects.pulley import is_loose, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Found
 from printmend.infer.fit import Fit
 from printmend.infer.part import Part
-from printmend.learn.greybox import LearnedDrive
-from printmend.path import Trace
 from printmend.units import TURN_RAD
 
 POINTS = 1201  # points of a curve
@@ -93,17 +91,6 @@ def contacts_of_fit(fit: Fit, motor: int) -> Contacts:
     mark, left_mm = rows.mark[x], fit.scene.printer.to_motor(np.stack([left[x], left[y]], axis=1))[:, motor]
     side = fit.places.side[mark, motor]
     return Contacts(fit.places.motor_mm[mark, motor][side != 0], side[side != 0], left_mm[side != 0])
-
-
-def contacts_of_drive(drive: LearnedDrive, trace: Trace, scene: Scene, motor: int) -> Contacts:
-    """Return the points that a motor learned by itself touched.
-
-    A point says something about the place of its last contact, which play may have left behind.
-    """
-    touch = drive.choice.fit.touch
-    used = np.flatnonzero(np.isfinite(touch.residual_mm) & (touch.side != 0))
-    place = scene.printer.to_motor(trace.commanded_mm)[touch.at[used], motor]
-    return Contacts(place, np.sign(touch.side[used]).astype(float), touch.residual_mm[used])
 
 
 def _scale_percent(acts: Sequence[Found]) -> float:

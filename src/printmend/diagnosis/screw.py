@@ -12,8 +12,8 @@ import numpy as np
 
 from printmend.effects.words import NAMED_SIGMAS, amount
 from printmend.errors import TraceError
-from printmend.identify.drive.sight import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
-from printmend.identify.screw import first_push_mm, fit_height
+from printmend.infer.screw import first_push_mm, fit_height
+from printmend.measure.follows import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
 from printmend.messages import say, together
 from printmend.path import Trace, last_way
 from printmend.printer import Printer

@@ -35,6 +35,7 @@ from printmend.effects.scale import Scale
 from printmend.effects.shift import Shift
 from printmend.effects.shrinkage import Shrinkage
 from printmend.effects.skew import Skew
+from printmend.effects.skip import Skip
 from printmend.effects.speed import Speed
 from printmend.effects.splice import Splice
 from printmend.effects.step import Step
@@ -55,7 +56,7 @@ from printmend.plugins import load_plugin, plugin_names
 _ALL: tuple[Effect, ...] = (
     Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Bump(), Rub(),
     Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Crooked(), Distortion(), Racking(), Tilt(), Lag(), LagWear(),
-    Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Warmth(), Wear(), Wander(),
+    Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Skip(), Warmth(), Wear(), Wander(),
     Origin(), Shift(), Turn(), Stretch(), Carriage(), CarriageWave(), Halves(), Bead(), Shrinkage(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")

@@ -18,6 +18,7 @@ from printmend.printer import Printer
 LONG_MOVE_MM = 50.0  # moves of a part, and those to the end stops, count as long
 ALWAYS = 1e3  # logarithm of the odds of an effect that no print or measurement is without
 SCALE_MM = 100.0  # slopes are in mm per this distance, as in the model file
+FAR_MM = 30.0  # how far off a place may be that nothing ties to the end stops
 
 
 class Of(Enum):
@@ -71,7 +72,7 @@ class Scene:
     way_mm: float
     placed: bool = True
     homed: bool = False
-    home_sd_mm: tuple[float, float] = (2.0, 2.0)
+    home_sd_mm: tuple[float, float] = (FAR_MM, FAR_MM)
     instrument: Instrument = field(default_factory=Instrument)
     walls: bool = False
     homed_again_mm: tuple[tuple[float, float], ...] = ()
@@ -234,7 +235,7 @@ def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndar
     where a model puts the belts.
     """
     motor = scene.printer.to_motor(trace.commanded_mm)
-    at = np.maximum(contact_row, 0)
+    at = np.where(contact_row >= 0, contact_row, np.arange(len(motor))[:, None])  # else about where the motor is
     step = np.hypot(*np.diff(trace.commanded_mm, axis=0, prepend=trace.commanded_mm[:1]).T)
     return Places(
         motor_mm=np.take_along_axis(motor, at, axis=0),

@@ -22,6 +22,11 @@ def size_mm(name: str) -> float:
     return float(_table()[name]["sd"])
 
 
+def mild_shares() -> tuple[float, ...]:
+    """Return the shares of an effect's usual size that are tried, milder ones last."""
+    return tuple(_table()["mild"])
+
+
 def share_of(name: str) -> float:
     """Return how many printers have an effect at one place."""
     return float(_table()[name]["share"])
@@ -63,10 +68,19 @@ def alternatives(
     A profile [P] holds the sizes' standard deviations relative to the usual one. ``share`` and ``sd_mm`` are the
     table's unless given; an effect of another package gives both.
     """
-    mild, sd = _table()["mild"], size_mm(name) if sd_mm is None else sd_mm
-    chance = share_of(name) if share is None else share
-    log_odds = math.log(chance / max(1.0 - chance, 1e-6)) - math.log(len(shapes) * len(profiles) * len(mild))
-    for shape in shapes:
-        for profile in profiles:
-            for factor in mild:
-                yield Term(name, where, shape, tuple(factor * sd * each for each in profile), log_odds, positive)
+    sd = size_mm(name) if sd_mm is None else sd_mm
+    sizes = [tuple(factor * sd * each for each in profile) for profile in profiles for factor in mild_shares()]
+    yield from _each(name, where, shapes, sizes, share_of(name) if share is None else share, positive=positive)
+
+
+def shared(name: str, where: int, shapes: Sequence[tuple[float, ...]], factors: Sequence[float]) -> Iterator[Term]:
+    """Yield a term for each shape and share of the usual size of an effect with one size, as alternatives."""
+    yield from _each(name, where, shapes, [(factor * size_mm(name),) for factor in factors], share_of(name))
+
+
+def _each(
+    name: str, where: int, shapes: Sequence[tuple[float, ...]], sizes: Sequence[tuple[float, ...]], chance: float, *,
+    positive: bool = False,
+) -> Iterator[Term]:  # fmt: skip
+    log_odds = math.log(chance / max(1.0 - chance, 1e-6)) - math.log(len(shapes) * len(sizes))
+    yield from (Term(name, where, shape, sd_mm, log_odds, positive) for shape in shapes for sd_mm in sizes)

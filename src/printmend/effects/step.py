@@ -11,7 +11,8 @@ from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say
 
-BREAKS = np.arange(0.04, 0.97, 0.02)
+APART = 0.02  # of a print: distance of the moments that are tried
+BREAKS = np.arange(0.04, 0.97, APART)
 
 SUDDENLY = partial(say, "suddenly-off-mm-after-print")
 
@@ -36,7 +37,7 @@ class Step(Usual):
         return carrier(scene, where, course[:, None])
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        for each in about(shape[0], 0.02, round_):
+        for each in about(shape[0], APART, round_):
             yield (float(each),)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:

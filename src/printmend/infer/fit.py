@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Places, Scene, Term, places_of
+from printmend.effects import EFFECTS, Places, Scene, Term, columns_of, places_of
 from printmend.effects.effect import SCALE_MM
 from printmend.effects.sized import Sized
 from printmend.infer.gram import Block, Dictionary, Gram, Rows, dictionary_of, extended, gram_of, narrowed, seen
@@ -20,6 +20,7 @@ DEGREES = 5.0  # of freedom of Student's t, by which rows are weighed: one wrong
 LEAST_BESIDE = -9.0  # of the score that a block adds, below which it is left out of the last fit
 CHUNK_ROWS = 2048  # that are summed at once
 MOST_MARKS = 1200  # marks that are looked at: more take time and say the same
+FEW_MARKS = 600  # that a first look is for
 PASSES = 4  # of contacts, then search, at most
 SETTLED_MM = 0.02  # belts that move less from pass to pass change no column worth a word
 WEIGHINGS = 2  # of rows in each pass
@@ -27,8 +28,9 @@ NEIGHBOURS = 8  # of a wall's place whose errors may be alike
 NEWS, LEAST_NEWS, MOST_NEWS = 0.25, 0.08, 0.99  # share of a wall's place that is news: at first, least, and most
 HOME_SD_MM = 0.1  # of an end stop's place: switches scatter by as much
 BEGUN_WITH = ("place", "scale")  # a search from nothing may explain a pulley's size by a skewed frame, bit by bit
+MOST_LOST_SHARE = 0.5  # of the numbers of one pass that the next must still see
 WORSE = 1.02  # factor by which a pass may leave more than the one before
-FINER_ROUNDS = 2  # in which a shape is looked for between its neighbours
+FINER_ROUNDS = 3  # in which a shape is looked for between its neighbours
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,40 +62,43 @@ class Fit:
         """Return the members of the likeliest set with their sizes."""
         return sized(self.dictionary, self.state.members, self.state.mean_mm)
 
+    def places_mm(self) -> np.ndarray:
+        """Return where the set puts every row [N, 2], as it was measured but for noise."""
+        every = np.array(self.scene.printer.from_motor(self.places.motor_mm))
+        for at in range(0, len(every), CHUNK_ROWS):
+            some, first = self.places.at(np.arange(at, min(at + CHUNK_ROWS, len(every)))), 0
+            for block in self.blocks:
+                columns = columns_of(block.effect, some, block.where, block.shape, self.scene)
+                every[at : at + CHUNK_ROWS] += columns @ self.state.mean_mm[first : first + columns.shape[2]]
+                first += columns.shape[2]
+        return turned(every, self.turned_rad, self.scene)
+
     def left_by_mark_mm(self, trace: Trace) -> np.ndarray:
         """Return what the set leaves of every dot on the bed [N, 2], NaN where none was measured or understood."""
-        trace = _turned_back(trace, self.turned_rad, self.scene)
-        rows = rows_of(trace, self.contacts, self.places, self.scene, most=len(trace))
-        left_mm = np.full((len(trace), 2), np.nan)
-        for axis in range(2):
-            for at in range(0, len(rows.mark), CHUNK_ROWS):
-                part = rows.some(slice(at, at + CHUNK_ROWS))
-                mine = np.flatnonzero(part.along[:, axis] == 1.0)
-                some = Rows(*(value[mine] for value in vars(part).values()))
-                found = _columns_of(self.blocks, self.places, some, self.scene) if len(mine) and self.blocks else None
-                sum_mm = 0.0 if found is None else found @ self.state.mean_mm
-                left_mm[some.mark, axis] = some.error_mm - sum_mm
-        return left_mm
+        known = trace.measured_rows & ~trace.wall_rows & (self.contacts.row >= 0).all(axis=1)
+        return np.where(known[:, None], trace.measured_mm - self.places_mm(), np.nan)
 
     def left_mm(self) -> np.ndarray:
         """Return what the set leaves of the measured numbers [M]."""
         return left_of(self.rows, self.dictionary, self.state)
 
 
-def fitted(trace: Trace, scene: Scene, first: Mechanism, *, kept: Callable[[Term], bool] | None = None) -> Fit:
+def fitted(
+    trace: Trace, scene: Scene, first: Mechanism, *, kept: Callable[[Term], bool] | None = None, quick: bool = False,
+    passes: int = PASSES,
+) -> Fit:  # fmt: skip
     """Return the effects that a trace shows; ``first`` is a machine that is nearly right, for the first contacts. Only
-    terms that are ``kept`` are looked for, all without."""
+    terms that are ``kept`` are looked for, all without; where it is to be ``quick`` in few marks."""
+    most = FEW_MARKS if quick else MOST_MARKS
     mechanism, whole, turned_rad = first, trace, 0.0
     fit: Fit | None = None
     if scene.homed:
-        scene = replace(scene, home_sd_mm=_home_sd_mm(first, scene))
-    motor = scene.printer.to_motor(trace.commanded_mm)
-    for _ in range(PASSES):
-        trace = _turned_back(whole, turned_rad, scene)
-        contacts = contacts_of(mechanism, motor)
-        bed_mm = _measured_mm(trace) if fit is None else scene.printer.from_motor(contacts.belt_mm)
-        places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
-        rows = rows_of(trace, contacts, places, scene)
+        scene = replace(scene, home_sd_mm=home_sd_of(first, scene))
+    for _ in range(passes):
+        trace = turned_back(whole, turned_rad, scene)
+        contacts, places, rows = looked(trace, scene, mechanism, most, is_first=fit is None)
+        if fit is not None and len(rows.mark) < MOST_LOST_SHARE * len(fit.rows.mark):
+            break  # with that play hardly a belt would ever touch
         if fit is None:
             weight = weighed(rows, _left_by(mechanism, trace, contacts, rows))
         elif len(rows.mark) == len(fit.rows.mark):
@@ -106,7 +111,7 @@ def fitted(trace: Trace, scene: Scene, first: Mechanism, *, kept: Callable[[Term
         again = (
             fit is not None
             and np.array_equal(contacts.row, fit.contacts.row)
-            and float(np.abs(bed_mm - fit.places.bed_mm).max()) < SETTLED_MM
+            and float(np.abs(places.bed_mm - fit.places.bed_mm).max()) < SETTLED_MM
         )
         fit, mechanism = replace(newer, turned_rad=turned_rad), newer.mechanism
         more_rad = float(np.arctan(sum(part.sizes_mm[0] for part in fit.parts() if part.effect == "turn") / SCALE_MM))
@@ -114,19 +119,34 @@ def fitted(trace: Trace, scene: Scene, first: Mechanism, *, kept: Callable[[Term
         if again and not more_rad:
             break
     assert fit is not None
-    return _on_all_marks(fit, trace)
+    return fit if quick else _on_all_marks(fit, trace)
 
 
-def _turned_back(trace: Trace, by_rad: float, scene: Scene) -> Trace:
+def looked(
+    trace: Trace, scene: Scene, mechanism: Mechanism, most: int = MOST_MARKS, *, is_first: bool
+) -> tuple[Contacts, Places, Rows]:
+    """Return where the belts of a machine touch along a trace, and its rows as places and as numbers; a ``first`` look
+    takes the places on the bed as they were measured."""
+    contacts = contacts_of(mechanism, scene.printer.to_motor(trace.commanded_mm))
+    bed_mm = first_places_mm(trace) if is_first else scene.printer.from_motor(contacts.belt_mm)
+    places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
+    return contacts, places, rows_of(trace, contacts, places, scene, most)
+
+
+def turned_back(trace: Trace, by_rad: float, scene: Scene) -> Trace:
     """Return a trace whose measured places are turned back about the middle of the bed: a turn is no linear effect."""
     if not by_rad or trace.wall_rows.any():
         return trace
+    return replace(trace, measured_mm=turned(trace.measured_mm, -by_rad, scene))
+
+
+def turned(places_mm: np.ndarray, by_rad: float, scene: Scene) -> np.ndarray:
+    """Return places [N, 2] turned about the middle of the bed."""
     cos, sin = np.cos(by_rad), np.sin(by_rad)
-    back = np.array([[cos, sin], [-sin, cos]])
-    return replace(trace, measured_mm=(trace.measured_mm - scene.middle_mm) @ back.T + scene.middle_mm)
+    return (places_mm - scene.middle_mm) @ np.array([[cos, sin], [-sin, cos]]) + scene.middle_mm
 
 
-def _home_sd_mm(mechanism: Mechanism, scene: Scene) -> tuple[float, float]:
+def home_sd_of(mechanism: Mechanism, scene: Scene) -> tuple[float, float]:
     """Return how far each belt may rest from where the end stops would have it [2]."""
     home = scene.printer.to_motor(np.array(scene.printer.home_mm))
     branches = [table.branches_mm(home[[motor]]) for motor, table in enumerate(mechanism.transmissions)]
@@ -134,7 +154,7 @@ def _home_sd_mm(mechanism: Mechanism, scene: Scene) -> tuple[float, float]:
     return first, second
 
 
-def _measured_mm(trace: Trace) -> np.ndarray:
+def first_places_mm(trace: Trace) -> np.ndarray:
     """Return where the marks are [N, 2] before any model says so: as measured, or else as commanded."""
     off_mm = trace.measured_mm - trace.commanded_mm
     if not trace.placed:
@@ -156,12 +176,8 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
     members = [b for b, _ in fit.state.members]
     gains = fit.search.gains(fit.state, fit.search.offered(fit.state.members))
     beside = np.unique(gains.keys[gains.values > LEAST_BESIDE, 0]).tolist()
-    kept, columns, first = [], [], 0
-    for b in (*members, *beside):
-        block = fit.dictionary.blocks[b]
-        columns.append(fit.dictionary.columns[:, block.at])
-        kept.append(replace(block, at=slice(first, first := first + block.at.stop - block.at.start)))
-    dictionary = Dictionary(tuple(kept), np.hstack(columns))
+    dictionary = fit.search.narrowed((*members, *beside)).dictionary
+    kept, first = dictionary.blocks, dictionary.columns.shape[1]
     numbered: Set = tuple((at, variant) for at, (_, variant) in enumerate(fit.state.members))
     known = slice(0, len(fit.state.columns))  # the members come first
     whole = Gram(np.zeros((first, first)), np.zeros(first), 0.0, 0.0)
@@ -201,19 +217,20 @@ def _searched(
     scene: Scene, places: Places, rows: Rows, contacts: Contacts, weight: np.ndarray, last: Fit | None,
     kept: Callable[[Term], bool] | None,
 ) -> Fit:  # fmt: skip
-    dictionary = dictionary_of(places, rows, scene, kept=kept)
+    few, here = narrowed(places, rows)
+    dictionary = dictionary_of(few, here, scene, kept=kept)
     members: Set = tuple(
         (b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0 or block.effect in BEGUN_WITH
     )
     sigma_mm = max(float(np.sqrt(np.average(rows.error_mm**2, weights=weight))), LEAST_SIGMA_MM)
     if last is not None:
-        dictionary, members = _as_before(dictionary, last, places, rows, scene)
+        dictionary, members = _as_before(dictionary, last, few, here, scene)
         sigma_mm = last.state.sigma_mm
     state: State | None = None
     for _ in range(WEIGHINGS):
         search = Search(dictionary, gram_of(dictionary.columns, rows, weight))
         state = searched(search, members, sigma_mm)
-        search, state = _finer(search, state, places, rows, scene, weight)
+        search, state = _finer(search, state, few, here, scene, weight)
         dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
         left_mm = left_of(rows, dictionary, state)
         weight, rows = weighed(rows, left_mm), shared(rows, left_mm)

@@ -1,11 +1,13 @@
 """Every candidate column of a measurement, and the sums of their products: all that the search looks at."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Places, Scene, Term, columns_of
+from printmend.effects import EFFECTS, Acts, Of, Places, Scene, Term, columns_of
+
+HIDDEN_MM = 2.0  # of a motor's way that play may hide: the widest of any printer
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +29,15 @@ class Block:
     def slot(self) -> tuple[str, int]:
         """Of the blocks of one slot a set holds at most as many as the effect allows."""
         return self.effect, self.where
+
+
+def laid_side_by_side(blocks: Iterable[Block]) -> tuple[Block, ...]:
+    """Return blocks whose columns follow one another, as in a dictionary of these alone."""
+    kept: list[Block] = []
+    for block in blocks:
+        first = kept[-1].at.stop if kept else 0
+        kept.append(replace(block, at=slice(first, first + block.at.stop - block.at.start)))
+    return tuple(kept)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +84,7 @@ def dictionary_of(
     grouped: dict[tuple[str, int, tuple[float, ...]], list[Term]] = {}
     for effect in EFFECTS.values():
         for term in effect.terms(scene):
-            if kept is None or kept(term):
+            if _shows(term, scene) and (kept is None or kept(term)):
                 grouped.setdefault(term.key, []).append(term)
     places, rows = narrowed(places, rows)
     blocks, columns, first = [], [], 0
@@ -83,6 +94,15 @@ def dictionary_of(
         columns.append(one)
         first += one.shape[1]
     return Dictionary(tuple(blocks), np.hstack(columns))
+
+
+def _shows(term: Term, scene: Scene) -> bool:
+    """Tell whether a machine's effect can show: play may hide all of a motor's way, and then only a place is seen."""
+    effect = EFFECTS[term.effect]
+    if effect.of is not Of.MACHINE or term.effect == "place":
+        return True
+    moved = [high - low > HIDDEN_MM for low, high in scene.motor_span_mm]
+    return moved[term.where] if effect.acts is Acts.DRIVE else all(moved)
 
 
 def _block(terms: Sequence[Term], at: slice) -> Block:

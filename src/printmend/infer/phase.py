@@ -9,15 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.effects import Scene, places_of
+from printmend.effects import Scene
 from printmend.effects.homing import shifted, waves_of
-from printmend.infer.fit import _measured_mm, rows_of
+from printmend.infer.fit import looked
 from printmend.infer.gram import dictionary_of, seen
 from printmend.infer.known import Key, key_of, rebased
 from printmend.infer.machine import machine_of
 from printmend.infer.part import Part
 from printmend.machine import Mechanism
-from printmend.machine.contacts import contacts_of
 from printmend.path import Trace
 
 COARSE_MM, FINE_MM, ROUND_MM = 0.1, 0.01, 0.3  # of the shifts that are tried: over a turn, then about the best of them
@@ -120,10 +119,7 @@ def found_phase(parts: Sequence[Part], mechanism: Mechanism, trace: Trace, scene
 def _rows(
     parts: Sequence[Part], mechanism: Mechanism, trace: Trace, scene: Scene, sigma_mm: float, *, is_first: bool
 ) -> _Rows:
-    contacts = contacts_of(mechanism, scene.printer.to_motor(trace.commanded_mm))
-    bed_mm = _measured_mm(trace) if is_first else scene.printer.from_motor(contacts.belt_mm)
-    places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
-    rows = rows_of(trace, contacts, places, scene)
+    _, places, rows = looked(trace, scene, mechanism, is_first=is_first)
     scale = np.sqrt(rows.weight) / sigma_mm
     dictionary = dictionary_of(places, rows, scene)
     free = [

@@ -1,10 +1,13 @@
 """What is believed of a machine after a measurement: machines drawn from all sets of effects, each by its weight.
 
-The likeliest set and its neighbours, one block more, less or exchanged, are weighed by evidence and prior odds
-(Bayesian model averaging: Hoeting et al. 1999). A draw is one of these sets, with sizes from its posterior.
+Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999): the likeliest and its
+neighbours, or where less than a turn was seen those of a chain that begins there (Madigan & York 1995). A draw is one
+of these sets, with sizes from its posterior.
 """
 
-from collections.abc import Sequence
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,11 +17,12 @@ from printmend.effects.homing import lasting
 from printmend.effects.sample import drawn_places
 from printmend.infer.fit import Fit
 from printmend.infer.part import DRAWS, Part
-from printmend.infer.search import Gains, Set
+from printmend.infer.search import Gains, Search, Set, State
 
-LEAST_LOG_WEIGHT = -7.0  # sets less likely than e^−7 of the likeliest are left out
+LEAST_LOG_WEIGHT = -9.0  # what is less likely than e^−9 of the likeliest is left out of the chain
+LEAST_NEIGHBOUR, MOST_SETS = -7.0, 24  # neighbours less likely than e^−7 of the likeliest set, and most of them
 MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better with what acts
-MOST_SETS = 24  # neighbours that are weighed at most
+STEPS, STEPS_UNSEEN = 5, 40  # from one drawn set to the next, and from the likeliest one to the first
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,33 +45,35 @@ def posterior_of(fit: Fit, rng: np.random.Generator) -> Posterior:
 
 def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     """Draw machines as the measured print had them."""
-    sets, weights, nats = _weighed_sets(fit)
     blocks = fit.dictionary.blocks
-    order = list(dict.fromkeys([b for members in sets for b, _ in members]))
+    drawn = _neighbours(fit, rng) if _saw_a_turn(fit) else drawn_sets(fit.search, fit.state, rng)
+    sets = Counter(drawn)
+    states = {members: fit.search.posterior(members, fit.state.sigma_mm, rounds=0) for members in sets}
+    # the chain may find a likelier set than the search did
+    fit = replace(fit, state=max((fit.state, *states.values()), key=lambda state: state.score))
     likely = [b for b, _ in fit.state.members]
-    order = [*likely, *(b for b in order if b not in likely)]
+    order = list(dict.fromkeys([*likely, *(b for members in sets for b, _ in members)]))
     draws = {b: np.zeros((blocks[b].at.stop - blocks[b].at.start, DRAWS)) for b in order}
-    chosen = rng.choice(len(sets), DRAWS, p=weights)
-    for which, members in enumerate(sets):
-        state = fit.search.posterior(members, fit.state.sigma_mm, rounds=0)
-        mine = np.flatnonzero(chosen == which)
+    first_draw = 0
+    for members, count in sets.items():
+        state = states[members]
+        mine = slice(first_draw, first_draw := first_draw + count)
         root = np.linalg.cholesky(state.covariance + 1e-14 * np.eye(len(state.columns)))
-        drawn = state.mean_mm[:, None] + root @ rng.standard_normal((len(state.columns), len(mine)))
+        sizes_mm = state.mean_mm[:, None] + root @ rng.standard_normal((len(state.columns), count))
         first = 0
         for b, _ in members:
-            width = blocks[b].at.stop - blocks[b].at.start
-            own = drawn[first : first + width]
+            own = sizes_mm[first : first + len(draws[b])]
             draws[b][:, mine] = np.maximum(own, 0.0) if blocks[b].positive else own
-            first += width
+            first += len(own)
     acting = {part.key: part.sizes_mm for part in fit.parts() if EFFECTS[part.effect].acts is not Acts.NOT}
     parts = []
     for b in order:
         key = (blocks[b].effect, blocks[b].where, blocks[b].shape)
-        acts_mm = acting.get(key, np.zeros(len(draws[b]))) if b in likely else np.zeros(len(draws[b]))
-        parts.append(Part(*key, acts_mm, draws[b]))
+        acts_mm = acting.get(key) if b in likely else None
+        parts.append(Part(*key, np.zeros(len(draws[b])) if acts_mm is None else acts_mm, draws[b]))
     if not _gains(fit.scene, parts):
         parts = [replace(part, acts_mm=np.zeros_like(part.acts_mm)) for part in parts]
-    return Posterior(fit.scene, tuple(parts), len(likely), fit.state.sigma_mm, tuple(nats))
+    return Posterior(fit.scene, tuple(parts), len(likely), fit.state.sigma_mm, _nats(fit))
 
 
 def after_homing(part: Part, scene: Scene) -> Part:
@@ -91,29 +97,76 @@ def _gains(scene: Scene, parts: Sequence[Part]) -> bool:
     return float(np.mean(after >= before)) <= MOST_WORSE_SHARE
 
 
-def _weighed_sets(fit: Fit) -> tuple[list[Set], np.ndarray, list[float]]:
-    """Return the likeliest set and its neighbours with their weights, and what each member of the likeliest gains."""
+def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> Iterator[Set]:
+    """Yield a set for each draw, by its weight.
+
+    A step takes one member away, or none, and chooses what comes in its place, or nothing, by what each adds to the
+    score (Gibbs sampling; what the number of members does to the odds of a step is made up for).
+    """
+    blocks = _beside(search, likeliest)
+    search = search.narrowed(blocks)
+    members: Set = tuple((blocks.index(b), variant) for b, variant in likeliest.members)
+    known: dict[Set, tuple[np.ndarray, np.ndarray]] = {}
+    for step in range(STEPS_UNSEEN + DRAWS * STEPS):
+        at = int(rng.integers(len(members) + 1))
+        others = tuple(sorted((*members[:at], *members[at + 1 :])))
+        if others not in known:
+            without = search.posterior(others, likeliest.sigma_mm, rounds=0)
+            gains = search.gains(without, search.offered(others))
+            kept = gains.values > LEAST_LOG_WEIGHT + gains.values.max(initial=0.0)
+            known[others] = gains.keys[kept], gains.values[kept]
+        keys, values = known[others]
+        weights = np.append(values, math.log((len(others) + 2) / (len(others) + 1)))
+        choice = int(np.argmax(weights + rng.gumbel(size=len(weights))))  # the largest is one drawn by its weight
+        members = others if choice == len(keys) else (*others, (int(keys[choice, 0]), int(keys[choice, 1])))
+        if step >= STEPS_UNSEEN and not (step - STEPS_UNSEEN) % STEPS:
+            yield tuple(sorted((blocks[b], variant) for b, variant in members))
+
+
+def _beside(search: Search, likeliest: State) -> list[int]:
+    """Return the blocks of the likeliest set, and those that may well come beside one, or in its place."""
+    members = likeliest.members
+    found = [b for b, _ in members]
+    for others in (members, *((*members[:at], *members[at + 1 :]) for at in range(len(members)))):
+        gains = search.gains(search.posterior(others, likeliest.sigma_mm, rounds=0), search.offered(others))
+        found += gains.keys[gains.values > LEAST_LOG_WEIGHT + gains.values.max(initial=0.0), 0].tolist()
+    return list(dict.fromkeys(found))
+
+
+def _neighbours(fit: Fit, rng: np.random.Generator) -> list[Set]:
+    """Return a set for each draw, of the likeliest one and those with one member more, less or exchanged."""
     search, state = fit.search, fit.state
     found: dict[frozenset[tuple[int, int]], tuple[Set, float]] = {frozenset(state.members): (state.members, 0.0)}
 
     def offer(members: Set, log_weight: float) -> None:
-        if log_weight > LEAST_LOG_WEIGHT:
+        if log_weight > LEAST_NEIGHBOUR:
             found.setdefault(frozenset(members), (members, log_weight))
 
     def offer_each(members: Set, gains: Gains, beside: float) -> None:
         for key, gain in zip(gains.keys.tolist(), gains.values.tolist(), strict=True):
-            if beside + gain > LEAST_LOG_WEIGHT:
-                offer((*members, (key[0], key[1])), beside + gain)
+            offer((*members, (key[0], key[1])), beside + gain)
 
     offer_each(state.members, search.gains(state, search.offered(state.members)), 0.0)
-    nats = []
     for at, member in enumerate(state.members):
         others = (*state.members[:at], *state.members[at + 1 :])
         without = search.posterior(others, state.sigma_mm, rounds=0)
         worse = without.score - state.score
         offer(others, worse)
         offer_each(others, search.gains(without, search.offered(others)).without(member), worse)
-        nats.append(-worse)
     ranked = sorted(found.values(), key=lambda each: -each[1])[:MOST_SETS]
     weights = np.exp(np.array([log_weight for _, log_weight in ranked]) - ranked[0][1])
-    return [members for members, _ in ranked], weights / weights.sum(), nats
+    return [ranked[each][0] for each in rng.choice(len(ranked), DRAWS, p=weights / weights.sum())]
+
+
+def _saw_a_turn(fit: Fit) -> bool:
+    """Tell whether marks lie over a turn of both motors, home aside: else sets far from each other are as likely."""
+    marks = np.unique(fit.rows.mark)
+    at_mm = fit.places.motor_mm[marks[marks > 0]]
+    return len(at_mm) > 0 and bool((np.ptp(at_mm, axis=0) >= fit.scene.turns_mm).all())
+
+
+def _nats(fit: Fit) -> tuple[float, ...]:
+    """Return how much the score of the likeliest set loses without each of its members."""
+    members, score = fit.state.members, fit.state.score
+    others = [(*members[:at], *members[at + 1 :]) for at in range(len(members))]
+    return tuple(score - fit.search.posterior(each, fit.state.sigma_mm, rounds=0).score for each in others)

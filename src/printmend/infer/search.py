@@ -6,17 +6,19 @@ the set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (
 must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard deviation) times as large.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from printmend.effects import EFFECTS
-from printmend.infer.gram import Dictionary, Gram
+from printmend.infer.gram import Dictionary, Gram, laid_side_by_side
 from printmend.infer.normal import log_below
 
 LEAST_SIGMA_MM = 1e-3  # tables and G-code are written to this; less beside an open origin loses all digits of a double
 LEAST_BETTER = 1e-6  # of the score: what rounding leaves
+ROUNDING = 1e-12  # relative, of sums of products
 MOST_STEPS = 80  # of the search: more blocks than any printer's
 Set = tuple[tuple[int, int], ...]  # (block, alternative in size) of each member
 
@@ -113,6 +115,15 @@ class Search:
             return Gains(np.zeros((0, 2), np.int64), np.zeros(0))
         return Gains(np.concatenate([keys for keys, _ in found]), np.concatenate([gains for _, gains in found]))
 
+    def narrowed(self, numbers: Sequence[int]) -> "Search":
+        """Return the search among some blocks alone, in this order."""
+        blocks = self.dictionary.blocks
+        columns = np.concatenate([np.arange(blocks[b].at.start, blocks[b].at.stop) for b in numbers])
+        gram = replace(self.gram, matrix=self.gram.matrix[np.ix_(columns, columns)], slope=self.gram.slope[columns])
+        return Search(
+            Dictionary(laid_side_by_side(blocks[b] for b in numbers), self.dictionary.columns[:, columns]), gram
+        )
+
     @cached_property
     def _groups(self) -> list["_Group"]:
         by_size: dict[tuple[tuple[int, ...], bool], list[int]] = {}
@@ -171,10 +182,19 @@ def _gains(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.nda
         shrunk = sds[:, :, 0] ** 2
         spread = 1 + shrunk * np.maximum(information[:, :, 0], 0.0)
         return np.asarray(0.5 * shrunk * pull**2 / spread - 0.5 * np.log(spread))
-    scaled = np.eye(sds.shape[2]) + information[:, None] * sds[:, :, :, None] * sds[:, :, None, :]
+    # One factor tells both: bordered with the slope, whose square bounds what it explains, its last row is L⁻¹ slope.
+    width = sds.shape[2]
+    bordered = np.zeros((*sds.shape[:2], width + 1, width + 1))
+    bordered[..., :width, :width] = information[:, None] * sds[:, :, :, None] * sds[:, :, None, :]
     slope = sds * pull[:, None]
-    explained = np.einsum("bvp,bvp->bv", slope, np.linalg.solve(scaled, slope[..., None])[..., 0])
-    return np.asarray(0.5 * explained - 0.5 * np.linalg.slogdet(scaled)[1])
+    bordered[..., width, :width] = slope
+    np.einsum("bvpp->bvp", bordered)[...] *= 1 + ROUNDING
+    np.einsum("bvpp->bvp", bordered)[...] += 1.0
+    bordered[..., width, width] += np.square(slope).sum(axis=2)
+    factor = np.linalg.cholesky(bordered)
+    explained = np.square(factor[..., width, :width]).sum(axis=2)
+    log_det = 2 * np.log(np.einsum("bvpp->bvp", factor)[..., :width]).sum(axis=2)
+    return np.asarray(0.5 * explained - 0.5 * log_det)
 
 
 def searched(search: Search, start: Set, sigma_mm: float) -> State:

@@ -11,21 +11,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Places, Scene, places_of
+from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.effect import SCALE_MM
 from printmend.effects.homing import spread_mm
 from printmend.effects.prior import happens_share
 from printmend.infer.fit import (
     FINER_ROUNDS,
     Fit,
-    _home_sd_mm,
-    _measured_mm,
-    _turned_back,
-    rows_of,
+    home_sd_of,
+    looked,
+    turned_back,
     weighed,
     with_shapes,
 )
-from printmend.infer.gram import Block, Dictionary, Rows, dictionary_of, gram_of, seen
+from printmend.infer.gram import Block, Dictionary, Rows, dictionary_of, gram_of, laid_side_by_side, seen
 from printmend.infer.known import (
     TURNING,
     Key,
@@ -43,7 +42,7 @@ from printmend.infer.machine import machine_of
 from printmend.infer.part import DRAWS, Part
 from printmend.infer.posterior import Posterior, after_homing, posterior_here
 from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
-from printmend.machine import Contacts, Mechanism, contacts_of
+from printmend.machine import Contacts, Mechanism
 from printmend.path import Trace
 
 LEAST_CHANCE = 0.05  # parts that fewer of the drawn machines have say nothing: the search offers them anew
@@ -106,20 +105,16 @@ def renewed(
     old one with changes.
     """
     if scene.homed:
-        scene = replace(scene, home_sd_mm=_home_sd_mm(mechanism, scene))
+        scene = replace(scene, home_sd_mm=home_sd_of(mechanism, scene))
     own = [each for each in parts if EFFECTS[each.effect].of is Of.MACHINE and each.chance >= LEAST_CHANCE]
     before = tuple(rebased(each, scene) for each in own)
     # machines of a homing of their own are drawn by a generator of their own: other figures stay as they are
     story, whole, turned_rad = Story(homed_again(before, scene, np.random.default_rng(SEED))), trace, 0.0
     wearing = Wearing(math.sqrt(max(months, 0.0)), grown or {}, scene, spread_mm(scene))
-    motor = scene.printer.to_motor(trace.commanded_mm)
     at: _Pass | None = None
     for number in range(PASSES):
-        trace = _turned_back(whole, turned_rad, scene)
-        contacts = contacts_of(mechanism, motor)
-        bed_mm = _measured_mm(trace) if at is None else scene.printer.from_motor(contacts.belt_mm)
-        places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
-        rows = rows_of(trace, contacts, places, scene)
+        trace = turned_back(whole, turned_rad, scene)
+        contacts, places, rows = looked(trace, scene, mechanism, is_first=at is None)
         at = _weighed_stories(story, wearing, places, rows, scene, stories=stories and number == PASSES - 1)
         story = at.story
         now = _now(at, contacts, scene, rng)
@@ -263,13 +258,8 @@ def _likeliest_turn_rad(at: _Pass, motor: int, always: Set) -> float:
     blocks = at.sums.dictionary.blocks
     kept = [blocks[b] for b, _ in always] + [block for block in blocks if block.effect in ("place", "play")]
     columns = np.concatenate([np.arange(block.at.start, block.at.stop) for block in kept] or [np.zeros(0)]).astype(int)
-    few, first = [], 0
-    for block in kept:
-        width = block.at.stop - block.at.start
-        few.append(replace(block, at=slice(first, first + width)))
-        first += width
-    dictionary = Dictionary(tuple(few), np.zeros((0, first)))
-
+    few = laid_side_by_side(kept)
+    dictionary = Dictionary(few, np.zeros((0, len(columns))))
     members = tuple((b, 0) for b in range(len(few)))
 
     def score(by_rad: float) -> float:

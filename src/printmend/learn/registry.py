@@ -19,9 +19,6 @@ from printmend.protocols import Learner, WorldModel
 ORACLE = "oracle"
 _MODULES = {
     "naive": "printmend.learn.naive",
-    "greybox": "printmend.learn.greybox.greybox",
-    "prior": "printmend.learn.prior.prior",
-    "hybrid": "printmend.learn.hybrid.hybrid",
 }
 
 

@@ -12,7 +12,6 @@ from printmend.effects import scene_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import TraceError
 from printmend.infer.fit import fitted
-from printmend.learn.greybox.rows import wall_shares
 from printmend.machine import contacts_of, healthy_mechanism
 from printmend.messages import say
 from printmend.path import Instrument, Trace
@@ -21,6 +20,7 @@ from printmend.units import SIGMA_PER_MEDIAN
 
 LOST_SIGMAS = 5.0  # standard deviations, beyond which a place does not count
 LEAST_SIGMA_MM = 0.004  # smallest standard deviation of a wall's place: no scan is read better
+LEAST_ALONG_SHARE = 0.25  # of a wall's normal along a motor, below which the wall says nothing about that motor
 LEAST_WALLS = 40  # measured places of walls; from fewer nothing is learned
 
 
@@ -62,6 +62,28 @@ def fit_walls(trace: Trace, printer: Printer) -> WallFit:
         printed, float(sizes.get("bead", np.zeros(1))[0]), float(sizes.get("turn", np.zeros(1))[0] / SCALE_MM),
         np.where(np.abs(left) < LOST_SIGMAS * sigma, left, np.nan), sigma,
     )  # fmt: skip
+
+
+def wall_shares(trace: Trace, printer: Printer) -> np.ndarray:
+    """Return what part [N, 2] of a row's information either motor takes: 1 but for walls, which show one direction.
+
+    A wall goes to one motor alone, or its noise would be explained twice: the more often to the one along which its
+    normal lies, by Floyd and Steinberg's rule. One that lies nearly along a motor's own direction tells nothing of it.
+    """
+    shares = np.ones((len(trace), 2))
+    walls = np.flatnonzero(trace.wall_rows)
+    if not len(walls) or trace.normal is None:
+        return shares
+    square = np.square(printer.to_motor(trace.normal[walls]))
+    square /= square.sum(axis=1, keepdims=True)
+    carried = 0.0
+    first = np.zeros(len(walls), bool)
+    for place, share in enumerate(square[:, 0]):
+        wanted = carried + share
+        first[place] = share > 1 - LEAST_ALONG_SHARE**2 or (share > LEAST_ALONG_SHARE**2 and wanted >= 0.5)
+        carried = float(np.clip(wanted - first[place], -1.0, 1.0))
+    shares[walls] = np.where(np.stack([first, ~first], axis=1), square, 0.0)
+    return shares
 
 
 def completed(trace: Trace, printer: Printer, printed_mm: np.ndarray, residual_mm: np.ndarray) -> Trace:

@@ -31,7 +31,7 @@ def contacts_of(mechanism: Mechanism, motor_mm: np.ndarray) -> Contacts:
         (at, side, belt), (other_at, other_side, other_belt) = ends
         same = belt == other_belt
         touched = np.where(at >= 0, at, other_at)
-        rows.append(np.where(same, touched, -1))
+        rows.append(np.where(same, np.maximum(touched, 0), -1))  # a taut belt is where its motor is, from the first row
         sides.append(np.where(same, np.where(at >= 0, side, other_side), 0))
         belts.append((belt + other_belt) / 2)
     return Contacts(np.stack(rows, axis=1), np.stack(sides, axis=1), np.stack(belts, axis=1))

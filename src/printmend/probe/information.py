@@ -1,25 +1,28 @@
-"""What marks tell about a machine: the grey box's posterior covariance before anything is measured.
+"""What marks tell about a machine: the covariance of its effects' sizes, before anything is measured.
 
-With the contacts of the play known the grey box is linear (physics.md eq. 17): a mark measured with noise σ whose
-row of columns is φ adds φφᵀ/σ² to the inverse covariance of each motor's parameters, whatever the measurement will
-say. So the worth of marks can be told beforehand: for a part whose positions have the mean square D of their columns,
-the mean square error to expect is tr(C·D) (physics.md eq. 21).
+With the contacts of the play known every effect is linear: a mark measured with noise σ whose row of columns is φ adds
+φφᵀ/σ² to the inverse covariance of the sizes, whatever the measurement will say. So the worth of marks can be told
+beforehand: for a part whose positions have the mean square D of their columns, the mean square error to expect is
+tr(C·D) (physics.md eq. 21).
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from printmend.identify.drive import Design, bed_middle
-from printmend.identify.drive.fit import Prior, variances
-from printmend.identify.drive.select import EVERYTHING, TRIAL_HARMONICS
-from printmend.learn.greybox import Greybox
+from printmend.effects import EFFECTS, Places, Scene, Term, columns_of, scene_of
+from printmend.effects.sized import Sized
+from printmend.infer.first import begun
+from printmend.infer.machine import machine_of
+from printmend.machine import Contacts, Mechanism
 from printmend.machine.kernels import run
-from printmend.path import Trace
+from printmend.path import Trace, last_way
 from printmend.printer import Printer
-from printmend.saved import SCALE_MM, Branches, Wave
 
+# Effects that a test print is to show: those that act, and of which the place on the bed is all that counts
+WANTED = ("place", "scale", "bend", "pulley", "play", "breathing", "friction", "elastic", "skew", "aspect", "bent")
 NOISE_MM = 0.05  # of a coordinate that is expected of an owner's measurement
 LEAST_NOISE_MM = 0.01  # no scan is better
 PLAY_MM = 0.3  # what a printer with a fault is thought to have before anything was measured
@@ -27,134 +30,120 @@ LEAST_PLAY_MM = 0.02  # a taut belt is told from which side it is pushed, too
 
 
 @dataclass(frozen=True, eq=False)
-class MotorBelief:
-    """What is known of one motor: its ``branches`` as far as they decide the contacts, and ``covariance`` [P, P] mm²
-    of the parameters of ``design``, whose powers count from ``middle_mm``."""
+class Belief:
+    """What is known of a printer: ``covariance`` [P, P] mm² of the sizes of its effects, ``terms``, beside a
+    ``mechanism`` that decides the contacts; ``sigma_mm`` is the noise of a measured coordinate."""
 
-    branches: Branches
-    design: Design
-    middle_mm: float
+    scene: Scene
+    mechanism: Mechanism
+    terms: tuple[Term, ...]
     covariance: np.ndarray
     sigma_mm: float
 
-    def contacts(self, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Follow the play from rest; return the motor position [N] and the side [N] of each row's last contact."""
-        mean, play = self.branches.errors_mm(motor_mm)
-        play = np.maximum(play, LEAST_PLAY_MM)
-        lower, upper = motor_mm + mean - play / 2, motor_mm + mean + play / 2
-        at, side, belt = np.empty(len(motor_mm), np.int64), np.empty(len(motor_mm)), np.empty(len(motor_mm))
-        run.contacts(np.inf, lower, upper, at, side, belt)  # the first row pulls
-        return motor_mm[at], side
+    def contacts(self, motor_mm: np.ndarray) -> Contacts:
+        """Follow motors [N, 2] through the play from rest; the first row pulls both belts."""
+        count = len(motor_mm)
+        at, side, belt = np.empty((count, 2), np.int64), np.empty((count, 2), np.int8), np.empty((count, 2))
+        for motor, table in enumerate(self.mechanism.transmissions):
+            lower, upper = table.branches_mm(motor_mm[:, motor])
+            wide = np.maximum(LEAST_PLAY_MM - (upper - lower), 0.0) / 2
+            found = np.empty(count, np.int64), np.empty(count, np.int8), np.empty(count)
+            run.contacts(np.inf, lower - wide, upper + wide, *found)
+            at[:, motor], side[:, motor], belt[:, motor] = found
+        return Contacts(at, side, belt)
 
-    def columns(self, at_mm: np.ndarray, side: np.ndarray, own_mm: np.ndarray, other_mm: np.ndarray) -> np.ndarray:
-        """Return the columns φ [N, P] of contacts [N], with the belts ``own_mm`` and ``other_mm`` from the middle."""
-        mean, play = self.design.columns(at_mm, self.branches.period_mm, self.middle_mm)
-        columns = mean + side[:, None] / 2 * play
-        own, other = own_mm / SCALE_MM, other_mm / SCALE_MM
-        columns[:, self.design.parts["cross"]] = np.stack([own**p * other**q for p, q in self.design.cross], axis=1)
-        return columns
+    def columns(self, waypoints_mm: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Return the columns [2K, P] of both coordinates at ``rows`` [K] of a path [N, 2] mm."""
+        printer = self.scene.printer
+        motor = printer.to_motor(waypoints_mm)
+        touch, none = self.contacts(motor), np.zeros((len(rows), 2))
+        bed_ways, ways = (
+            np.stack([last_way(axis) for axis in each.T], axis=1)[rows].astype(float) for each in (waypoints_mm, motor)
+        )
+        places = Places(
+            np.take_along_axis(motor, touch.row, axis=0)[rows], touch.side[rows].astype(float), waypoints_mm[rows],
+            bed_ways, ways, none[:, 0], none[:, 0], none,
+        )  # fmt: skip
+        each = [columns_of(term.effect, places, term.where, term.shape, self.scene) for term in self.terms]
+        return np.concatenate(each, axis=2).reshape(2 * len(rows), -1)
 
-    def told(self, columns: np.ndarray) -> "MotorBelief":
-        """Return what is known once marks with these columns [K, P] are measured."""
+    def told(self, columns: np.ndarray) -> "Belief":
+        """Return what is known once marks with these columns [M, P] are measured."""
         information = np.linalg.inv(self.covariance) + columns.T @ columns / self.sigma_mm**2
         covariance = np.linalg.inv(information)
         return replace(self, covariance=(covariance + covariance.T) / 2)
 
-    def fall_mm2(self, columns: np.ndarray, wanted: np.ndarray) -> float:
-        """Return by how much measuring ``columns`` [K, P] lets tr(C·D) fall, D = ``wanted`` [P, P]."""
-        reach = columns @ self.covariance
-        spread = reach @ columns.T + self.sigma_mm**2 * np.eye(len(columns))
-        return float(np.trace(np.linalg.solve(spread, reach @ wanted @ reach.T)))
-
-    def gain_nats(self, columns: np.ndarray) -> float:
-        """Return the information ½ log det(I + ΦCΦᵀ/σ²) that measuring ``columns`` [K, P] brings."""
-        seen = columns @ self.covariance @ columns.T / self.sigma_mm**2
-        return 0.5 * float(np.linalg.slogdet(np.eye(len(columns)) + seen)[1])
-
-
-@dataclass(frozen=True, eq=False)
-class Belief:
-    """What is known of both motors of a printer."""
-
-    printer: Printer
-    motors: tuple[MotorBelief, MotorBelief]
-
-    def columns(self, waypoints_mm: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the columns [K, P] of both motors at ``rows`` [K] of a path [N, 2] mm."""
-        places = self.printer.to_motor(waypoints_mm)
-        centred = (places - bed_middle(self.printer))[rows]
-        columns = []
-        for motor, belief in enumerate(self.motors):
-            at, side = belief.contacts(places[:, motor])
-            columns.append(belief.columns(at[rows], side[rows], centred[:, motor], centred[:, 1 - motor]))
-        return columns[0], columns[1]
-
-    def told(self, columns: tuple[np.ndarray, np.ndarray]) -> "Belief":
-        """Return what is known once marks with these columns are measured."""
-        return replace(self, motors=(self.motors[0].told(columns[0]), self.motors[1].told(columns[1])))
-
-    def wanted(self, waypoints_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return D [P, P] of both motors for a part whose path runs through ``waypoints_mm`` [N, 2]."""
+    def wanted(self, waypoints_mm: np.ndarray) -> np.ndarray:
+        """Return D [P, P] for a part whose path runs through ``waypoints_mm`` [N, 2]."""
         columns = self.columns(waypoints_mm, np.arange(len(waypoints_mm)))
-        return columns[0].T @ columns[0] / len(waypoints_mm), columns[1].T @ columns[1] / len(waypoints_mm)
+        return np.asarray(columns.T @ columns / len(waypoints_mm))
 
-    def expected_mm(self, wanted: tuple[np.ndarray, np.ndarray]) -> float:
-        """Return the RMS distance that a part with these D will be off because the machine is not known better."""
-        squares = sum(float((motor.covariance * d).sum()) for motor, d in zip(self.motors, wanted, strict=True))
-        # a bed coordinate of a CoreXY is half the sum of two motors
-        return float(np.sqrt(max(squares, 0.0) / (2 if self.printer.kinematics == "corexy" else 1)))
+    def expected_mm(self, wanted: np.ndarray) -> float:
+        """Return the RMS distance that a part with this D will be off because the machine is not known better."""
+        return float(np.sqrt(max(float((self.covariance * wanted).sum()), 0.0)))
 
 
 def prior_belief(printer: Printer) -> Belief:
-    """Return what is known of any damaged printer: the grey box's prior, with some play."""
-    return Belief(printer, (_prior_motor(printer, 0), _prior_motor(printer, 1)))
-
-
-def _prior_motor(printer: Printer, motor: int) -> MotorBelief:
-    reach = printer.motor_range_mm(motor)
-    play = Wave(powers_mm=np.array([PLAY_MM]))
-    branches = Branches(printer.axes[motor].mm_per_turn, sum(reach) / 2, reach, play=play)
-    design = replace(EVERYTHING, ripple=False).design(TRIAL_HARMONICS, ())
-    return MotorBelief(branches, design, sum(reach) / 2, np.diag(variances(design, Prior())), NOISE_MM)
+    """Return what is known of any damaged printer: what effects may be, and some play."""
+    low, high = np.array([[axis.min_mm, axis.max_mm] for axis in printer.axes[:2]], float).T
+    corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
+    scene = scene_of(Trace(corners, corners), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    mechanism, _ = machine_of(scene, [Sized("play", motor, (), np.array([PLAY_MM])) for motor in range(2)])
+    terms = _terms(scene)
+    sd_mm = np.concatenate([term.sd_mm for term in terms])
+    return Belief(scene, mechanism, terms, np.diag(sd_mm**2), NOISE_MM)
 
 
 def belief_after(printer: Printer, trace: Trace) -> Belief:
-    """Return what is known after a first trace: its information on top of the prior that the grey box settled on.
+    """Return what is known after a first trace: its information on top of what the effects that it shows may be.
 
-    Raises `TraceError` where the grey box can make nothing of it.
+    Effects that it does not show may be there as far as their mildest size. Raises `TraceError` like `learn`.
     """
-    model = Greybox().fit(trace, printer, rng=np.random.default_rng(0))
-    motors = [
-        replace(
-            motor,
-            branches=drive.branches,
-            covariance=np.diag(variances(motor.design, drive.choice.fit.posterior.prior)),
-            sigma_mm=max(drive.noise_mm, LEAST_NOISE_MM),
-        )
-        for drive, motor in zip(model.drives, prior_belief(printer).motors, strict=True)
-    ]
-    belief = Belief(printer, (motors[0], motors[1]))
-    columns = belief.columns(trace.commanded_mm, np.flatnonzero(trace.measured_rows))
-    return belief.told(columns)
+    with threadpool_limits(1, user_api="blas"):
+        fit, turned = begun(trace, scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn)))
+    prior = prior_belief(printer)
+    scene = replace(prior.scene, turns_mm=fit.scene.turns_mm)
+    found = {(block.effect, block.where) for block in fit.blocks}
+    terms = _terms(scene, found)
+    sd_mm = np.concatenate([term.sd_mm for term in terms])
+    sigma_mm = max(fit.state.sigma_mm, LEAST_NOISE_MM)
+    belief = Belief(scene, fit.mechanism, terms, np.diag(sd_mm**2), sigma_mm)
+    return belief.told(belief.columns(turned.commanded_mm, np.flatnonzero(turned.measured_rows)))
 
 
-Worth = Callable[[Belief, tuple[np.ndarray, np.ndarray]], float]
+def _terms(scene: Scene, found: set[tuple[str, int]] | None = None) -> tuple[Term, ...]:
+    """Return one term of each effect at each place: the widest, or the mildest where it was not ``found``."""
+    chosen: dict[tuple[str, int], Term] = {}
+    for name in WANTED:
+        for term in EFFECTS[name].terms(scene):
+            key, size = (name, term.where), float(np.linalg.norm(term.sd_mm))
+            widest = found is None or key in found
+            old = float(np.linalg.norm(chosen[key].sd_mm)) if key in chosen else (0.0 if widest else np.inf)
+            if size > old if widest else size < old:
+                chosen[key] = term
+    return tuple(chosen.values())
 
 
-def fall_of(wanted: tuple[np.ndarray, np.ndarray]) -> Worth:
-    """Return the worth of marks for a part with these D: by how much its expected square error falls [mm²]."""
+Worth = Callable[[Belief, np.ndarray], float]
 
-    def worth(belief: Belief, columns: tuple[np.ndarray, np.ndarray]) -> float:
-        return sum(motor.fall_mm2(mine, d) for motor, mine, d in zip(belief.motors, columns, wanted, strict=True))
+
+def fall_of(wanted: np.ndarray) -> Worth:
+    """Return the worth of marks for a part with this D: by how much its expected square error falls [mm²]."""
+
+    def worth(belief: Belief, columns: np.ndarray) -> float:
+        reach = columns @ belief.covariance
+        spread = reach @ columns.T + belief.sigma_mm**2 * np.eye(len(columns))
+        return float(np.trace(np.linalg.solve(spread, reach @ wanted @ reach.T)))
 
     return worth
 
 
-def information(belief: Belief, columns: tuple[np.ndarray, np.ndarray]) -> float:
-    """Return the worth of marks to the curious: the information that they bring [nats]."""
-    return sum(motor.gain_nats(mine) for motor, mine in zip(belief.motors, columns, strict=True))
+def information(belief: Belief, columns: np.ndarray) -> float:
+    """Return the worth of marks to the curious: the information ½ log det(I + ΦCΦᵀ/σ²) that they bring [nats]."""
+    seen = columns @ belief.covariance @ columns.T / belief.sigma_mm**2
+    return 0.5 * float(np.linalg.slogdet(np.eye(len(columns)) + seen)[1])
 
 
 def still_unknown(belief: Belief) -> float:
-    """Return the entropy of what is believed, ½ log det C of both motors [nats], up to a constant."""
-    return 0.5 * sum(float(np.linalg.slogdet(motor.covariance)[1]) for motor in belief.motors)
+    """Return the entropy of what is believed, ½ log det C [nats], up to a constant."""
+    return 0.5 * float(np.linalg.slogdet(belief.covariance)[1])

@@ -28,7 +28,7 @@ TREATMENTS = ("straight", "reversals", "staircase")
 class Segment:
     """A tile printed in one way: its marks, the way-points [N, 2] mm and ``rows`` [M], those that are the marks.
 
-    ``columns`` are those of both motors at the marks; they do not depend on what was printed before, because the
+    ``columns`` [2K, P] are those at the marks; they do not depend on what was printed before, because the
     run-in takes up the play.
     """
 
@@ -37,7 +37,7 @@ class Segment:
     points_mm: np.ndarray
     rows: np.ndarray
     seconds: float
-    columns: tuple[np.ndarray, np.ndarray]
+    columns: np.ndarray
 
 
 def chosen_plans(
@@ -45,7 +45,7 @@ def chosen_plans(
 ) -> Iterator[ProbePlan]:
     """Choose up to ``marks`` marks within an area by ``worth`` a mark; yield a plan for each of several pitches.
 
-    ``worth(belief, columns)`` says what a segment with these columns of both motors teaches.
+    ``worth(belief, columns)`` says what a segment with these columns teaches.
     """
     for pitch_mm in _pitches(area_mm, marks):
         grid = grid_of(printer, *area_mm, pitch_mm)

@@ -20,7 +20,7 @@ from printmend.saved.values import number, numbers, refuse, section_of
 
 VERSION = 2  # of the model file's section
 _SUBJECT = "the model [promise]"
-_MOST_PARTS, _MOST_SIZES = 200, 400  # that a file may have
+_MOST_PARTS, _MOST_SIZES = 1000, 400  # that a file may have
 _MOST_SHIFTS = 100  # between homings that count
 _DIGITS = 5  # that are kept of a size
 
@@ -57,7 +57,8 @@ def belief_section(
     motion: Motion | None = None,
 ) -> dict[str, Any]:
     """Return drawn machines as plain values; what an instrument did is no part of any print."""
-    kept = [part for part in parts if EFFECTS[part.effect].of is not Of.INSTRUMENT and part.draws_mm.any()]
+    there = [part for part in parts if part.acts_mm.any() or part.draws_mm.any()]
+    kept = [part for part in there if EFFECTS[part.effect].of is not Of.INSTRUMENT]
     return {
         "version": VERSION,
         "placed": scene.placed,

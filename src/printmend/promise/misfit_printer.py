@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from printmend.identify.drive.fit import independent_share, robust_sigma_mm
+from printmend.infer.scatter import independent_share, robust_sigma_mm
 from printmend.machine import Transmission, healthy_mechanism, print_path
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say

@@ -12,11 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from printmend.effects import scene_of
 from printmend.errors import TraceError
-from printmend.identify.drive.design import contacts, cross_columns
-from printmend.identify.drive.turn import roughly_turned
-from printmend.learn.greybox.rows import FARTHEST_MM, motor_rows, trial_of
+from printmend.infer.first import among
+from printmend.infer.fit import fitted
+from printmend.machine import healthy_mechanism
 from printmend.measure.axes import AXES_TODO, wrong_axes
+from printmend.measure.follows import FARTHEST_MM
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say, together
 from printmend.metrics.shape import nearest, spacing
@@ -39,6 +41,11 @@ BETTER_SHARE = 0.5  # rows put right must leave less than this share of what the
 CLOSE_SHARE = 0.2  # shuffled places are told apart where they are missed by less than this share of their distance
 LEAST_MATCHED_SHARE = 0.98  # share of shuffled rows that must find one place of their own
 GAIN_SD, LEAN_SD = 0.2, 0.05  # prior deviations of a rough map's scales from 1 and leans [rad], as of damaged printers
+# Effects of a machine that is roughly learned: those that most damaged printers have
+ROUGH = (
+    "place", "scale", "bend", "pulley", "breathing", "play", "friction", "skew", "aspect", "bent", "origin", "shift",
+    "turn", "stretch",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,19 +259,14 @@ class RoughlyLearned:
 
 
 def learned_roughly(trace: Trace, printer: Printer) -> RoughlyLearned:
-    """Return the drives' main parts alone, of a long trace as some of its rows show them."""
-    full = motor_rows(trace, printer)
-    some = trial_of(full, np.random.default_rng(0)).rows(full)
+    """Return the drives' main parts alone, as some rows show them; whose home the trace begins at nobody knows yet."""
+    scene = scene_of(replace(trace, homed=False), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
     with threadpool_limits(1, user_api="blas"):
-        found = [roughly_turned(*each) for each in zip(full, some, strict=True)]
-    belts, plays = [], []
-    for row, (period_mm, choice) in zip(full, found, strict=True):
-        values, turning = choice.fit.posterior.values, replace(row, period_mm=period_mm)
-        cross = cross_columns(choice.design, turning, slice(None)) @ values[choice.design.parts["cross"]]
-        belts.append(contacts(choice.design, values, turning).belt_mm + cross)
-        plays.append(values[choice.design.parts["play_powers"]][:1].sum())
-    places = np.asarray(printer.from_motor(np.stack(belts, axis=1)))
-    return RoughlyLearned(sum(choice.fit.loss_mm for _, choice in found), places, np.array(plays))
+        fit = fitted(trace, scene, healthy_mechanism(printer), kept=among(ROUGH), quick=True)
+        left_mm = fit.left_by_mark_mm(trace)
+    play_mm = [sum(part.sizes_mm[0] for part in fit.parts() if (part.effect, part.where) == ("play", motor))
+               for motor in range(2)]  # fmt: skip
+    return RoughlyLearned(float(np.nanmean(np.abs(left_mm)) * 2), fit.places_mm(), np.array(play_mm, float))
 
 
 def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:

@@ -5,14 +5,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from printmend.identify.drive.fit import robust_sigma_mm
-from printmend.identify.drive.period import NEAR_SHARE, TOOTH_MM
-from printmend.learn.greybox.model import GreyboxModel, LearnedDrive
+from printmend.effects.scale import TOOTH_MM
+from printmend.effects.skip import SKIPPED
+from printmend.infer.part import Part
+from printmend.infer.posterior import Posterior
+from printmend.infer.scatter import robust_sigma_mm
 from printmend.measure.once import RANDOM_SDS, in_no_order
 from printmend.messages import say
 from printmend.path import Trace
+from printmend.printer import Printer
 from printmend.promise.misfit import NOTE, REFUSAL, WARNING, Misfit
 
+NEAR_SHARE = 0.04  # most by which calibrated steps a millimetre make a turn differ from the printer's, as a share
 LEAST_ROWS = 60  # with fewer rows nothing is tested
 LOST_SIGMAS, LOST_MM = 6.0, 0.05  # a point whose residual exceeds both limits was measured wrongly
 # Shares of such points from which on they are a note, a warning, a refusal.
@@ -25,13 +29,12 @@ LEAST_TWO_MM, LEAST_SCATTER_MM = 0.03, 0.1  # root mean square of two values, an
 SURE_NATS = 14.0  # what is certain by counting
 
 
-def said_of_rows(box: GreyboxModel, trace: Trace, left_mm: np.ndarray) -> tuple[Misfit, ...]:
+def said_of_rows(posterior: Posterior, trace: Trace, left_mm: np.ndarray) -> tuple[Misfit, ...]:
     """Return what is to be said of a measurement, given what the model leaves of its points on the bed [N, 2] mm."""
     return (
-        *_jumped(box),
         *_unfit(trace, left_mm),
         *_random_order(trace, left_mm),
-        *_other_turns(box),
+        *_other_turns(posterior),
         *_left_out(left_mm),
     )
 
@@ -49,12 +52,12 @@ def lost_rows(left_mm: np.ndarray) -> np.ndarray:
     return lost if count >= 2 and count >= FEW_LOST * known.sum() else np.zeros_like(lost)
 
 
-def _jumped(box: GreyboxModel) -> Iterator[Misfit]:
-    """Name motors that lost their place: the model is without that, and a part may meet it anywhere."""
-    for drive, jumps in zip(box.drives, box.jumps, strict=True):
-        if jumps:
-            words = say("skipped-during-test-print-part-may", drive.name.upper())
-            yield Misfit("jump", WARNING, max(abs(jump.size_mm) for jump in jumps), 0.0, words)
+def skipped(trace: Trace, turned: Trace, printer: Printer) -> Iterator[Misfit]:
+    """Name motors that lost steps: by how much they ``turned`` less than they were told."""
+    lost_mm = np.abs(printer.to_motor(turned.commanded_mm - trace.commanded_mm)).max(axis=0)
+    for name, size_mm in zip(printer.motors, lost_mm, strict=True):
+        if size_mm > 0:
+            yield Misfit("jump", WARNING, float(size_mm), 0.0, SKIPPED(name.upper(), f"{size_mm:.2f}"))
 
 
 def _unfit(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:
@@ -96,31 +99,31 @@ def _random_order(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:
     return [Misfit("rows-random", REFUSAL if left > UNFIT_MM else WARNING, left, SURE_NATS, words)]
 
 
-def _other_turns(box: GreyboxModel) -> list[Misfit]:
+def _other_turns(posterior: Posterior) -> list[Misfit]:
     """Say where an error repeats at another length than the printer's turn."""
-    found = []
-    for motor, drive in enumerate(box.drives):
-        period, usual = drive.branches.period_mm, box.printer.axes[motor].mm_per_turn
-        turns = drive.structure.pulley != "none" or drive.structure.play in ("loose", "free")
-        if period == usual or not turns:
+    found, scene = [], posterior.scene
+    for motor, name in enumerate(scene.printer.motors):
+        period, usual = scene.turns_mm[motor], scene.printer.axes[motor].mm_per_turn
+        turning = [part for part in posterior.parts if part.effect in ("pulley", "breathing") and part.where == motor]
+        turning = [part for part in turning if part.acts_mm.any()]
+        if period == usual or not turning:
             continue
-        if (times := _times_a_turn(drive)) > 1:  # a wave that comes so many times in it is all that repeats
+        if (times := _times_a_turn(turning[0])) > 1:  # a wave that comes so many times in it is all that repeats
             period /= times
         teeth = round(period / TOOTH_MM)
         is_toothed = times == 1 and abs(period - teeth * TOOTH_MM) < 1e-9
         cause = say("pulley-teeth-idler", teeth) if is_toothed else say("idler-belt-own-pulley")
         if abs(period / usual - 1) < NEAR_SHARE:
             cause = say("steps-millimetre-calibrated-another-pulley")
-        words = say("error-repeats-every-mm-every-printer", drive.name.upper(), f"{period:.1f}", f"{usual:g}", cause)
+        words = say("error-repeats-every-mm-every-printer", name.upper(), f"{period:.1f}", f"{usual:g}", cause)
         found.append(Misfit("turn", NOTE, 0.0, SURE_NATS, words))
     return found
 
 
-def _times_a_turn(drive: LearnedDrive) -> int:
+def _times_a_turn(part: Part) -> int:
     """Return how often the learned turn repeats itself: the greatest divisor of its waves' orders that count."""
-    wave = drive.branches.mean
-    sizes = np.hypot(wave.cos_mm, wave.sin_mm)
-    return math.gcd(*(int(k) for k in wave.harmonics[sizes > COUNTING_SHARE * sizes.max(initial=0.0)])) or 1
+    sizes = np.hypot(*part.acts_mm.reshape(2, -1))
+    return math.gcd(*(int(k) + 1 for k in np.flatnonzero(sizes > COUNTING_SHARE * sizes.max(initial=0.0)))) or 1
 
 
 def _left_out(left_mm: np.ndarray) -> list[Misfit]:

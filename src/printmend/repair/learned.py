@@ -1,12 +1,12 @@
 """From a trace to the saved model of a machine: what `printmend learn` does.
 
-A grey box makes the first guess of each motor's contacts; one search finds the effects that made the measurement; what
-acts is their mean, and machines drawn from all likely sets are the promise.
+A search among few effects makes the first guess of the contacts; one search finds the effects that made the
+measurement; what acts is their mean, and machines drawn from all likely sets are the promise.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -16,17 +16,15 @@ from printmend.diagnosis.named import Diagnosis, diagnose, misfits_of
 from printmend.diagnosis.screw import ScrewFound, find_screw
 from printmend.effects import EFFECTS, Scene, scene_of
 from printmend.errors import ConfigError
-from printmend.identify.drive import ALL_SEEN
+from printmend.infer.first import LASTING, among, begun
 from printmend.infer.fit import Fit, fitted
-from printmend.infer.machine import frame_from_home, machine_of
+from printmend.infer.machine import machine_of
 from printmend.infer.part import DRAWS, Part
-from printmend.infer.parts import parts_of_drive
 from printmend.infer.posterior import posterior_of
 from printmend.learn import learner
-from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive
-from printmend.learn.hybrid import HybridModel
 from printmend.learn.walls import with_walls
-from printmend.machine import Mechanism, healthy_mechanism, healthy_transmission
+from printmend.machine import Mechanism, healthy_mechanism
+from printmend.measure.follows import check_follows, check_trace
 from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
 from printmend.messages import say, together
@@ -36,25 +34,19 @@ from printmend.promise.belief import belief_section
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_printer import another_home, another_printers
 from printmend.promise.misfit_rows import in_order, passed_over
-from printmend.promise.of_rows import MOST_LOST, lost_rows, said_of_rows
+from printmend.promise.of_rows import MOST_LOST, lost_rows, said_of_rows, skipped
 from printmend.promise.scale import scale_words, seen_scales, shown_scales
-from printmend.protocols import WorldModel
 from printmend.saved import Branches, SavedModel, ScrewSeries, saved_model, with_screw
 from printmend.twin import Twin
 
 AUTO = "auto"
 _BY_SEARCH = (AUTO, "greybox")  # learners whose model is made of effects
-_HYBRIDS = (AUTO, "hybrid")
-Planar = TypeVar("Planar", bound=WorldModel)
 FAR_ORIGIN_MM = 5.0  # an origin of a measurement's own further from the bed's is moved there
 # … as a line through what is missed has it at home, where places scatter by this share of their distance from home,
 # the line leaves less than this share of what is missed, and no stretch is larger than any printer's.
 WIDE_SHARE, LINE_SHARE, MOST_STRETCH = 0.3, 0.5, 0.5
 PLANE_FACTOR = 2**0.5  # RMS distance on the bed over the standard deviation of one coordinate
 DOUBTED_SCATTER = 2.0  # factor by which points may scatter more than their instrument says before that is told
-LEAST_POWER_MM = 1e-9  # a smaller coefficient of a power above the 0th counts as none: it is what rounding leaves
-# A pulley of which a part was seen: mean and standard deviation of the logarithm of a factor on what is not known of it
-GUESSED_LOG = (-0.5, 1.1)
 DIGESTS = "measurements"  # the document's key of what tells the measurements that it was learned from
 Z_SAID = "z"  # the document's key of what was said of Z, kind by kind
 _TOWER_TODO = say("tower-two-turns-screw-measured-several")
@@ -63,11 +55,10 @@ _PROBE_TODO = say("printmend-probe-writes-print-shows-all")
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """A saved model and what it was made of: the grey box that made the first guess (None for learners that have none)
-    and the search (None where there was none), for the trace that they were fitted to, in order and free of Z."""
+    """A saved model and the search that it was made of (None where there was none), for the trace that it was fitted
+    to: in order, free of Z, its motors where they really went."""
 
     saved: SavedModel
-    box: GreyboxModel | None
     trace: Trace
     fit: Fit | None = None
 
@@ -82,10 +73,9 @@ def learn_model(
 def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator | None = None) -> Learned:
     """Learn a machine from a trace.
 
-    ``auto`` searches for the effects that made the measurement; where a motor was not seen over its whole turn, the
-    prior over pulleys says what the rest is like. Raises `TraceError` where the trace cannot support any,
-    `ConfigError` where the named learner has no machine to mend with. ``rng`` picks the rows looked at first in a long
-    trace; without it every run picks the same.
+    ``auto`` searches for the effects that made the measurement. Raises `TraceError` where the trace cannot support any,
+    `ConfigError` where the named learner has no machine to mend with. ``rng`` draws the machines of the promise;
+    without it every run draws the same.
     """
     rng = np.random.default_rng(0) if rng is None else rng
     # Threads of the linear algebra cost more than they bring on systems of a few hundred unknowns.
@@ -100,35 +90,40 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     ordered = in_order(near_bed(with_walls(trace, printer), printer), printer)
     told = (*passed_over(trace, copies), *ordered.found, *another_home(ordered.trace, printer))
     trace = ordered.trace
-    guess, found = fit_beside_screw(trace, printer, lambda clean: _guess(clean, printer, model, rng), rng=rng)
-    flat = trace if found is None else found.trace
-    box = guess.box if isinstance(guess, HybridModel) else guess
-    if not isinstance(box, GreyboxModel) or isinstance(guess, HybridModel):
-        return _learned_without_parts(guess, trace, printer, model, told)
-    more = {DIGESTS: list(digests)}
-    fit: Fit | None = None
-    if model in _BY_SEARCH and not _is_partial(box):
-        flat = without_jumps(flat, box)
-        fit = fitted(flat, scene_of(flat, printer, box.periods_mm), box.mechanism)
-        saved = searched_model(fit, box, flat, told, more, rng)
-    else:
-        if model == AUTO:  # the likeliest shape of the rest of the pulley
-            box = learner("prior").fit(flat, printer, rng=rng)
-        assert isinstance(box, GreyboxModel)
-        saved = drawn_model(box, flat, told, more, rng)
-    if found is not None and not found.is_silent:
-        saved = with_screw_found(saved, found, found.series, trace)
-    return Learned(saved, box, flat, fit)
+    check_trace(trace)
+    check_follows(trace, printer)
+    if model not in _BY_SEARCH:
+        return _learned_without_parts(trace, printer, model, told, rng)
+    screw = find_screw(trace, printer, None, lambda clean: left_roughly_mm(clean, printer))
+    flat = trace if screw is None else screw.trace
+    first, turned = begun(flat, scene_of(flat, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn)))
+    told = (*told, *skipped(flat, turned, printer))
+    fit = fitted(turned, first.scene, first.mechanism)
+    saved = searched_model(fit, turned, told, {DIGESTS: list(digests)}, rng)
+    if screw is not None and not screw.is_silent:
+        saved = with_screw_found(saved, screw, screw.series, trace)
+    return Learned(saved, turned, fit)
+
+
+def left_roughly_mm(trace: Trace, printer: Printer) -> np.ndarray:
+    """Return what a rough machine leaves of the measured points [N, 2] on the bed, NaN where nothing was measured.
+
+    What comes and goes from layer to layer is left, for Z.
+    """
+    scene = scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    left_mm = fitted(trace, scene, healthy_mechanism(printer), kept=among(LASTING), quick=True).left_by_mark_mm(trace)
+    if trace.homed:  # there the machine has no error, whatever its play
+        left_mm[0] = (trace.measured_mm - trace.commanded_mm)[0]
+    return left_mm
 
 
 def searched_model(
-    fit: Fit, box: GreyboxModel, trace: Trace, told: Sequence[Misfit], more: Mapping[str, Any], rng: np.random.Generator
+    fit: Fit, trace: Trace, told: Sequence[Misfit], more: Mapping[str, Any], rng: np.random.Generator
 ) -> SavedModel:
-    """Return the model of the effects that a search found; ``box`` was its first guess."""
+    """Return the model of the effects that a search found."""
     posterior = posterior_of(fit, rng)
     acting = [part.acting() for part in posterior.parts if part.acts_mm.any()]
     mechanism, branches = machine_of(fit.scene, acting)
-    mechanism = replace(mechanism, rest_share=box.mechanism.rest_share)
     left_mm = fit.left_by_mark_mm(trace)
     kept_mm = left_mm[np.isfinite(left_mm).all(axis=1) & ~lost_rows(left_mm)]
     kept_mm = kept_mm if len(kept_mm) else fit.left_mm()[:, None]  # walls are no dots
@@ -140,46 +135,15 @@ def searched_model(
         promise["seen"] = seen_scales(fit.scene, posterior.parts)
     told = (
         *told,
-        *another_printers(left_mm, trace, box.printer),
+        *another_printers(left_mm, trace, fit.scene.printer),
         *misfits_of(posterior.parts, fit.scene, posterior.nats, turned_rad=fit.turned_rad),
-        *said_of_rows(box, trace, left_mm),
+        *said_of_rows(posterior, trace, left_mm),
     )
-    diagnosis = diagnose(posterior.parts, fit.scene, gaps_of(box))
+    diagnosis = diagnose(posterior.parts, fit.scene, gaps_of(fit))
     return _saved(
         trace, mechanism, branches, diagnosis, promise, told, more, noise_mm, PLANE_FACTOR * noise_mm,
         lost_rows(left_mm),
     )  # fmt: skip
-
-
-def drawn_model(
-    box: GreyboxModel, trace: Trace, told: Sequence[Misfit], more: Mapping[str, Any], rng: np.random.Generator
-) -> SavedModel:
-    """Return the model of a learner that draws machines of its own, as where less than a pulley's turn was seen."""
-    scene = scene_of(trace, box.printer, box.periods_mm)
-    parts = [part for motor, drive in enumerate(box.drives) for part in _drawn(scene, motor, drive, rng)]
-    promise = belief_section(scene, parts, motion=trace.motion)
-    branches = (box.drives[0].branches, box.drives[1].branches)
-    left_mm = left_over_mm(box)
-    told = (*told, *misfits_of(parts, scene), *said_of_rows(box, trace, left_mm))
-    diagnosis = diagnose(parts, scene, gaps_of(box))
-    return _saved(
-        trace, box.mechanism, branches, diagnosis, promise, told, more, box.noise_mm, box.residual_after_mm,
-        lost_rows(left_mm),
-    )  # fmt: skip
-
-
-def _drawn(scene: Scene, motor: int, drive: LearnedDrive, rng: np.random.Generator) -> list[Part]:
-    design, post = drive.choice.design, drive.choice.fit.posterior
-    if drive.choice.machines is not None:
-        away = drive.choice.machines[:, rng.integers(drive.choice.machines.shape[1], size=DRAWS)]
-    else:
-        root = np.linalg.cholesky(post.covariance + 1e-14 * np.eye(len(post.covariance)))
-        away = np.zeros((design.size, DRAWS))
-        away[post.active] = root @ rng.standard_normal((len(root), DRAWS))
-    if drive.sight.angles < ALL_SEEN:
-        away = away * np.exp(rng.normal(*GUESSED_LOG, DRAWS))
-    values = post.values
-    return parts_of_drive(scene, motor, design, drive.branches.middle_mm, values, values[:, None] + away)
 
 
 def _saved(
@@ -194,7 +158,6 @@ def _saved(
     left_mm: float,
     lost: np.ndarray,
 ) -> SavedModel:
-    mechanism, branches = _anchored(mechanism, branches, trace)
     details: dict[str, Any] = {
         "diagnosis": [
             {"part": f.part, "kind": f.kind, "value": round(f.value, 6), "sd": round(f.sd, 6), "unit": f.unit}
@@ -212,9 +175,10 @@ def _saved(
 
 
 def _learned_without_parts(
-    fit: WorldModel, trace: Trace, printer: Printer, name: str, told: tuple[Misfit, ...]
+    trace: Trace, printer: Printer, name: str, told: tuple[Misfit, ...], rng: np.random.Generator
 ) -> Learned:
-    """Return what the learner ``name`` made of a trace, whose machine is not made of effects."""
+    """Return what the learner ``name`` makes of a trace, whose machine is not made of effects."""
+    fit = learner(name).fit(trace, printer, rng=rng)
     mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
         raise ConfigError(
@@ -233,7 +197,7 @@ def _learned_without_parts(
     details = {"misfit": misfit_section(told), "promise": promise}
     finding = say("learned-by-other", name)
     saved = saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
-    return Learned(saved, None, trace)
+    return Learned(saved, trace)
 
 
 def _left_by_place(scene: Scene, left_mm: np.ndarray) -> list[Part]:
@@ -249,20 +213,6 @@ def _left_by_place(scene: Scene, left_mm: np.ndarray) -> list[Part]:
             draws = profile[:, None] * rng.standard_normal((len(profile), DRAWS))
             found.append(Part(term.effect, term.where, term.shape, np.zeros(len(profile)), draws))
     return found
-
-
-def without_jumps(trace: Trace, box: GreyboxModel) -> Trace:
-    """Return a trace as it would be without the teeth that skipped and the steps that were lost in it."""
-    if not any(box.jumps):
-        return trace
-    belts, motors = np.zeros((len(trace), 2)), np.zeros((len(trace), 2))
-    for motor, jumps in enumerate(box.jumps):
-        for jump in jumps:
-            (belts if jump.belt else motors)[jump.row :, motor] += jump.size_mm
-    from_motor = box.printer.from_motor
-    return replace(
-        trace, measured_mm=trace.measured_mm - from_motor(belts), commanded_mm=trace.commanded_mm + from_motor(motors)
-    )
 
 
 def near_bed(trace: Trace, printer: Printer) -> Trace:
@@ -290,22 +240,6 @@ def _missed_at_home_mm(from_home_mm: np.ndarray, off_mm: np.ndarray) -> np.ndarr
     return np.asarray(line[0]) if is_wide and is_line else None
 
 
-def fit_beside_screw(
-    trace: Trace, printer: Printer, fit: Callable[[Trace], Planar], *, rng: np.random.Generator
-) -> tuple[Planar, ScrewFound | None]:
-    """Return the planar model that ``fit`` learns from a trace once the push of Z is off, and what was found of Z."""
-    model = fit(trace)
-    box = model.box if isinstance(model, HybridModel) else model
-    if not isinstance(box, GreyboxModel):
-        return model, None
-
-    def rest_mm(clean: Trace) -> np.ndarray:
-        return left_over_mm(Greybox().fit(clean, printer, rng=rng))
-
-    found = find_screw(trace, printer, left_over_mm(box), rest_mm)
-    return model if found is None or found.trace is trace else fit(found.trace), found
-
-
 def instrument_scatter_mm(trace: Trace) -> float | None:
     """Return the standard deviation of a coordinate that the instrument states, None where it states none.
 
@@ -316,15 +250,6 @@ def instrument_scatter_mm(trace: Trace) -> float | None:
     if not len(stated) or trace.wall_rows.any():
         return None
     return float(np.hypot(np.median(stated), trace.instrument_doubt.wave_mm))
-
-
-def _guess(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> WorldModel:
-    return learner("greybox" if model == AUTO else model).fit(trace, printer, rng=rng)
-
-
-def _is_partial(box: GreyboxModel) -> bool:
-    """Tell whether a motor was not seen over its whole turn."""
-    return any(drive.sight.angles < ALL_SEEN for drive in box.drives)
 
 
 def _trace_section(trace: Trace, left_mm: float, lost: np.ndarray | None = None) -> dict[str, Any]:
@@ -352,31 +277,6 @@ def _trace_section(trace: Trace, left_mm: float, lost: np.ndarray | None = None)
     }
 
 
-def _anchored(
-    mechanism: Mechanism, branches: tuple[Branches | None, Branches | None], trace: Trace
-) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:
-    """Return the machine with its origin where the end stops put it, if the trace does not say where that is.
-
-    A scan shows where marks lie to each other, not where on the bed. But the end stop stops the carriage at the home
-    position by definition, so there the learned error is zero.
-    """
-    if trace.placed or not trace.homed:
-        return mechanism, branches
-    mechanism = replace(mechanism, frame=frame_from_home(mechanism))
-    homed = mechanism.homed()
-    moved: list[Branches | None] = []
-    for motor, one in enumerate(branches):
-        shift_mm = homed.transmissions[motor].lower_mm[0] - mechanism.transmissions[motor].lower_mm[0]
-        moved.append(None if one is None else one.shifted(float(shift_mm)))
-    return _unshifted(homed, (moved[0], moved[1]))
-
-
-def left_over_mm(box: GreyboxModel) -> np.ndarray:
-    """Return what a machine leaves over of the measured points [N, 2] on the bed, NaN where nothing was measured."""
-    residual = np.stack([drive.choice.fit.touch.residual_mm for drive in box.drives], axis=1)
-    return np.asarray(box.printer.from_motor(residual))
-
-
 def with_screw_found(model: SavedModel, found: ScrewFound, series: ScrewSeries | None, trace: Trace) -> SavedModel:
     """Add to a planar model what was found of Z; ``trace`` is the one with the push in it."""
     summary, *gaps = model.findings
@@ -388,21 +288,6 @@ def with_screw_found(model: SavedModel, found: ScrewFound, series: ScrewSeries |
         details["trace"] = {**model.document["trace"], "residual_before_mm": round(before_mm, 6)}
     findings = (together("; ", filter(None, (summary, found.sentence))), *gaps, *found.gaps.values())
     return with_screw(model, series, findings=findings, details=details)
-
-
-def _unshifted(
-    mechanism: Mechanism, branches: tuple[Branches | None, Branches | None]
-) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:
-    """Return the machine without a shift that is all that a drive has: a scan's origin is no fault."""
-    tables, kept = list(mechanism.transmissions), list(branches)
-    for motor, one in enumerate(branches):
-        if one is None:
-            continue
-        powers = one.mean.powers_mm
-        alone = replace(one, mean=replace(one.mean, powers_mm=np.zeros(len(powers))))
-        if len(powers) and np.abs(powers[1:]).max(initial=0.0) < LEAST_POWER_MM and alone.is_healthy:
-            kept[motor], tables[motor] = alone, healthy_transmission(mechanism.printer, motor)
-    return replace(mechanism, transmissions=(tables[0], tables[1])), (kept[0], kept[1])
 
 
 def known_digests(model: SavedModel) -> tuple[str, ...]:

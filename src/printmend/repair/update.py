@@ -33,7 +33,6 @@ from printmend.repair.history import Ageing
 from printmend.repair.learned import (
     DIGESTS,
     PLANE_FACTOR,
-    _anchored,
     _trace_section,
     instrument_scatter_mm,
     known_digests,
@@ -172,7 +171,6 @@ def _updated(
     scene, parts = found.now.scene, found.now.parts
     acting = [part.acting() for part in parts if part.acts_mm.any()]
     mechanism, branches = machine_of(scene, acting)
-    mechanism, branches = _anchored(replace(mechanism, rest_share=old.mechanism.rest_share), branches, trace)
     noise_mm, own_mm = found.now.noise_mm, instrument_scatter_mm(trace)
     scatter_mm = belief.scatter_mm if own_mm is None else float(np.sqrt(max(noise_mm**2 - own_mm**2, 0.0)))
     names = tuple(old.printer.motors[motor].upper() for motor in found.story.anew)

@@ -1,17 +1,17 @@
 """What is wrong with a printer, as a document for its owner: words, advice, and what it means for a part."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 import printmend
 from printmend.diagnosis.advice import Advice, advise
-from printmend.diagnosis.portrait import Portrait, contacts_of_drive, contacts_of_fit, portrait
+from printmend.diagnosis.portrait import Portrait, contacts_of_fit, portrait
 from printmend.diagnosis.standard import Circle, Positioning, circle, positioning
 from printmend.effects.words import Fault as NamedFault
-from printmend.errors import InputError, TraceError
-from printmend.learn.greybox import GreyboxModel
+from printmend.errors import InputError
+from printmend.infer.fit import Fit
 from printmend.messages import say, together
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -20,7 +20,7 @@ from printmend.promise.misfit import NOTE, REFUSAL, misfit_words, said_of
 from printmend.promise.predict import Promise
 from printmend.promise.scale import scale_words
 from printmend.repair.filament import grown, settled
-from printmend.repair.learned import Learned, learn, left_over_mm, scatter_words, todo
+from printmend.repair.learned import learn, scatter_words, todo
 from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Prediction
 from printmend.repair.verify import expectation
@@ -45,7 +45,6 @@ class Examination:
     mended copy of the test print should be like.
     """
 
-    model: GreyboxModel
     saved: SavedModel
     advice: tuple[Advice, ...]
     portraits: tuple[Portrait, Portrait]
@@ -123,10 +122,8 @@ def examine(
     Raises `TraceError` like `learn`, `GcodeError` or `ModelError` for a part that cannot be printed here.
     """
     learned = learn(grown(trace, printer, filament), printer, rng=rng)
-    learned = replace(learned, saved=settled(learned.saved, filament))
-    box, saved, flat = learned.box, learned.saved, learned.trace
-    if box is None:
-        raise TraceError("the trace", wanted="a machine in it", came=say("none"), todo="measure a `printmend probe`")
+    saved, flat, fit = settled(learned.saved, filament), learned.trace, learned.fit
+    assert fit is not None  # the search is never without
     corexy = printer.kinematics == "corexy"
     order = list(URGENCY)
     names = ("part", "kind", "value", "sd", "unit")
@@ -135,12 +132,12 @@ def examine(
     all_advice = [advise(fault, corexy=corexy, rails=rails) for fault in faults]
     advice = [one for one in all_advice if one.effect_mm >= LEAST_ADVICE_MM or one.urgency != "software"]
     advice.sort(key=lambda one: (order.index(one.urgency), -one.effect_mm))
-    after = left_over_mm(box) if learned.fit is None else learned.fit.left_by_mark_mm(flat)
+    after = fit.left_by_mark_mm(flat)
     shown = np.flatnonzero(flat.measured_rows & np.isfinite(after).all(axis=1))
     shown = shown[:: max(1, len(shown) // MOST_ARROWS)]
     mechanism = saved.mechanism
     return Examination(
-        box, saved, tuple(advice), (_portrait(learned, 0), _portrait(learned, 1)),
+        saved, tuple(advice), (_portrait(saved, fit, 0), _portrait(saved, fit, 1)),
         (positioning(mechanism, 0), positioning(mechanism, 1)), circle(mechanism),
         flat.commanded_mm[shown], (flat.measured_mm - flat.commanded_mm)[shown], after[shown],
         None if part is None else part.name, None if part is None else check_gcode(part, saved),
@@ -149,14 +146,10 @@ def examine(
     )  # fmt: skip
 
 
-def _portrait(learned: Learned, motor: int) -> Portrait:
-    belief, box, fit = parse_belief(learned.saved), learned.box, learned.fit
+def _portrait(saved: SavedModel, fit: Fit, motor: int) -> Portrait:
+    belief = parse_belief(saved)
     assert belief is not None
-    assert box is not None
-    if fit is not None:
-        return portrait(belief.parts, fit.scene, motor, contacts_of_fit(fit, motor), learned.saved.noise_mm)
-    contacts = contacts_of_drive(box.drives[motor], learned.trace, belief.scene, motor)
-    return portrait(belief.parts, belief.scene, motor, contacts, learned.saved.noise_mm)
+    return portrait(belief.parts, fit.scene, motor, contacts_of_fit(fit, motor), saved.noise_mm)
 
 
 def summary(examination: Examination) -> str:

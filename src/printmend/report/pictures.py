@@ -116,7 +116,7 @@ def _square(draw: Callable[[Axes], Axes]) -> Figure:
 
 
 def _bed(examination: Examination) -> Group:
-    printer = examination.model.printer
+    printer = examination.saved.printer
     bed = np.array([printer.x.min_mm, printer.y.min_mm]), np.array([printer.x.max_mm, printer.y.max_mm])
     figures = []
     shown = (examination.before_mm, "the test print as it came out"), (examination.after_mm, "what nothing explains")

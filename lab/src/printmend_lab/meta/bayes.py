@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.identify.drive.fit import lower_inverse
+from printmend_lab.greybox.drive.fit import lower_inverse
 from printmend_lab.meta.columns import FIXED, FIXED_SD_MM, GROUPS
 
 # What is believed for a first look: standard deviations of all weights and of the noise [mm].

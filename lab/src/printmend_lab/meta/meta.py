@@ -15,14 +15,15 @@ from importlib import resources
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from printmend.identify.drive import Rows
-from printmend.learn.greybox.model import cross_frame
-from printmend.learn.greybox.rows import check_trace, motor_rows
 from printmend.learn.mechanism_model import MachineLearned
 from printmend.machine.mechanism import Mechanism, Transmission, healthy_transmission
+from printmend.measure.follows import check_trace
 from printmend.path import Trace, frozen, last_way
 from printmend.printer import Printer
 from printmend.units import SIGMA_PER_MEDIAN
+from printmend_lab.greybox.drive import Rows
+from printmend_lab.greybox.model import cross_frame
+from printmend_lab.greybox.rows import motor_rows
 from printmend_lab.meta import kernels
 from printmend_lab.meta.bayes import believed, first_look, forward, membership, posterior
 from printmend_lab.meta.columns import GROUPS, columns, groups

@@ -1,0 +1,44 @@
+"""A belt that skipped teeth of its pulley, or a motor that lost steps: from then on all is off by a whole number."""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+import numpy as np
+
+from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, about, onto_bed
+from printmend.effects.keys import Numbers
+from printmend.effects.prior import shared
+from printmend.effects.step import APART, BREAKS
+from printmend.effects.words import Found, Told, motor_name
+from printmend.messages import say
+
+MILD = (1.0, 0.35)  # shares of the usual size that are tried: an electrical turn is less than a tooth
+
+SKIPPED = partial(say, "skipped-during-test-print-part-may")
+
+
+class Skip(Usual):
+    """A large shift of one belt at one moment, a share of the print. Homing takes it away."""
+
+    name = "skip"
+    cause = say("cause-belt-skipped")  # of an expected error
+    of = Of.SESSION
+    acts = Acts.NOT
+    fate = GONE
+    most = 12
+    keys = Numbers(shape=("at_share",))
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for motor in range(2):
+            yield from shared(self.name, motor, [(float(each),) for each in BREAKS], MILD)
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return onto_bed(scene, where, (places.done > shape[0])[:, None] * 1.0)
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        for each in about(shape[0], APART, round_):
+            yield (float(each),)
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        size = f"{found.sizes_mm[0]:+.2f}"
+        yield Told("jump", SKIPPED(motor_name(scene, found.where).upper(), size))
