@@ -230,7 +230,7 @@ def _searched(
     for _ in range(WEIGHINGS):
         search = Search(dictionary, gram_of(dictionary.columns, rows, weight))
         state = searched(search, members, sigma_mm)
-        search, state = _finer(search, state, few, here, scene, weight)
+        search, state = _finer(search, state, few, replace(here, share=rows.share), scene, weight)
         dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
         left_mm = left_of(rows, dictionary, state)
         weight, rows = weighed(rows, left_mm), shared(rows, left_mm)

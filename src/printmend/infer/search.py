@@ -25,15 +25,21 @@ Set = tuple[tuple[int, int], ...]  # (block, alternative in size) of each member
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A set of blocks and its posterior: ``columns`` [A] are the numbers of its columns, ``mean_mm`` [A] and
-    ``covariance`` [A, A] of their sizes, ``sigma_mm`` the noise, ``score`` the log evidence plus log odds."""
+    """A set of blocks and its posterior: ``columns`` [A] are the numbers of its columns, ``mean_mm`` [A] their sizes,
+    ``root`` [A, A] the root of their ``covariance``, ``sigma_mm`` the noise, ``score`` the log evidence plus log
+    odds."""
 
     members: Set
     columns: np.ndarray
     mean_mm: np.ndarray
-    covariance: np.ndarray
+    root: np.ndarray
     sigma_mm: float
     score: float
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """The covariance of the sizes [A, A]."""
+        return np.asarray(self.root.T @ self.root)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,15 +91,13 @@ class Search:
         positive = self._positive[columns]
         spread = np.sqrt(np.diag(covariance)[positive])
         evidence += float(np.sum(log_below(mean[positive] / spread) + np.log(2)))
-        return State(
-            members, columns, mean * sd, covariance * np.outer(sd, sd), float(np.sqrt(variance)), float(evidence + odds)
-        )
+        return State(members, columns, mean * sd, inverse * sd, float(np.sqrt(variance)), float(evidence + odds))
 
     def gains(self, state: State, offered: np.ndarray) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the score of a set that has none of them."""
         variance = state.sigma_mm**2
         crossing = self.gram.matrix[state.columns] / variance  # [A, P]
-        after = state.covariance @ crossing
+        half = state.root @ crossing
         slope = self.gram.slope / variance - crossing.T @ state.mean_mm
         found: list[tuple[np.ndarray, np.ndarray]] = []
         for group in self._groups:
@@ -103,9 +107,8 @@ class Search:
             index, sds = group.columns[mine], group.sds_mm[mine]
             information = self.gram.matrix[index[:, :, None], index[:, None, :]] / variance
             if len(state.columns):
-                information = information - np.einsum(
-                    "abq,abr->bqr", crossing[:, index], after[:, index], optimize=True
-                )
+                mine_half = half[:, index]
+                information = information - np.einsum("abq,abr->bqr", mine_half, mine_half, optimize=True)
             gains = _gains(information, slope[index], sds) + group.log_odds[mine]
             if group.positive:
                 gains += _halved(information, slope[index], sds)
@@ -182,7 +185,8 @@ def _gains(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.nda
         shrunk = sds[:, :, 0] ** 2
         spread = 1 + shrunk * np.maximum(information[:, :, 0], 0.0)
         return np.asarray(0.5 * shrunk * pull**2 / spread - 0.5 * np.log(spread))
-    # One factor tells both: bordered with the slope, whose square bounds what it explains, its last row is L⁻¹ slope.
+    # One factor tells both: bordered with the slope, its last row is L⁻¹ slope. The corner takes no part in that row;
+    # twice the slope's square is more than it explains, rounding included.
     width = sds.shape[2]
     bordered = np.zeros((*sds.shape[:2], width + 1, width + 1))
     bordered[..., :width, :width] = information[:, None] * sds[:, :, :, None] * sds[:, :, None, :]
@@ -190,7 +194,7 @@ def _gains(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.nda
     bordered[..., width, :width] = slope
     np.einsum("bvpp->bvp", bordered)[...] *= 1 + ROUNDING
     np.einsum("bvpp->bvp", bordered)[...] += 1.0
-    bordered[..., width, width] += np.square(slope).sum(axis=2)
+    bordered[..., width, width] += 2 * np.square(slope).sum(axis=2)
     factor = np.linalg.cholesky(bordered)
     explained = np.square(factor[..., width, :width]).sum(axis=2)
     log_det = 2 * np.log(np.einsum("bvpp->bvp", factor)[..., :width]).sum(axis=2)
