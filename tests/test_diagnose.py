@@ -254,7 +254,7 @@ def test_one_self_contained_file(folder: Path, examined: Examination, tmp_path: 
     result = run(*asked, "--report", tmp_path / "again.html")
     assert result.exit_code == 0, result.output
     assert (tmp_path / "again.html").read_bytes() == (tmp_path / "report.html").read_bytes()
-    assert "repair soon: X pulley is off its centre" in result.output
+    assert "Repair soon: X pulley is off its centre" in result.output
     assert "mended" in result.output
     page = (tmp_path / "report.html").read_text()
     assert page.count("data:image/svg+xml;base64,") == 7  # two motors and their pulleys, the bed twice, a circle

@@ -239,7 +239,8 @@ def look_up(line: list[str], where: str) -> None:
         beside = {path.stem: path for path in (ROOT / rest[0]).parent.glob("*.py")}  # options may be shared
         shared = re.findall(r"^from (\w+) import", script, re.MULTILINE)
         script += "".join(beside[name].read_text(encoding="utf-8") for name in shared if name in beside)
-        assert all(f'"{word.split("=")[0]}"' in script for word in rest if word.startswith("--")), told
+        for option in (word.split("=")[0] for word in rest if word.startswith("--")):  # or a keyword of the runner's
+            assert f'"{option}"' in script or f"{option[2:].replace('-', '_')}=" in script, told
     elif program == "printmend":
         command: click.Command = group
         while isinstance(command, click.Group):

