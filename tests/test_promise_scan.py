@@ -208,9 +208,8 @@ def test_a_length_that_was_given_is_not_asked_for_again() -> None:
     doubt = Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.05, 0.0, 0.001, {"planning": 0.001, "instrument": 0.049})
     both = settled(0.0, 0.0, 140.0, instrument_on_bed(FLATBED, np.eye(2), settled=True))[1]
     whole = learn_model(scanned(measured(stretched, 0.01, 4), np.zeros((2, 2)), both), ENDER3)
-    assert advice_of(whole, doubt) == (
-        "most of the remaining error is the scale, as far as the callipers left it open",
-    )
+    left_open = ("most of the remaining error is the scale, as far as the callipers left it open",)
+    assert advice_of(whole, doubt) == left_open
     odd = {**whole.document["promise"], "instrument": {"scale_axes": 0.1, "axes_sd": "0.1", "scale_sd": [0.1]}}
     assert "second scan" in advice_of(replace(whole, document={**whole.document, "promise": odd}), doubt)[0]
     for instrument, is_known in ((FLATBED, False), (settled(0.0, 0.0, 140.0, FLATBED)[1], True)):

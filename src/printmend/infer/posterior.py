@@ -146,13 +146,14 @@ def _neighbours(fit: Fit, rng: np.random.Generator) -> list[Set]:
         for key, gain in zip(gains.keys.tolist(), gains.values.tolist(), strict=True):
             offer((*members, (key[0], key[1])), beside + gain)
 
-    offer_each(state.members, search.gains(state, search.offered(state.members)), 0.0)
-    for at, member in enumerate(state.members):
+    beside = search.beside(state)
+    offer_each(state.members, beside.gains(search.offered(state.members)), 0.0)
+    for at, (member, own) in enumerate(zip(state.members, search.own(state.members), strict=True)):
         others = (*state.members[:at], *state.members[at + 1 :])
         without = search.posterior(others, state.sigma_mm, rounds=0)
         worse = without.score - state.score
         offer(others, worse)
-        offer_each(others, search.gains(without, search.offered(others)).without(member), worse)
+        offer_each(others, beside.without(own).gains(search.offered(others)).without(member), worse)
     ranked = sorted(found.values(), key=lambda each: -each[1])[:MOST_SETS]
     weights = np.exp(np.array([log_weight for _, log_weight in ranked]) - ranked[0][1])
     return [ranked[each][0] for each in rng.choice(len(ranked), DRAWS, p=weights / weights.sum())]

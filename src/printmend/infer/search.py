@@ -6,6 +6,7 @@ the set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (
 must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard deviation) times as large.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -95,28 +96,25 @@ class Search:
 
     def gains(self, state: State, offered: np.ndarray) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the score of a set that has none of them."""
+        return self.beside(state).gains(offered)
+
+    def beside(self, state: State) -> "Beside":
+        """Return what the rows tell of all blocks beside a set."""
         variance = state.sigma_mm**2
         crossing = self.gram.matrix[state.columns] / variance  # [A, P]
         half = state.root @ crossing
         slope = self.gram.slope / variance - crossing.T @ state.mean_mm
-        found: list[tuple[np.ndarray, np.ndarray]] = []
+        information = []
         for group in self._groups:
-            mine = np.isin(group.blocks, offered, assume_unique=True)
-            if not mine.any():
-                continue
-            index, sds = group.columns[mine], group.sds_mm[mine]
-            information = self.gram.matrix[index[:, :, None], index[:, None, :]] / variance
-            if len(state.columns):
-                mine_half = half[:, index]
-                information = information - np.einsum("abq,abr->bqr", mine_half, mine_half, optimize=True)
-            gains = _gains(information, slope[index], sds) + group.log_odds[mine]
-            if group.positive:
-                gains += _halved(information, slope[index], sds)
-            which = np.repeat(group.blocks[mine], sds.shape[1]), np.tile(np.arange(sds.shape[1]), int(mine.sum()))
-            found.append((np.stack(which, axis=1), gains.ravel()))
-        if not found:
-            return Gains(np.zeros((0, 2), np.int64), np.zeros(0))
-        return Gains(np.concatenate([keys for keys, _ in found]), np.concatenate([gains for _, gains in found]))
+            own = self.gram.matrix[group.columns[:, :, None], group.columns[:, None, :]] / variance
+            information.append(own - _products(half, group.columns) if len(half) else own)
+        return Beside(tuple(self._groups), state, state.root.T @ half, tuple(information), slope)
+
+    def own(self, members: Set) -> list[slice]:
+        """Return which sizes of a set are each member's."""
+        columns = [self.dictionary.blocks[b].at for b, _ in members]
+        ends = itertools.accumulate((each.stop - each.start for each in columns), initial=0)
+        return [slice(first, last) for first, last in itertools.pairwise(ends)]
 
     def narrowed(self, numbers: Sequence[int]) -> "Search":
         """Return the search among some blocks alone, in this order."""
@@ -159,6 +157,53 @@ class Search:
             slots[blocks[b].slot] = slots.get(blocks[b].slot, 0) + 1
         full = {slot for slot, count in slots.items() if count >= EFFECTS[slot[0]].most}
         return np.array([b for b, block in enumerate(blocks) if b not in taken and block.slot not in full], np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """What rows tell of the blocks of each group [B, P, P], and how they pull on all columns [P], beside a set.
+
+    ``reach`` [A, P]: how far the set's sizes move for a size of a column.
+    """
+
+    groups: "tuple[_Group, ...]"
+    state: State
+    reach: np.ndarray
+    information: tuple[np.ndarray, ...]
+    slope: np.ndarray
+
+    def gains(self, offered: np.ndarray) -> Gains:
+        """Return what each alternative of the ``offered`` blocks adds to the score of the set that has none of them."""
+        found: list[tuple[np.ndarray, np.ndarray]] = []
+        for group, information in zip(self.groups, self.information, strict=True):
+            mine = np.isin(group.blocks, offered, assume_unique=True)
+            if not mine.any():
+                continue
+            told, slope, sds = information[mine], self.slope[group.columns[mine]], group.sds_mm[mine]
+            gains = _gains(told, slope, sds) + group.log_odds[mine]
+            if group.positive:
+                gains += _halved(told, slope, sds)
+            which = np.repeat(group.blocks[mine], sds.shape[1]), np.tile(np.arange(sds.shape[1]), int(mine.sum()))
+            found.append((np.stack(which, axis=1), gains.ravel()))
+        if not found:
+            return Gains(np.zeros((0, 2), np.int64), np.zeros(0))
+        return Gains(np.concatenate([keys for keys, _ in found]), np.concatenate([gains for _, gains in found]))
+
+    def without(self, own: slice) -> "Beside":
+        """Return the same beside the set without the member whose sizes are its ``own``: they are 0."""
+        root = np.asarray(np.linalg.qr(self.state.root[:, own], mode="r")).T
+        freed = np.linalg.solve(root, self.reach[own])
+        pull = np.linalg.solve(root, self.state.mean_mm[own])
+        information = tuple(
+            told + _products(freed, group.columns) for group, told in zip(self.groups, self.information, strict=True)
+        )
+        return replace(self, information=information, slope=self.slope + freed.T @ pull)
+
+
+def _products(half: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return the sums of products [B, P, P] of the columns of each block."""
+    mine = half[:, columns]
+    return np.einsum("abq,abr->bqr", mine, mine, optimize=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,10 +270,12 @@ def _grown(search: Search, state: State) -> State | None:
 
 def _exchanged(search: Search, state: State) -> State | None:
     """Return a better set with one member dropped, or another in its place, the last that came first; None for none."""
+    beside, own = search.beside(state), search.own(state.members)
     for at in reversed(range(len(state.members))):
         others = (*state.members[:at], *state.members[at + 1 :])
         without = search.posterior(others, state.sigma_mm, rounds=0)
-        choice, gain = search.gains(without, search.offered(others)).without(state.members[at]).best()
+        gains = beside.without(own[at]).gains(search.offered(others))
+        choice, gain = gains.without(state.members[at]).best()
         members = (*others, choice) if gain > 0 else others
         if without.score + max(gain, 0.0) > state.score + LEAST_BETTER:
             tried = search.posterior(members, state.sigma_mm)
