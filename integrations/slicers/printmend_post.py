@@ -16,7 +16,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-ALREADY = re.compile(r"got one that was mended with model (\w+)")
+ALREADY = re.compile(r"(?:got|found) one that was mended with model (\w+)")
 NAMES = ("SLIC3R_PRINTER_MODEL", "SLIC3R_PRINTER_SETTINGS_ID")
 
 

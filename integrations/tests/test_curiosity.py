@@ -19,9 +19,9 @@ def test_it_goes_on_until_the_promise_is_met() -> None:
     one = curiosity.run_way("active", PRINTER, BROKEN, promise_mm=0.2, rounds=4, seed=3)
     assert len(one) == 1
     assert one[0].promised_mm <= 0.2
-    more = curiosity.run_way("active", PRINTER, BROKEN, promise_mm=0.06, rounds=4, seed=3)
+    more = curiosity.run_way("active", PRINTER, BROKEN, promise_mm=0.03, rounds=4, seed=3)
     assert more[0] == one[0], "equal seeds print the same"
-    assert more[-1].promised_mm <= 0.06 < more[-2].promised_mm
+    assert more[-1].promised_mm <= 0.03 < more[-2].promised_mm
     assert more[-1].error_mm < 0.12, "twice the promise"
     assert more[-1].minutes > more[0].minutes > 0
 

@@ -19,7 +19,7 @@ from printmend.client import Studio
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
 from printmend.measure import read_plan
 from printmend.measure.image import read_image, write_image
-from printmend.messages import GERMAN, say, together, translated
+from printmend.messages import GERMAN, messages_of, say, together, translated
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.repair.against import judge_gcode
@@ -296,7 +296,7 @@ def test_a_printer_with_nothing_to_mend_is_shown_so(browser: Browser, server: Se
     expect(page.get_by_text("größer", exact=False)).to_have_count(1)  # what the screen is for
     grew = together("; ", [say("grew-mm-end-end-while-print", *each) for each in (("X", "+0.32"), ("Y", "+0.31"))])
     found = [{"kind": "thermal", "severity": "refusal", "size_mm": 0.1, "evidence": 20.0, "words": grew}]
-    document = {**sound.document, "misfit": {"found": found}}
+    document = {**sound.document, "misfit": {"found": found}, "messages": messages_of(found)}
     write_model(kept, replace(sound, document=document))
     page.reload()
     expect(page.get_by_text(translated(grew, GERMAN))).to_be_visible()
