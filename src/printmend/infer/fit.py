@@ -292,13 +292,11 @@ def _finer(
 
 def sized(dictionary: Dictionary, members: Set, sizes_mm: np.ndarray) -> list[Sized]:
     """Return the members of a set with their sizes [A] in order."""
-    parts, first = [], 0
-    for b, _ in members:
-        block = dictionary.blocks[b]
-        width = block.at.stop - block.at.start
-        parts.append(Sized(block.effect, block.where, block.shape, sizes_mm[first : first + width]))
-        first += width
-    return parts
+    blocks = (dictionary.blocks[b] for b, _ in members)
+    return [
+        Sized(block.effect, block.where, block.shape, sizes_mm[own])
+        for block, own in zip(blocks, dictionary.own(members), strict=True)
+    ]
 
 
 def left_of(rows: Rows, dictionary: Dictionary, state: State) -> np.ndarray:

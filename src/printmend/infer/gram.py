@@ -1,5 +1,6 @@
 """Every candidate column of a measurement, and the sums of their products: all that the search looks at."""
 
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -75,6 +76,12 @@ class Dictionary:
 
     blocks: tuple[Block, ...]
     columns: np.ndarray
+
+    def own(self, members: Sequence[tuple[int, int]]) -> list[slice]:
+        """Return which of the sizes of a set are each member's."""
+        columns = [self.blocks[b].at for b, _ in members]
+        ends = itertools.accumulate((each.stop - each.start for each in columns), initial=0)
+        return [slice(first, last) for first, last in itertools.pairwise(ends)]
 
 
 def dictionary_of(

@@ -60,11 +60,8 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
         mine = slice(first_draw, first_draw := first_draw + count)
         root = np.linalg.cholesky(state.covariance + 1e-14 * np.eye(len(state.columns)))
         sizes_mm = state.mean_mm[:, None] + root @ rng.standard_normal((len(state.columns), count))
-        first = 0
-        for b, _ in members:
-            own = sizes_mm[first : first + len(draws[b])]
-            draws[b][:, mine] = np.maximum(own, 0.0) if blocks[b].positive else own
-            first += len(own)
+        for (b, _), own in zip(members, fit.dictionary.own(members), strict=True):
+            draws[b][:, mine] = np.maximum(sizes_mm[own], 0.0) if blocks[b].positive else sizes_mm[own]
     acting = {part.key: part.sizes_mm for part in fit.parts() if EFFECTS[part.effect].acts is not Acts.NOT}
     parts = []
     for b in order:
@@ -125,10 +122,12 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> It
 
 def _beside(search: Search, likeliest: State) -> list[int]:
     """Return the blocks of the likeliest set, and those that may well come beside one, or in its place."""
-    members = likeliest.members
+    members, beside = likeliest.members, search.beside(likeliest)
+    every = [beside.gains(search.offered(members))]
+    for at, own in enumerate(search.dictionary.own(members)):
+        every.append(beside.without(own).gains(search.offered((*members[:at], *members[at + 1 :]))))
     found = [b for b, _ in members]
-    for others in (members, *((*members[:at], *members[at + 1 :]) for at in range(len(members)))):
-        gains = search.gains(search.posterior(others, likeliest.sigma_mm, rounds=0), search.offered(others))
+    for gains in every:
         found += gains.keys[gains.values > LEAST_LOG_WEIGHT + gains.values.max(initial=0.0), 0].tolist()
     return list(dict.fromkeys(found))
 
@@ -148,7 +147,7 @@ def _neighbours(fit: Fit, rng: np.random.Generator) -> list[Set]:
 
     beside = search.beside(state)
     offer_each(state.members, beside.gains(search.offered(state.members)), 0.0)
-    for at, (member, own) in enumerate(zip(state.members, search.own(state.members), strict=True)):
+    for at, (member, own) in enumerate(zip(state.members, search.dictionary.own(state.members), strict=True)):
         others = (*state.members[:at], *state.members[at + 1 :])
         without = search.posterior(others, state.sigma_mm, rounds=0)
         worse = without.score - state.score

@@ -6,7 +6,6 @@ the set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (
 must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard deviation) times as large.
 """
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -109,12 +108,6 @@ class Search:
             own = self.gram.matrix[group.columns[:, :, None], group.columns[:, None, :]] / variance
             information.append(own - _products(half, group.columns) if len(half) else own)
         return Beside(tuple(self._groups), state, state.root.T @ half, tuple(information), slope)
-
-    def own(self, members: Set) -> list[slice]:
-        """Return which sizes of a set are each member's."""
-        columns = [self.dictionary.blocks[b].at for b, _ in members]
-        ends = itertools.accumulate((each.stop - each.start for each in columns), initial=0)
-        return [slice(first, last) for first, last in itertools.pairwise(ends)]
 
     def narrowed(self, numbers: Sequence[int]) -> "Search":
         """Return the search among some blocks alone, in this order."""
@@ -250,15 +243,16 @@ def searched(search: Search, start: Set, sigma_mm: float) -> State:
     """Return the likeliest set that steps from ``start`` reach: adding, dropping or exchanging one block at a time."""
     state = search.posterior(start, sigma_mm)
     for _ in range(MOST_STEPS):
-        better = _grown(search, state) or _exchanged(search, state)
+        beside = search.beside(state)
+        better = _grown(search, state, beside) or _exchanged(search, state, beside)
         if better is None:
             break
         state = better
     return state
 
 
-def _grown(search: Search, state: State) -> State | None:
-    gains = search.gains(state, search.offered(state.members))
+def _grown(search: Search, state: State, beside: Beside) -> State | None:
+    gains = beside.gains(search.offered(state.members))
     if not len(gains.values):
         return None
     best, gain = gains.best()
@@ -268,9 +262,9 @@ def _grown(search: Search, state: State) -> State | None:
     return more if more.score > state.score else None
 
 
-def _exchanged(search: Search, state: State) -> State | None:
+def _exchanged(search: Search, state: State, beside: Beside) -> State | None:
     """Return a better set with one member dropped, or another in its place, the last that came first; None for none."""
-    beside, own = search.beside(state), search.own(state.members)
+    own = search.dictionary.own(state.members)
     for at in reversed(range(len(state.members))):
         others = (*state.members[:at], *state.members[at + 1 :])
         without = search.posterior(others, state.sigma_mm, rounds=0)
