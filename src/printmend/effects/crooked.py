@@ -8,7 +8,7 @@ import numpy as np
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
-from printmend.effects.uneven import COUNT, LENGTHS_MM, spectrum
+from printmend.effects.uneven import COUNT, LENGTHS_MM, mirrored, spectrum
 from printmend.effects.words import LEAST_SHOWN_MM, PLACES, Care, Fault, Found
 from printmend.messages import say
 
@@ -54,12 +54,6 @@ class Crooked(Usual):
         if fault.kind != "crooked":
             return None
         return Care(TITLE(), MEANING(f"{fault.value:.2f}"), fault.value, REPAIR())
-
-
-def mirrored(place_mm: np.ndarray, span_mm: tuple[float, ...], count: int) -> np.ndarray:
-    """Return so many cosines over a span [N, K] at places [N]; beyond it they come back."""
-    low, high = span_mm
-    return np.asarray(np.cos(np.outer((place_mm - low) / max(high - low, 1.0), np.pi * np.arange(1, count + 1))))
 
 
 def plane_waves(rates: np.ndarray, phase_rad: np.ndarray, axis: int, sizes_mm: np.ndarray) -> np.ndarray:

@@ -5,12 +5,12 @@ from functools import partial
 
 import numpy as np
 
-from printmend.effects.crooked import mirrored, plane_waves
+from printmend.effects.crooked import plane_waves
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
 from printmend.effects.sample import drawn_places
-from printmend.effects.uneven import spectrum
+from printmend.effects.uneven import mirrored, spectrum
 from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found
 from printmend.messages import say
 

@@ -7,10 +7,9 @@ import numpy as np
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
+from printmend.effects.teeth import TOOTH_MM
 from printmend.effects.words import Fault, Found, amount, motor_name
 from printmend.messages import say
-
-TOOTH_MM = 2.0  # of a GT2 belt: a pulley has a whole number of them
 
 
 class Scale(Usual):

@@ -1,7 +1,6 @@
 """A joint or a dent of the belt: past one place all lies further, reached evenly over a width."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -14,21 +13,44 @@ from printmend.messages import say
 STEP_MM = 5.0  # distance of the places that are tried
 WIDTH_MM = 4.0  # that is tried first: others are looked for about it
 
-TITLE = partial(say, "belt-joint-dent")
-MEANING = partial(say, "beyond-place-along-everything-lies-mm")
-REPLACE = partial(say, "look-along-belt-joint-dent-missing")
-NO_REPAIR = partial(say, "nothing-replace")
 
+class AtOnePlace(Usual):
+    """What stands at one place of one belt over a width, of one size; the ids of what is said of it."""
 
-class Splice(Usual):
-    """A ramp from 0 to 1 about one place of one belt."""
-
-    name = "splice"
     of = Of.MACHINE
     acts = Acts.DRIVE
     fate = STAYS
-    most = 3
     keys = Numbers(shape=("at_mm", "width_mm"))
+    name: str
+    words: str
+    title: str
+    meaning: str
+    replace: str
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        at, _ = found.shape
+        size, sd = found.size(lambda sizes: float(sizes[0]))
+        words = say(self.words, f"{at:.0f}", amount(size, sd))
+        yield Fault(motor_name(scene, found.where), self.name, size, sd, "mm", words)
+
+    def advice(self, fault: Fault, where: str) -> Care | None:
+        """Say what it does, and that the belt is to be replaced where it is large."""
+        if fault.kind != self.name:
+            return None
+        size_mm = abs(fault.value)
+        repair = say(self.replace) if size_mm >= SOON_MM else say("nothing-replace")
+        return Care(say(self.title, where), say(self.meaning, where, f"{size_mm:.2f}"), size_mm, repair)
+
+
+class Splice(AtOnePlace):
+    """A ramp from 0 to 1 about one place of one belt."""
+
+    name = "splice"
+    most = 3
+    words = "fault-splice"
+    title = "belt-joint-dent"
+    meaning = "beyond-place-along-everything-lies-mm"
+    replace = "look-along-belt-joint-dent-missing"
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
@@ -49,17 +71,3 @@ class Splice(Usual):
             yield float(place), width
         for factor in about(0.0, 1.4, round_):
             yield at, float(width * np.exp(factor))
-
-    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        at, _ = found.shape
-        size, sd = found.size(lambda sizes: float(sizes[0]))
-        words = say("fault-splice", f"{at:.0f}", amount(size, sd))
-        yield Fault(motor_name(scene, found.where), "splice", size, sd, "mm", words)
-
-    def advice(self, fault: Fault, where: str) -> Care | None:
-        """Say what a joint of the belt does, and that the belt is to be replaced where it is large."""
-        if fault.kind != "splice":
-            return None
-        size_mm = abs(fault.value)
-        repair = REPLACE() if size_mm >= SOON_MM else NO_REPAIR()
-        return Care(TITLE(where), MEANING(where, f"{size_mm:.2f}"), size_mm, repair)

@@ -11,7 +11,7 @@ from printmend.effects.prior import alternatives
 from printmend.effects.words import Care, Fault, Found, amount, motor_name
 from printmend.messages import say
 
-TOOTH_MM = 2.0  # of a GT2 belt
+TOOTH_MM = 2.0  # of a GT2 belt, which printers have: a pulley has a whole number of them
 STEPS = (4.0, 2.0, 1.0, 0.5)  # full steps of a motor's waves: a pair of poles is four
 NAMES = {
     4.0: "fault-ripple-poles",

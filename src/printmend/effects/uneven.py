@@ -42,8 +42,13 @@ class Uneven(Usual):
 
 def cosines(place_mm: np.ndarray, span_mm: tuple[float, ...], count: int) -> np.ndarray:
     """Return so many cosines over a span [N, K] at places [N]; beyond it they go on as they end."""
+    return mirrored(held(place_mm, span_mm), span_mm, count)
+
+
+def mirrored(place_mm: np.ndarray, span_mm: tuple[float, ...], count: int) -> np.ndarray:
+    """Return so many cosines over a span [N, K] at places [N]; beyond it they come back."""
     low, high = span_mm
-    share = (held(place_mm, span_mm) - low) / max(high - low, 1.0)
+    share = (place_mm - low) / max(high - low, 1.0)
     return np.asarray(np.cos(np.pi * share[:, None] * np.arange(1, count + 1)))
 
 

@@ -15,6 +15,7 @@ from printmend.effects import Places, Scene, Term
 from printmend.effects.breathing import HARMONICS as BREATHS
 from printmend.effects.prior import mild_shares, share_of, size_mm
 from printmend.effects.pulley import HARMONICS as ROUNDS
+from printmend.effects.teeth import TOOTH_MM
 from printmend.infer.fit import Fit, fitted, weighed
 from printmend.infer.gram import Block, Dictionary, Gram, Rows, extended, gram_of, narrowed, seen
 from printmend.infer.search import Search, Set
@@ -26,7 +27,6 @@ STILL = ("place", "scale", "bend", "play", "friction", "skew", "aspect", "skip",
 FEW = (*STILL, "pulley", "breathing", "elastic", "idler", "bent")
 LASTING = tuple(name for name in FEW if name != "skip")  # where all that comes and goes is somebody else's
 REPEATING = ("pulley", "breathing", "elastic", "idler")  # effects whose place a turn of another length takes
-TOOTH_MM = 2.0  # of a GT2 belt, which printers have
 TEETH = range(8, 43)  # of a pulley: no printer has others
 TOOTH_STEPS, LOST_STEPS = 10, 4  # full steps of a tooth that is skipped and of a turn that a motor loses
 ALIKE_MM = 0.2  # by which a skip may differ from such a number: a turn that is lost also turns the pulley

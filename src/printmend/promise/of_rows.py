@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from printmend.effects.scale import TOOTH_MM
 from printmend.effects.skip import SKIPPED
+from printmend.effects.teeth import TOOTH_MM
 from printmend.infer.part import Part
 from printmend.infer.posterior import Posterior
 from printmend.infer.scatter import robust_sigma_mm

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from printmend.effects.teeth import TOOTH_MM
 from printmend.machine import Mechanism, Transmission
 from printmend.printer import Printer
 
 STEPS_A_TURN = 4  # full steps of an electrical turn
-TOOTH_MM = 2.0  # of a GT2 belt
 
 
 def homed_again(mechanism: Mechanism, by_mm: np.ndarray) -> Mechanism:

@@ -11,13 +11,13 @@ from functools import partial
 
 import numpy as np
 
+from printmend.effects.teeth import TOOTH_MM
 from printmend.path import last_way
 from printmend.saved import SCALE_MM
 from printmend.units import SIGMA_PER_MEDIAN, TURN_RAD
 from printmend_lab.greybox.drive.design import Rows
 from printmend_lab.greybox.drive.kernels.periodogram import lengths_left
 
-TOOTH_MM = 2.0  # distance of two teeth of a GT2 belt, which printers have
 PERIODS_MM = (12.0, 84.0)  # shortest and longest turn that is tried: 6 and 42 teeth, and no printer's pulley is beyond
 HARMONICS, PLAY_HARMONICS = 5, 2  # harmonics of a tried turn, and of how the play changes over it
 GRID_TURNS = 0.08  # two lengths that are tried one after the other differ by this share of a turn over the whole span
