@@ -204,7 +204,7 @@ def test_heights_that_do_not_follow_are_refused(kind: str) -> None:
     shuffled = np.random.default_rng(0).permutation(height_mm)
     nonsense = {"none": np.zeros_like(height_mm), "mirrored": 20 - height_mm, "shuffled": shuffled}[kind]
     with pytest.raises(TraceError, match="follows z_mm"):
-        find_screw(replace(trace, z_measured_mm=nonsense), SHORT, None, lambda clean: np.zeros((len(clean), 2)))
+        find_screw(replace(trace, z_measured_mm=nonsense), SHORT, lambda clean: np.zeros((len(clean), 2)))
 
 
 def test_the_owner_is_told_what_to_repair(told: Learned, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -311,7 +311,7 @@ def test_drawn_screws_push_as_their_doubt_says(rng: np.random.Generator) -> None
         assert truth is not None
         seen = points[:, :2] + truth.wobble_at_mm(points[:, 2]) + rng.normal(0, 0.1, (len(points), 2))
         trace = Trace(points[:, :2], seen, z_mm=points[:, 2], homed=True)
-        found = find_screw(trace, SHORT, None, lambda clean: clean.measured_mm - clean.commanded_mm)
+        found = find_screw(trace, SHORT, lambda clean: clean.measured_mm - clean.commanded_mm)
         assert found is not None
         assert found.series is not None
         left = truth.wobble_at_mm(z_mm) - found.series.tables(SHORT).wobble_at_mm(z_mm)

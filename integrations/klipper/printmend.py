@@ -21,7 +21,6 @@ import sys
 HERE = os.path.dirname(os.path.realpath(__file__))
 PLACE = os.path.join(HERE, "../../src/printmend/provenance.py")
 NEWEST = 2
-STILL_MM = 1e-7
 WAIT_S = 0.1  # without a further move, those that wait are planned
 DRIVERS = ("tmc2130", "tmc2208", "tmc2209", "tmc2240", "tmc2660", "tmc5160")  # those that tell their phase
 STEPS_A_TURN = 4  # full steps of an electrical turn
@@ -263,8 +262,7 @@ class Printmend:
         start = self.get_position()
         self._check(start, to, speed)
         self.at = list(to)
-        limits = {name: getattr(self.toolhead, name) for name in LIMITS if hasattr(self.toolhead, name)}
-        count = self.planner.add(start, to, speed, (limits, []))
+        count = self.planner.add(start, to, speed, (self._limits(), []))
         if count:
             self._hand_on(count)
         if self.timer is not None and self.planner.waiting:
@@ -288,12 +286,15 @@ class Printmend:
         if self.handing_on or not self.planner.waiting:
             return
         self.handing_on = True
-        now = {name: getattr(self.toolhead, name) for name in LIMITS if hasattr(self.toolhead, name)}
+        now = self._limits()
         try:
             self.planner.plan(len(self.planner.waiting) if count is None else count, self._put)
         finally:
             self.handing_on = False
             self._set(now)
+
+    def _limits(self):
+        return {name: getattr(self.toolhead, name) for name in LIMITS if hasattr(self.toolhead, name)}
 
     def _set(self, limits):
         for name, value in limits.items():

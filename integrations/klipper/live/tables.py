@@ -9,7 +9,6 @@ import itertools
 import math
 
 PITCH_MM = 0.05  # of the tables, and at least 24 places a wave
-EXPONENTS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 BEND_REACH_MM = 0.05  # curvature is measured over this distance
 RISE_LOOK_MM = 0.05
 TOLERANCE_MM = 0.01

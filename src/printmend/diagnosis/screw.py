@@ -78,14 +78,11 @@ class _Part:
     doubt: np.ndarray = field(default_factory=lambda: np.zeros((2 * HARMONICS, 2)))
 
 
-def find_screw(
-    trace: Trace, printer: Printer, left_over_mm: np.ndarray | None, residual: Residual
-) -> ScrewFound | None:
+def find_screw(trace: Trace, printer: Printer, residual: Residual) -> ScrewFound | None:
     """Learn Z from a trace, None where it does not show any.
 
-    ``residual`` learns a planar machine from a trace and returns what it leaves over [N, 2], on the bed;
-    ``left_over_mm`` is that of this trace, where it is known already. Raises `TraceError` for heights that are none of
-    this printer.
+    ``residual`` learns a planar machine from a trace and returns what it leaves over [N, 2], on the bed. Raises
+    `TraceError` for heights that are none of this printer.
     """
     z_mm = heights_mm(trace, printer)
     if z_mm is None:
@@ -98,7 +95,7 @@ def find_screw(
         lift = _lift(z_mm, trace.z_measured_mm, printer)
     clean = trace
     if several:
-        push = _push(z_mm, residual(trace) if left_over_mm is None else left_over_mm, printer)
+        push = _push(z_mm, residual(trace), printer)
         if push.faults:
             push, clean = _push_and_planar(trace, z_mm, printer, residual)
             if not asked:

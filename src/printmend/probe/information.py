@@ -18,6 +18,7 @@ from printmend.infer.first import begun
 from printmend.infer.machine import machine_of
 from printmend.machine import Contacts, Mechanism
 from printmend.machine.kernels import run
+from printmend.measure.follows import check_follows, check_trace
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 
@@ -83,11 +84,16 @@ class Belief:
         return float(np.sqrt(max(float((self.covariance * wanted).sum()), 0.0)))
 
 
-def prior_belief(printer: Printer) -> Belief:
-    """Return what is known of any damaged printer: what effects may be, and some play."""
+def _bed_scene(printer: Printer) -> Scene:
+    """Return the scene of a measurement of the whole bed."""
     low, high = np.array([[axis.min_mm, axis.max_mm] for axis in printer.axes[:2]], float).T
     corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
-    scene = scene_of(Trace(corners, corners), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    return scene_of(Trace(corners, corners), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+
+
+def prior_belief(printer: Printer) -> Belief:
+    """Return what is known of any damaged printer: what effects may be, and some play."""
+    scene = _bed_scene(printer)
     mechanism, _ = machine_of(scene, [Sized("play", motor, (), np.array([PLAY_MM])) for motor in range(2)])
     terms = _terms(scene)
     sd_mm = np.concatenate([term.sd_mm for term in terms])
@@ -99,10 +105,11 @@ def belief_after(printer: Printer, trace: Trace) -> Belief:
 
     Effects that it does not show may be there as far as their mildest size. Raises `TraceError` like `learn`.
     """
+    check_trace(trace)
+    check_follows(trace, printer)
     with threadpool_limits(1, user_api="blas"):
         fit, turned = begun(trace, scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn)))
-    prior = prior_belief(printer)
-    scene = replace(prior.scene, turns_mm=fit.scene.turns_mm)
+    scene = replace(_bed_scene(printer), turns_mm=fit.scene.turns_mm)
     found = {(block.effect, block.where) for block in fit.blocks}
     terms = _terms(scene, found)
     sd_mm = np.concatenate([term.sd_mm for term in terms])

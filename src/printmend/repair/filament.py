@@ -161,7 +161,7 @@ def printed_in(model: SavedModel, filament: str | None) -> SavedModel:
     known = known_filaments(model)
     if filament not in known:
         raise ModelError(
-            say("filament-option"), wanted=say("model-knows", ", ".join(known) or 'none yet'), came=filament,
+            say("filament-option"), wanted=say("model-knows", ", ".join(known) or say("none-yet")), came=filament,
             todo=say("measure-part-printed-learn-update-filament"),
         )  # fmt: skip
     share = np.array([part.acts_mm[0] for part in known[filament]]) / SCALE_MM

@@ -94,7 +94,7 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     check_follows(trace, printer)
     if model not in _BY_SEARCH:
         return _learned_without_parts(trace, printer, model, told, rng)
-    screw = find_screw(trace, printer, None, lambda clean: left_roughly_mm(clean, printer))
+    screw = find_screw(trace, printer, lambda clean: left_roughly_mm(clean, printer))
     flat = trace if screw is None else screw.trace
     first, turned = begun(flat, scene_of(flat, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn)))
     told = (*told, *skipped(flat, turned, printer))

@@ -72,7 +72,7 @@ def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> U
         scene = both_seen(belief.scene, scene_of(ordered.trace, old.printer, belief.scene.turns_mm))
         phase = found_phase(belief.parts, old.mechanism, ordered.trace, scene, max(old.noise_mm, LEAST_NOISE_MM))
         moved = replace(belief, parts=phase.parts)
-        machine = replace(old, mechanism=replace(phase.mechanism, rest_share=old.mechanism.rest_share))
+        machine = replace(old, mechanism=phase.mechanism)
         found = measured_again(machine, moved, ordered.trace, rng)
         others: list[str] = [*(say("another-drive") for _ in found.story.anew)]
         others += [effect for effect, _, _ in found.changes if not wear_share(effect)]

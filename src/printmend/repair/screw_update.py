@@ -19,7 +19,7 @@ def seen_screw(old: SavedModel, trace: Trace) -> ScrewFound:
     The old model says where a machine without the push would have printed: a tower over a few places shows no pulleys.
     """
     printed_mm = Twin(replace(old.mechanism, screw=None)).follow(trace.commanded_mm)
-    found = find_screw(trace, old.printer, None, lambda clean: clean.measured_mm - printed_mm)
+    found = find_screw(trace, old.printer, lambda clean: clean.measured_mm - printed_mm)
     if found is not None and (series := screw_of(old)) is not None:
         found = _better_known(old, series, found)
     if found is not None and "wobble" in found.said:

@@ -13,7 +13,7 @@ import numpy as np
 from printmend.diagnosis.screw import heights_mm
 from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import SCALE_MM
-from printmend.errors import ModelError, TraceError
+from printmend.errors import TraceError
 from printmend.infer.gram import seen
 from printmend.infer.part import DRAWS
 from printmend.infer.update import Renewed
@@ -24,7 +24,7 @@ from printmend.measure.whose import check_origin
 from printmend.messages import say, together
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
-from printmend.promise.belief import Belief, parse_belief
+from printmend.promise.belief import Belief, belief_of, parse_belief
 from printmend.promise.predict import HIGH, LOW, Errors, Outlook, PathPlaces, Promise, promised
 from printmend.repair.history import remember
 from printmend.repair.learned import PLANE_FACTOR, known_digests
@@ -123,12 +123,7 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     `TraceError` for fewer than ten marks, another printer's and those that the model was learned from, `ModelError` for
     a model that promises nothing.
     """
-    belief = parse_belief(model)
-    if belief is None:
-        raise ModelError(
-            "the model", wanted=say("one-says-what-does-not-know"), came=say("one-older-printmend-learner"),
-            todo=say("learn-again-from-trace"),
-        )  # fmt: skip
+    belief = belief_of(model)
     check_origin(say("check-print"), trace.origin, model.printer)
     if digest_of(trace) in known_digests(model):
         raise TraceError(

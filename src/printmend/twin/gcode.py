@@ -56,7 +56,7 @@ def print_gcode(
         moved[1:] |= np.isfinite(rose) & (rose != 0)
     if moved.sum() < 2:
         raise GcodeError(
-            program.name, wanted="moves in X and Y from a known place", came=say("none"), todo=say("home-g28-first")
+            program.name, wanted=say("moves-from-known-place"), came=say("none"), todo=say("home-g28-first")
         )
     waypoints, places, at = path[moved], places[moved[1:]], at[moved[1:]]
     z_mm, layer = places[:, 2], layers[at]
