@@ -201,20 +201,17 @@ def test_a_motor_that_rounding_moves_stands_still(rng: np.random.Generator) -> N
 
 
 def test_a_print_of_half_a_turn_promises_by_the_machines_that_it_allows(part: Path) -> None:
-    """Half of a polygon may be half of an oval, of a triangle or of neither: the rest is in as much doubt.
-
-    A range of 90 % need not hold this one case, but it must come near it.
-    """
-    rng = np.random.default_rng(6)
-    way = np.concatenate([[[0.0, 0.0]], 100 + rng.uniform(-9, 9, (300, 2))])
-    twin = Twin.of(Corruption((Drive(pulley=Polygon((6.2, 7.1, 6.4, 7.4, 6.6))), Drive())), ENDER3)
-    trace = Trace(way, twin.follow(way) + rng.normal(0, 0.05, way.shape), homed=True)
-    model = learn_model(trace, ENDER3)
-    done = mend_gcode(part, model, part.with_name("out.gcode"), force=True)
-    promise = done.prediction.after
-    truth = judge_gcode(part, part.with_name("out.gcode"), twin)
-    assert promise.rms_low_mm < truth.after.rms_mm < 1.5 * promise.rms_high_mm
-    assert promise.rms_high_mm > 2 * promise.rms_low_mm
+    """Half of a polygon may be half of an oval, of a triangle or of neither: the rest is in as much doubt."""
+    wide = []
+    for seed in range(3):
+        rng, out = np.random.default_rng([61, seed]), part.with_name(f"out-{seed}.gcode")
+        way = np.concatenate([[[0.0, 0.0]], 100 + rng.uniform(-9, 9, (300, 2))])
+        twin = Twin.of(Corruption((Drive(pulley=Polygon(tuple(rng.uniform(6.2, 7.4, 5)))), Drive())), ENDER3)
+        trace = Trace(way, twin.follow(way) + rng.normal(0, 0.05, way.shape), homed=True)
+        promise = mend_gcode(part, learn_model(trace, ENDER3), out, force=True).prediction.after
+        assert promise.rms_low_mm < judge_gcode(part, out, twin).after.rms_mm < promise.rms_high_mm
+        wide.append(promise.rms_high_mm / promise.rms_low_mm)
+    assert np.median(wide) > 5
 
 
 def test_ringing_that_no_mark_at_rest_shows_lies_in_the_range(bent: SavedModel, part: Path) -> None:
