@@ -139,7 +139,7 @@ def main() -> None:
         ):
             axis.hist(column, bins=BINS, range=(0, 1), color="#0f766e")
             axis.axhline(len(column) / BINS, color="#444", lw=1)
-            axis.set(xlabel=f"rank of {name} among the draws", ylabel="printers")
+            axis.set(xlabel=f"rank of {name}", ylabel="printers")
         figure.savefig(options.figure, dpi=110)
 
 
