@@ -33,9 +33,9 @@ from printmend.gcode.kernels import PIECE
 from printmend.gcode.read import Program, read_gcode, starting_state
 from printmend.gcode.write import Planned as Part
 from printmend.gcode.write import follow
+from printmend.mend import mend_gcode
+from printmend.model import exact_model
 from printmend.printer import Printer, read_printer
-from printmend.repair import mend_gcode
-from printmend.saved import exact_model
 from printmend.studio.pace import slicer_s
 
 _LEAST_S = 1.0  # of a file that is asked about

@@ -2,7 +2,7 @@
 
     .venv/bin/python benchmarks/bench_corpus.py ../shared/corpus/gcode [--family pulley-play] [--seed 1]
 
-For each file: the contour error before and after (RMS, p95, max; `repair.against`, which reads both files again and
+For each file: the contour error before and after (RMS, p95, max; `mend.against`, which reads both files again and
 shares nothing with the planner), the largest change of a layer's filament, how far commands leave the bed further than
 the file's own, the change of the time that printing takes (length ÷ feed of the extruding moves), moves after ÷ before,
 and the prediction's error. The printer is the preset, its bed made as large as the file needs. Figures that miss the
@@ -21,10 +21,10 @@ from printmend.corruption import sample
 from printmend.errors import PrintmendError, RefusedError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, read_gcode
+from printmend.mend import mend_gcode
+from printmend.mend.against import judged
+from printmend.model import exact_model
 from printmend.printer import Printer, read_printer
-from printmend.repair import mend_gcode
-from printmend.repair.against import judged
-from printmend.saved import exact_model
 
 _MARGIN_MM = 5.0
 

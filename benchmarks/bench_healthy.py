@@ -30,14 +30,14 @@ from printmend.errors import RefusedError
 from printmend.infer.distances import choose_distances
 from printmend.measure import ProbePlan
 from printmend.measure.measurement import measure_scans
+from printmend.mend import mend_gcode
+from printmend.mend.learned import learn_model
+from printmend.mend.mend import is_healthy
+from printmend.model import SavedModel
 from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.probe import design_probe, write_probe
 from printmend.promise.by_hand import model_by_hand
-from printmend.repair import mend_gcode
-from printmend.repair.learned import learn_model
-from printmend.repair.mend import is_healthy
-from printmend.saved import SavedModel
 from printmend.twin.camera import render_photo
 
 KINDS = ("traces", "scans", "pictures", "photos", "callipers")

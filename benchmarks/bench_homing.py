@@ -24,12 +24,12 @@ from printmend.corruption.shaft import Ripple
 from printmend.errors import RefusedError
 from printmend.gcode.read import read_gcode
 from printmend.machine import Mechanism
+from printmend.mend import check_gcode, mend_gcode
+from printmend.mend.learned import learn_model
+from printmend.mend.phase import learn_phase
+from printmend.model import SavedModel
 from printmend.printer import Homing, Printer, read_printer
 from printmend.probe import PHASE_MARKS, design_probe, phase_size_mm
-from printmend.repair import check_gcode, mend_gcode
-from printmend.repair.learned import learn_model
-from printmend.repair.phase import learn_phase
-from printmend.saved import SavedModel
 from printmend.twin import Twin
 from printmend.twin.gcode import follow_finely
 from printmend.twin.homing import drawn_shift_mm, homed_again, refitted_mm

@@ -38,8 +38,8 @@ from printmend.errors import PrintmendError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import read_gcode
 from printmend.machine import Mechanism
+from printmend.model import exact_model, write_model
 from printmend.printer import MotionLimits, Printer, read_printer
-from printmend.saved import exact_model, write_model
 from true_printer import TruePrinter
 
 PRINTMEND = Path(sys.executable).parent / "printmend"

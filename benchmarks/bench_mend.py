@@ -5,7 +5,7 @@
     .venv/bin/python benchmarks/bench_mend.py promise [--gcode part.gcode] [--megabytes 0 1 16]
     .venv/bin/python benchmarks/bench_mend.py stages [--gcode part.gcode] [--megabytes 16]
 
-`accuracy` mends a two-layer part with the exact fault known and has both files judged by `repair.against`, which reads
+`accuracy` mends a two-layer part with the exact fault known and has both files judged by `mend.against`, which reads
 them again and shares nothing with the planner. `speed` repeats a sliced file until it has the size asked for, runs the
 command twice (the first fills the cache) and reports wall time, processor time, memory and the error reached.
 `stages` says what of the processor time is for reading, planning and writing, each of which has a thread of its own.
@@ -30,14 +30,14 @@ from bench_outside import part_gcode
 from printmend.corruption import families, sample
 from printmend.errors import RefusedError
 from printmend.gcode import kernels
-from printmend.invert import inverse
+from printmend.mend import mend, mend_gcode
+from printmend.mend.against import judged
+from printmend.mend.learned import learn_model
+from printmend.mend.prediction import Prediction, with_doubt
+from printmend.model import SavedModel, exact_model, write_model
+from printmend.plan import inverse
 from printmend.printer import read_printer
 from printmend.probe.probe import design_probe, write_probe
-from printmend.repair import mend, mend_gcode
-from printmend.repair.against import judged
-from printmend.repair.learned import learn_model
-from printmend.repair.prediction import Prediction, with_doubt
-from printmend.saved import SavedModel, exact_model, write_model
 from printmend.twin import Twin
 from printmend.twin.gcode import print_gcode
 

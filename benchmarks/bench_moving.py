@@ -24,13 +24,13 @@ from printmend.corruption import sample
 from printmend.errors import RefusedError
 from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
+from printmend.mend import check_gcode, mend_gcode
+from printmend.mend.against import judge_gcode
+from printmend.mend.learned import learn_model
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.probe.moving import with_moving
 from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD
-from printmend.repair import check_gcode, mend_gcode
-from printmend.repair.against import judge_gcode
-from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 from printmend.twin.scanner import DEFAULT, render_scan
 

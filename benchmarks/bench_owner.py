@@ -22,6 +22,9 @@ from tests import foreign_layer as foreign
 
 from printmend.measure.measurement import measure_scans
 from printmend.measure.plan import ProbePlan
+from printmend.mend.learned import learn_model
+from printmend.mend.mend import mend_gcode
+from printmend.mend.part import measure_part
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
@@ -30,9 +33,6 @@ from printmend.probe.paper import on_paper, papers_of
 from printmend.probe.pen import with_pen
 from printmend.probe.probe import gcode_of
 from printmend.probe.sheets import design_sheets
-from printmend.repair.learned import learn_model
-from printmend.repair.mend import mend_gcode
-from printmend.repair.part import measure_part
 from printmend.units import A4_MM
 
 PRINTER = read_printer("ender3")

@@ -33,13 +33,13 @@ from printmend.infer.distances import choose_distances
 from printmend.measure.distance import scaled_by
 from printmend.measure.join import scanner_axes
 from printmend.measure.measurement import instrument_on_bed
+from printmend.mend import check_gcode, mend_gcode
+from printmend.mend.learned import learn_model
+from printmend.model.model import SavedModel
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.by_hand import model_by_hand
-from printmend.repair import check_gcode, mend_gcode
-from printmend.repair.learned import learn_model
-from printmend.saved.model import SavedModel
 from runner import run
 
 KINDS = ("modelled", "unmodelled", "healthy", "scan", "glimpse", "settled", "callipers")

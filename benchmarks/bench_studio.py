@@ -26,8 +26,8 @@ from studio_server import Server, chromium
 
 from printmend.client import Studio
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
+from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
-from printmend.saved.model import exact_model, write_model
 from printmend.studio.app import PAGE
 from printmend.twin import Twin
 from studio_part import gear_gcode, vase_gcode

@@ -18,9 +18,9 @@ import numpy as np
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
 from printmend.infer.fit import Fit
+from printmend.mend.learned import learn
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.repair.learned import learn
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
 

@@ -16,11 +16,11 @@ from dataclasses import replace
 import numpy as np
 
 from printmend.corruption.sampling import sample
+from printmend.mend.learned import learn_model
+from printmend.mend.verify import BROKEN, KEPT, UNSURE, verify
 from printmend.path import FLATBED, Trace, last_way
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend.repair.learned import learn_model
-from printmend.repair.verify import BROKEN, KEPT, UNSURE, verify
 from printmend.twin import Twin
 
 LEARNED_NOISE_MM = 0.02

@@ -31,12 +31,12 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Play, corrupt
 from printmend.corruption.shaft import Ripple
 from printmend.errors import RefusedError
 from printmend.machine import Mechanism
+from printmend.mend import mend_gcode
+from printmend.mend.learned import learn_model
+from printmend.model import SavedModel
 from printmend.path import FLATBED
 from printmend.printer import Homing, MotionLimits, Printer, read_printer
 from printmend.probe import design_probe
-from printmend.repair import mend_gcode
-from printmend.repair.learned import learn_model
-from printmend.saved import SavedModel
 from printmend.twin import Twin
 from true_printer import TruePrinter
 

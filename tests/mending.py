@@ -10,11 +10,11 @@ from printmend.corruption.belt import Play
 from printmend.corruption.pulley import EccentricBore
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.write import rewrite
-from printmend.invert import start
 from printmend.machine import Mechanism
+from printmend.mend.prediction import Prediction, prediction_of
+from printmend.model import SavedModel, exact_model
+from printmend.plan import start
 from printmend.printer import read_printer
-from printmend.repair.prediction import Prediction, prediction_of
-from printmend.saved import SavedModel, exact_model
 from tests import naive_mend
 
 ENDER3, ENDER5, COREXY = read_printer("ender3"), read_printer("ender5"), read_printer("corexy")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from printmend.saved import Branches
+from printmend.model import Branches
 from printmend_lab.greybox.drive import Design, Rows
 
 

@@ -15,8 +15,8 @@ from printmend.clock.told import Moment, told_anew
 from printmend.gcode import write
 from printmend.gcode.bgcode import GCODE, MAGIC, THUMBNAIL, Block, block_text, gcode_blocks, read_blocks, read_header
 from printmend.gcode.read import read_gcode
-from printmend.repair import check_gcode, mend_gcode
-from printmend.repair.against import judged
+from printmend.mend import check_gcode, mend_gcode
+from printmend.mend.against import judged
 from tests import naive_clock
 from tests.mending import BENT, START, exactly
 from tests.test_clock import moves_of

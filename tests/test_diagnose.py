@@ -22,11 +22,11 @@ from printmend.diagnosis.advice import advise
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import GcodeError, InputError, TraceError
 from printmend.measure.table import read_trace, write_trace
+from printmend.mend.learned import learn_model, report
+from printmend.mend.mend import check_gcode
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend.repair.learned import learn_model, report
-from printmend.repair.mend import check_gcode
 from printmend.report.examination import NOTHING_KNOWN, Examination, examine, standard_rows, summary
 from printmend.report.examination_file import write_examination
 from printmend.report.pictures import pictures

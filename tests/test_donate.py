@@ -18,14 +18,14 @@ from printmend.cli.main import group
 from printmend.errors import InputError
 from printmend.measure.plan import read_plan, write_plan
 from printmend.measure.table import read_trace, write_trace
+from printmend.mend.donation import donation, write_donation
+from printmend.mend.history import remember, remember_learned
+from printmend.mend.learned import learn_model
+from printmend.model import SavedModel, model_text, parse_model, write_model
 from printmend.path import Origin, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.belief import parse_belief
-from printmend.repair.donation import donation, write_donation
-from printmend.repair.history import remember, remember_learned
-from printmend.repair.learned import learn_model
-from printmend.saved import SavedModel, model_text, parse_model, write_model
 from tests.test_update import machine, printed
 
 ENDER3 = replace(read_printer("ender3"), name="Bob Meier's Ender-3")
@@ -179,6 +179,6 @@ def test_what_is_not_what_it_is_said_to_be_ends_in_one_line_and_writes_nothing(
 def test_too_much_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="at most 12 pictures"):
         donation(scans=[folder / "bob.png"] * 13)
-    monkeypatch.setattr("printmend.repair.donation.MOST_BYTES", 1000)
+    monkeypatch.setattr("printmend.mend.donation.MOST_BYTES", 1000)
     with pytest.raises(InputError, match="crop the scans, or give fewer"):
         donation(scans=[folder / "bob.png"])

@@ -7,8 +7,8 @@ from printmend.errors import RefusedError
 from printmend.export.supported import export_supported
 from printmend.infer.machine import machine_of
 from printmend.infer.part import DRAWS, Part
+from printmend.model import SavedModel, saved_model
 from printmend.promise.belief import belief_section, parse_belief
-from printmend.saved import SavedModel, saved_model
 from tests.believed import SCENES, part
 
 

@@ -30,7 +30,7 @@ sys.modules.update(dict.fromkeys({names}))  # what is None cannot be imported
 import printmend
 for name in set(printmend.__all__) - {{"measure_scans"}}:
     getattr(printmend, name)
-import printmend.export.firmware, printmend.measure.callipers, printmend_lab.prior.prior, printmend.repair.update
+import printmend.export.firmware, printmend.measure.callipers, printmend_lab.prior.prior, printmend.mend.update
 import printmend_lab.hybrid.residual, printmend.probe.part_layer, printmend.promise.misfit_rows
 import printmend.cli.main as cli
 try:

@@ -24,10 +24,10 @@ from printmend.fit.words import after_size_mm
 from printmend.gcode.container import open_gcode
 from printmend.gcode.sliced import sliced
 from printmend.measure.silhouette import Silhouette, find_edges
+from printmend.mend.fit import fit_part
+from printmend.mend.mend import refuse_grown
+from printmend.mend.part import measure_part
 from printmend.printer import read_printer
-from printmend.repair.fit import fit_part
-from printmend.repair.mend import refuse_grown
-from printmend.repair.part import measure_part
 from tests import foreign_part as foreign
 
 PRINTER = read_printer("ender3")

@@ -10,8 +10,8 @@ from printmend.gcode import kernels as k
 from printmend.gcode.machine import initial_state
 from printmend.gcode.read import interpret_text, read_gcode
 from printmend.gcode.write import rewrite
-from printmend.invert import start
-from printmend.repair import check_gcode, mend_gcode
+from printmend.mend import check_gcode, mend_gcode
+from printmend.plan import start
 from tests.mending import BENT, PLAY, SQUARE, START, exactly
 
 RING = [(100 + 20 * np.cos(t), 100 + 20 * np.sin(t)) for t in np.linspace(0.0, 6.0, 40)]

@@ -7,10 +7,10 @@ import pytest
 
 from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, Play, sample
 from printmend.machine import Mechanism
+from printmend.mend.learned import learn
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
-from printmend.repair.learned import learn
 from printmend.twin import Twin
 from printmend_lab.bench.drawn_body import drawn_body
 from printmend_lab.greybox import Greybox, GreyboxModel

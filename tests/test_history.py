@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from printmend.errors import ModelError
+from printmend.mend.history import ageing_of, draw_history, history_of, read_history, trends_of
 from printmend.printer import read_printer
-from printmend.repair.history import ageing_of, draw_history, history_of, read_history, trends_of
 
 PRINTER = read_printer("ender3")
 START = datetime(2026, 1, 1, tzinfo=UTC)

@@ -15,18 +15,18 @@ from printmend.errors import ConfigError
 from printmend.infer.fit import fitted
 from printmend.infer.posterior import Posterior, posterior_of
 from printmend.infer.update import both_seen, renewed
-from printmend.invert import Fineness
 from printmend.machine import Mechanism, healthy_mechanism
+from printmend.mend import check_gcode, mend_gcode
+from printmend.mend.learned import learn_model
+from printmend.model import saved_model
 from printmend.path import Trace
+from printmend.plan import Fineness
 from printmend.printer import Homing, Printer, read_printer
 from printmend.printer.convert import printer_text
 from printmend.printer.klipper import parse_klipper
 from printmend.printer.toml import parse_printer
 from printmend.promise.belief import Belief, belief_section, parse_belief
 from printmend.promise.homing import after_homing
-from printmend.repair import check_gcode, mend_gcode
-from printmend.repair.learned import learn_model
-from printmend.saved import saved_model
 from printmend.twin import Twin
 from printmend.twin.homing import drawn_shift_mm, homed_again, refitted_mm
 from tests.believed import SCENES

@@ -28,10 +28,10 @@ from printmend.infer.distances import choose_distances
 from printmend.measure.callipers import read_readings
 from printmend.measure.plan import read_plan
 from printmend.measure.table import read_trace
+from printmend.model import read_model, write_model
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
 from printmend.promise.by_hand import estimates_by_hand
-from printmend.saved import read_model, write_model
 from printmend_lab.bench.run import read_results
 from printmend_lab.body.mesh import read_solid
 from tests.mending import BENT, SQUARE, START, exactly
@@ -247,7 +247,7 @@ def test_a_fault_of_our_own_is_one_line(folder: Path, monkeypatch: pytest.Monkey
     def broken(path: Path) -> None:
         raise ZeroDivisionError("division\nby zero")
 
-    monkeypatch.setattr("printmend.saved.read_model", broken)
+    monkeypatch.setattr("printmend.model.read_model", broken)
     monkeypatch.setattr("signal.signal", lambda number, handler: None)
     monkeypatch.setattr(sys, "argv", ["printmend", "export", "-m", "x", "--to", "marlin"])
     with pytest.raises(SystemExit) as caught:

@@ -8,10 +8,10 @@ import pytest
 from printmend.corruption import HEALTHY, sample
 from printmend.machine import Mechanism, Transmission, healthy_mechanism
 from printmend.machine.kernels import run
+from printmend.mend.learned import learn_model
+from printmend.model import model_text, parse_model
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.repair.learned import learn_model
-from printmend.saved import model_text, parse_model
 from printmend.twin import Twin
 from printmend_lab.greybox import Greybox
 from printmend_lab.hybrid import Hybrid, HybridModel, learned_gains, with_residuals

@@ -27,12 +27,12 @@ from printmend.errors import ConfigError, PrintmendError
 from printmend.export.firmware import EXPORTS, simple_part
 from printmend.machine import Mechanism
 from printmend.measure import write_trace
+from printmend.mend.learned import learn_model
 from printmend.messages import ENGLISH, GERMAN
+from printmend.model import exact_model, read_model, write_model
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
-from printmend.repair.learned import learn_model
-from printmend.saved import exact_model, read_model, write_model
 from printmend.twin import Twin
 from tests.mending import PLAY, SQUARE, exactly
 

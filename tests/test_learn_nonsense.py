@@ -7,9 +7,9 @@ import pytest
 
 from printmend.corruption import sample
 from printmend.errors import TraceError
+from printmend.mend.learned import learn_model
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 
 PRINTER = read_printer("ender5")

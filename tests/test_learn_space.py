@@ -18,16 +18,16 @@ from printmend.diagnosis.screw import find_screw
 from printmend.errors import TraceError
 from printmend.measure import read_trace
 from printmend.measure.table import write_trace
+from printmend.mend import check_gcode, mend_gcode
+from printmend.mend.against import judge_gcode
+from printmend.mend.learned import Learned, learn, learn_model, report
+from printmend.mend.update import update
+from printmend.model import SavedModel, screw_of, write_model
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.promise.predict import PathPlaces, push_doubt
-from printmend.repair import check_gcode, mend_gcode
-from printmend.repair.against import judge_gcode
-from printmend.repair.learned import Learned, learn, learn_model, report
-from printmend.repair.update import update
 from printmend.report.examination import examine, summary
 from printmend.report.examination_file import write_examination
-from printmend.saved import SavedModel, screw_of, write_model
 from printmend.twin import Twin
 
 ENDER3 = read_printer("ender3")

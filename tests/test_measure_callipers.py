@@ -24,12 +24,12 @@ from printmend.measure.callipers import (
     number_in,
     parse_readings,
 )
+from printmend.model import read_model
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.belief import parse_belief
 from printmend.promise.by_hand import estimates_by_hand, model_by_hand
 from printmend.promise.predict import Errors, PathPlaces, Promise, promised
-from printmend.saved import read_model
 from printmend.twin import Twin
 
 

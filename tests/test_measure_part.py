@@ -20,12 +20,12 @@ from printmend.measure.image import read_image
 from printmend.measure.ruler import find_rulers
 from printmend.measure.walls import read_walls
 from printmend.measure.width import choose_widths, scaled_by_widths
+from printmend.mend.learned import learn_model
+from printmend.mend.mend import mend_gcode
+from printmend.mend.part import PartMeasurement, measure_part
+from printmend.mend.verify import verify
 from printmend.path import FLATBED, Instrument
 from printmend.printer import read_printer
-from printmend.repair.learned import learn_model
-from printmend.repair.mend import mend_gcode
-from printmend.repair.part import PartMeasurement, measure_part
-from printmend.repair.verify import verify
 from tests import foreign_layer as foreign
 
 PRINTER = read_printer("ender3")

@@ -17,11 +17,11 @@ from printmend.corruption.pulley import WrongRadius
 from printmend.errors import GcodeError, InputError, ModelError, RefusedError, UnwritableError
 from printmend.gcode.read import read_gcode
 from printmend.measure.table import read_trace
+from printmend.mend.many import is_done, mended_path
+from printmend.mend.mend import mend_gcode
+from printmend.model.model import exact_model, write_model
 from printmend.probe import design_probe, write_probe
-from printmend.repair.many import is_done, mended_path
-from printmend.repair.mend import mend_gcode
 from printmend.report.part_view import look_at
-from printmend.saved.model import exact_model, write_model
 from printmend.twin import Twin
 from printmend.twin.gcode import print_dots
 from tests.mending import BENT, ENDER3, SQUARE, START, exactly
@@ -319,7 +319,7 @@ def test_healthy_says_so(folder: Path) -> None:
 def test_mend_does_not_import_what_it_does_not_need() -> None:
     heavy = "lightgbm sklearn scipy.linalg matplotlib cv2 trimesh shapely rich networkx"
     code = (
-        "import sys; import printmend.cli.mend, printmend.repair, printmend.report.part, printmend.saved.model;"
+        "import sys; import printmend.cli.mend, printmend.mend, printmend.report.part, printmend.model.model;"
         f"print([name for name in '{heavy}'.split() if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603 — our own

@@ -12,10 +12,10 @@ from printmend.gcode.container import open_gcode
 from printmend.gcode.machine import Flavour
 from printmend.gcode.read import read_gcode
 from printmend.machine import Mechanism
+from printmend.mend import check_gcode, mend_gcode
+from printmend.mend.against import judged
+from printmend.model import exact_model
 from printmend.printer import read_printer
-from printmend.repair import check_gcode, mend_gcode
-from printmend.repair.against import judged
-from printmend.saved import exact_model
 from tests.mending import BENT, ENDER3, PLAY, SQUARE, START, exactly, mended
 from tests.test_mend_text import HEAD, TAIL
 

@@ -14,10 +14,10 @@ from printmend.clock.clock import start_clock
 from printmend.gcode import kernels as k
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.write import follow, rewrite
-from printmend.invert import start
 from printmend.machine import Mechanism
+from printmend.model import exact_model, write_model
+from printmend.plan import start
 from printmend.printer import MotionLimits
-from printmend.saved import exact_model, write_model
 from tests.mending import ENDER3, PLAY, START
 
 OWN, CEILING = 1000.0, 12000.0

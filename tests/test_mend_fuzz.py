@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from printmend.errors import PrintmendError
-from printmend.repair import mend_gcode
+from printmend.mend import mend_gcode
 from tests.mending import BENT, PLAY, SQUARE, START, exactly, judge, mended
 from tests.programs import program
 from tests.test_mend_motion import ARCS

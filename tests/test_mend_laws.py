@@ -11,10 +11,10 @@ from printmend.corruption import HEALTHY, Corruption, Drive, WrongRadius, famili
 from printmend.corruption.belt import Play
 from printmend.corruption.pulley import EccentricBore
 from printmend.corruption.shaft import Ripple
+from printmend.mend import mend_gcode
+from printmend.mend.against import judged
+from printmend.model import exact_model
 from printmend.printer import Printer
-from printmend.repair import mend_gcode
-from printmend.repair.against import judged
-from printmend.saved import exact_model
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, ENDER5, PLAY, SQUARE, START, judge, mended
 
@@ -212,7 +212,7 @@ def test_plan_is_right_in_chunks_of_any_size() -> None:
     """What the end of a chunk hides of the path ahead costs a stop at most."""
     from printmend.gcode.machine import Flavour, initial_state
     from printmend.gcode.write import rewrite
-    from printmend.invert import start
+    from printmend.plan import start
 
     text = part(ENDER3)
     lines = text.splitlines(keepends=True)

@@ -13,10 +13,10 @@ from printmend.corruption.belt import Play
 from printmend.gcode.kernels import RECORD
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.read import interpret_text
-from printmend.invert import layout, lookup, start
-from printmend.invert.kernels import mend as mend_kernels
-from printmend.invert.kernels import travel as kernels
 from printmend.jit import record
+from printmend.plan import layout, lookup, start
+from printmend.plan.kernels import mend as mend_kernels
+from printmend.plan.kernels import travel as kernels
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, PLAY, START, Judged, judge, mended
 
@@ -348,8 +348,8 @@ def test_a_travel_crosses_its_slack_once() -> None:
 def test_a_slow_firmware_gets_fewer_moves() -> None:
     """120 mm/s and 100 moves a second: no piece of a line is shorter than 1.2 mm, but for the gain."""
     from printmend.gcode.write import rewrite
-    from printmend.invert.fineness import Fineness
-    from printmend.invert.inverse import start
+    from printmend.plan.fineness import Fineness
+    from printmend.plan.inverse import start
 
     text = START + b"G1 X150 Y110 E5 F7200\n"
     for firmware in (None, "marlin8"):
@@ -373,8 +373,8 @@ def test_a_purge_line_at_the_beds_edge_stays_a_line(mechanism) -> None:
 def test_a_mended_vase_is_judged_like_a_flat_wall(tmp_path: Path) -> None:
     """Without layer comments its pieces have heights of their own: filament says what they belong to."""
     from printmend.errors import GcodeError
-    from printmend.repair import mend_gcode
-    from printmend.repair.against import judged as judged_against
+    from printmend.mend import mend_gcode
+    from printmend.mend.against import judged as judged_against
     from tests.mending import exactly
 
     found = {}

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from printmend.gcode.read import read_gcode
-from printmend.saved import write_model
+from printmend.model import write_model
 from tests import naive_mend
 from tests.mending import BENT, ENDER3, exactly
 

@@ -12,11 +12,11 @@ from printmend.gcode import kernels as k
 from printmend.gcode.container import open_gcode
 from printmend.gcode.machine import initial_state
 from printmend.gcode.read import interpret_text
-from printmend.invert import Fineness
-from printmend.invert.fineness import COARSEST_MM
-from printmend.repair import mend_gcode, slower
-from printmend.repair.slower import with_few_moves
-from printmend.saved import write_model
+from printmend.mend import mend_gcode, slower
+from printmend.mend.slower import with_few_moves
+from printmend.model import write_model
+from printmend.plan import Fineness
+from printmend.plan.fineness import COARSEST_MM
 from tests.mending import BENT, ENDER3, START, exactly
 from tests.test_mend_cli import run
 

@@ -12,14 +12,14 @@ from printmend.corruption.belt import Play
 from printmend.corruption.pulley import EccentricBore
 from printmend.corruption.screw import Screw
 from printmend.errors import ModelError, RefusedError
-from printmend.invert import is_identity, lookup, start
-from printmend.invert.kernels import height as kernels
-from printmend.invert.kernels.lookup import LOWER, UPPER, backward, forward
-from printmend.invert.kernels.travel import arriving_push
 from printmend.machine import Mechanism
-from printmend.repair import check_gcode, mend_gcode
-from printmend.repair.against import judged
-from printmend.saved import ScrewSeries, exact_model, model_text, parse_model, read_model, with_screw, write_model
+from printmend.mend import check_gcode, mend_gcode
+from printmend.mend.against import judged
+from printmend.model import ScrewSeries, exact_model, model_text, parse_model, read_model, with_screw, write_model
+from printmend.plan import is_identity, lookup, start
+from printmend.plan.kernels import height as kernels
+from printmend.plan.kernels.lookup import LOWER, UPPER, backward, forward
+from printmend.plan.kernels.travel import arriving_push
 from tests import naive_mend
 from tests.mending import COREXY, ENDER3, START, Judged, judge, mended
 
@@ -234,7 +234,7 @@ def test_saved_tables_are_the_screw_again() -> None:
 def test_hostile_screws_end_in_one_line(section: object, names: str) -> None:
     import json
 
-    from printmend.saved.model import _digest
+    from printmend.model.model import _digest
 
     good = {"kind": "series", "lead_mm": 8.0, "lead_error": 0.0, "backlash_mm": 0.0}
     good |= {name: [0.1, 0.0, 0.0, 0.0] for name in ("height_mm", "push_x_mm", "push_y_mm")}

@@ -12,12 +12,12 @@ from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
 from printmend.measure.plan import ProbePlan
 from printmend.measure.table import read_trace, write_trace
+from printmend.mend.learned import learn_model
 from printmend.path import Motion
 from printmend.probe import cost, design_probe, probe_gcode
 from printmend.probe.moving import with_moving
 from printmend.promise.belief import belief_of
 from printmend.promise.predict import UNSHOWN_MM, unshown_mm
-from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 from printmend.twin.gcode import print_dots, print_line
 from printmend.twin.scanner import DEFAULT, render_scan

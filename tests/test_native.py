@@ -195,7 +195,7 @@ def test_mend_runs_without_numba_and_writes_the_same_text(tmp_path: Path) -> Non
     if not (COMPILED / f"{NAME}.json").is_file():
         pytest.skip("no library here: `make kernels` makes it")
     from printmend.gcode.kernels import emit
-    from printmend.saved import exact_model, write_model
+    from printmend.model import exact_model, write_model
     from tests.mending import BENT, SQUARE
 
     kernels = json.loads((COMPILED / f"{NAME}.json").read_text())["kernels"]

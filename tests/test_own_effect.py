@@ -18,10 +18,10 @@ from printmend.errors import ConfigError
 from printmend.infer.part import DRAWS, Part
 from printmend.infer.posterior import posterior_of
 from printmend.measure.table import read_trace
+from printmend.model import saved_model
 from printmend.plugins import EFFECTS as GROUP
 from printmend.printer import read_printer
 from printmend.promise.belief import belief_section, parse_belief
-from printmend.saved import saved_model
 from printmend_lab.conformance.effects import CHECKS, EffectCandidate
 from tests.conformance import broken_by
 from tests.test_docs import ROOT

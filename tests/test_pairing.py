@@ -17,9 +17,9 @@ from printmend.cli.main import group
 from printmend.client import Studio, StudioError, pair_file
 from printmend.corruption import Corruption, Drive, Play
 from printmend.errors import InputError
+from printmend.model import exact_model, write_model
 from printmend.printer import read_printer
 from printmend.provenance import read_model
-from printmend.saved import exact_model, write_model
 from printmend.studio import door, guard, pairing
 from printmend.studio.app import create_app
 from printmend.studio.devices import Devices

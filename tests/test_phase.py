@@ -12,13 +12,13 @@ from printmend.errors import InputError, RefusedError, TraceError
 from printmend.machine import Mechanism
 from printmend.measure import write_trace
 from printmend.measure.plan import ProbePlan
+from printmend.mend import check_gcode, mend_gcode
+from printmend.mend.learned import learn_model
+from printmend.mend.phase import learn_phase, refitted
+from printmend.model import SavedModel, read_model, write_model
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import PHASE_MARKS, cost, design_probe, phase_size_mm
-from printmend.repair import check_gcode, mend_gcode
-from printmend.repair.learned import learn_model
-from printmend.repair.phase import learn_phase, refitted
-from printmend.saved import SavedModel, read_model, write_model
 from printmend.twin import Twin
 from printmend.twin.homing import homed_again
 from tests.mending import SQUARE

@@ -7,10 +7,10 @@ import pytest
 
 from printmend.errors import ModelError
 from printmend.gcode.header import Described
+from printmend.mend.meant import refuse_contradiction
 from printmend.printer import preset_names, read_printer
 from printmend.printer.known import bare_name, printers_named
 from printmend.printer.toml import preset_text
-from printmend.repair.meant import refuse_contradiction
 
 FOREIGN = (
     "Bambu Lab P1S", "Bambu Lab X1 Carbon 0.4 nozzle", "X1C", "Bambu Lab A1", "Bambu Lab A1 mini",

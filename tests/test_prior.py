@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Polygon
+from printmend.mend.learned import learn_model
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 from printmend_lab.bench.drawn_body import drawn_body
 from printmend_lab.greybox import Greybox, GreyboxModel

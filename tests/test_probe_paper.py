@@ -14,12 +14,12 @@ from printmend.gcode.read import read_gcode
 from printmend.measure import read_plan
 from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
+from printmend.mend.learned import learn_model
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.probe.layout import glass_area_mm
 from printmend.probe.paper import on_paper, paper_for, papers_of
 from printmend.probe.pen import pen_gcode, with_pen
-from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 from printmend.twin.gcode import print_gcode
 from printmend.twin.scanner import DEFAULT, render_scan

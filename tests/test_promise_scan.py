@@ -15,6 +15,11 @@ from printmend.measure.distance import scaled_by, settled
 from printmend.measure.measurement import instrument_on_bed
 from printmend.measure.paper import PAPER
 from printmend.measure.table import read_trace, write_trace
+from printmend.mend import check_gcode, mend_gcode
+from printmend.mend.against import judge_gcode
+from printmend.mend.learned import learn_model, report
+from printmend.mend.mend import is_healthy
+from printmend.mend.prediction import advice_of
 from printmend.path import FLATBED, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
@@ -23,11 +28,6 @@ from printmend.promise.predict import (
     Promise,
 )
 from printmend.promise.scale import in_words, scale_words
-from printmend.repair import check_gcode, mend_gcode
-from printmend.repair.against import judge_gcode
-from printmend.repair.learned import learn_model, report
-from printmend.repair.mend import is_healthy
-from printmend.repair.prediction import advice_of
 from printmend.twin import Twin
 from tests.promised import CIRCLE, ENDER3, HEALTHY, measured, scanned
 from tests.test_greybox_learning import stairs

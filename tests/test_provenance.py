@@ -10,10 +10,10 @@ import pytest
 from printmend import provenance
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
+from printmend.mend import mend_gcode
+from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
 from printmend.provenance import Ledger, Model, NoModelError, Verdict, read_model, record_of
-from printmend.repair import mend_gcode
-from printmend.saved.model import exact_model, write_model
 
 SQUARE = b"G28\nG90\nM83\nG1 Z0.2\nG1 X60 Y60 F6000\n" + b"".join(
     b"G1 X%d Y%d E1 F1800\n" % corner for corner in [(80, 60), (80, 80), (60, 80), (60, 60)]
@@ -40,7 +40,7 @@ def models(tmp_path_factory) -> dict[str, Model]:
 @pytest.fixture(scope="module")
 def mended(models) -> dict[str, bytes]:
     """The square mended with each model."""
-    from printmend.saved.model import read_model as read
+    from printmend.model.model import read_model as read
 
     (models["folder"] / "square.gcode").write_bytes(SQUARE)
     texts = {}
@@ -73,7 +73,7 @@ def host(tmp_path: Path):
 
 
 def test_a_model_is_identified_as_printmend_does(models, tmp_path: Path) -> None:
-    from printmend.saved.model import read_model as read
+    from printmend.model.model import read_model as read
 
     assert models["new"].digest == read(models["folder"] / "new.json").digest
     assert models["new"].key.startswith(models["new"].digest)

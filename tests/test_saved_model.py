@@ -10,9 +10,8 @@ from printmend.corruption import HEALTHY, Corruption, Drive, sample
 from printmend.errors import ModelError
 from printmend.files import MAX_TEXT_BYTES
 from printmend.machine import Frame, Mechanism
-from printmend.printer import read_printer
-from printmend.saved import Branches, Wave
-from printmend.saved.model import (
+from printmend.model import Branches, Wave
+from printmend.model.model import (
     MOST_WRITTEN,
     branches_of,
     exact_model,
@@ -23,6 +22,7 @@ from printmend.saved.model import (
     saved_model,
     write_model,
 )
+from printmend.printer import read_printer
 from printmend.twin import Twin
 
 ENDER3 = read_printer("ender3")
@@ -94,7 +94,7 @@ def test_series_are_read_back_to_the_same_tables() -> None:
 
 def edited(**changes: object) -> str:
     """A whole model with some keys changed, digested anew: what a careful forger would write."""
-    from printmend.saved.model import _text
+    from printmend.model.model import _text
 
     document = json.loads(model_text(exact_model(HEALTHY.lower(ENDER3))))
     document.pop("digest")

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.errors import ConfigError
-from printmend.saved import write_model
+from printmend.model import write_model
 from tests.mending import BENT, SQUARE, exactly
 from tests.mortal import heed_ctrl_c
 

@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from printmend.mend.learned import learn_model
+from printmend.mend.verify import expectation, made
 from printmend.path import Trace, last_way
 from printmend.printer import read_printer
 from printmend.promise.predict import Promise
-from printmend.repair.learned import learn_model
-from printmend.repair.verify import expectation, made
 
 NOISE_MM = 0.02
 Law = Callable[[np.ndarray, np.random.Generator], np.ndarray]  # commanded [N, 2] → by how much they print elsewhere

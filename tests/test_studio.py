@@ -35,21 +35,21 @@ from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode, starting_state
 from printmend.gcode.write import follow
 from printmend.infer.part import DRAWS
-from printmend.invert import start
 from printmend.machine import Mechanism
 from printmend.measure import write_trace
+from printmend.mend import check_gcode, mend_gcode
+from printmend.mend.learned import learn_model, todo
+from printmend.mend.prediction import _beyond_seen
+from printmend.mend.update import QUANTITIES, _change
 from printmend.messages import GERMAN, Said, catalogue, say, translated
+from printmend.model.model import SavedModel, exact_model, saved_model, write_model
 from printmend.path import Trace
+from printmend.plan import start
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe, expected_error_mm
 from printmend.promise import misfit_rows, of_rows
 from printmend.promise import words as promise_words
 from printmend.promise.scale import in_words
-from printmend.repair import check_gcode, mend_gcode
-from printmend.repair.learned import learn_model, todo
-from printmend.repair.prediction import _beyond_seen
-from printmend.repair.update import QUANTITIES, _change
-from printmend.saved.model import SavedModel, exact_model, saved_model, write_model
 from printmend.studio import kernels, serve, work
 from printmend.studio import said as studio_said
 from printmend.studio import scene as studio_scene

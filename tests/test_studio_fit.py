@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
+from printmend.model import read_model
 from printmend.printer import read_printer
 from printmend.printer.convert import printer_text
 from printmend.promise.filament import UNTOLD
-from printmend.saved import read_model
 from printmend.studio import work
 from printmend.studio.app import create_app
 from tests import foreign_part as foreign

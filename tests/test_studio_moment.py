@@ -12,9 +12,9 @@ from starlette.testclient import TestClient
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.gcode.read import read_gcode
+from printmend.mend import mend_gcode
+from printmend.model import exact_model
 from printmend.printer import preset_names, read_printer
-from printmend.repair import mend_gcode
-from printmend.saved import exact_model
 from printmend.studio import jobs as studio_jobs
 from printmend.studio import plate
 from printmend.studio import scene as studio_scene

@@ -13,13 +13,13 @@ from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore,
 from printmend.errors import ModelError
 from printmend.measure import ProbePlan
 from printmend.measure.table import read_trace, write_trace
+from printmend.mend.learned import learn_model
+from printmend.mend.update import update
+from printmend.model import SavedModel, read_model, write_model
 from printmend.path import Origin, Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.promise.belief import parse_belief
-from printmend.repair.learned import learn_model
-from printmend.repair.update import update
-from printmend.saved import SavedModel, read_model, write_model
 from printmend.twin import Twin
 from tests.test_greybox_learning import stairs
 

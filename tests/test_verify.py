@@ -12,14 +12,14 @@ from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import ModelError, TraceError
 from printmend.measure.table import write_trace
+from printmend.mend.filament import printed_in, update_in, updated_in, verify_in
+from printmend.mend.history import read_history, rows_of
+from printmend.mend.learned import learn_model
+from printmend.mend.update import Updated
+from printmend.mend.verify import BROKEN, KEPT, UNSURE, expectation, made, update_words, updated, verify
+from printmend.model import SavedModel, exact_model, read_model, write_model
 from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.printer import read_printer
-from printmend.repair.filament import printed_in, update_in, updated_in, verify_in
-from printmend.repair.history import read_history, rows_of
-from printmend.repair.learned import learn_model
-from printmend.repair.update import Updated
-from printmend.repair.verify import BROKEN, KEPT, UNSURE, expectation, made, update_words, updated, verify
-from printmend.saved import SavedModel, exact_model, read_model, write_model
 from printmend.twin import Twin
 from tests.test_greybox_learning import stairs
 

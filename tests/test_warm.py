@@ -5,13 +5,13 @@ import importlib
 from click.testing import CliRunner
 
 from printmend.cli.warm import command
-from printmend.repair.warm import STEPS, warm
+from printmend.mend.warm import STEPS, warm
 
 
 def test_what_was_warmed_is_not_compiled_again(monkeypatch):
     learned = []
     # learning takes seconds when all is compiled, and has its own tests
-    room = importlib.import_module("printmend.repair.warm")
+    room = importlib.import_module("printmend.mend.warm")
     monkeypatch.setattr(room, "learn_model", lambda *of: learned.append(of))
     steps = []
     warm(steps.append)

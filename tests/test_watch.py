@@ -10,9 +10,9 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.errors import InputError
 from printmend.gcode import mark
+from printmend.mend.watch import JOURNAL, Watch
+from printmend.model import write_model
 from printmend.provenance import sealed_test_print
-from printmend.repair.watch import JOURNAL, Watch
-from printmend.saved import write_model
 from tests.mending import BENT, PLAY, SQUARE, exactly
 
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
+from printmend.mend.history import ageing_of, read_history, remember_learned, trends_of
+from printmend.mend.learned import learn_model
+from printmend.mend.update import update
+from printmend.mend.verify import expectation
+from printmend.model import SavedModel, model_text, read_model, write_model
 from printmend.path import FLATBED, Trace
 from printmend.printer import Printer, read_printer
 from printmend.promise.belief import parse_belief
-from printmend.repair.history import ageing_of, read_history, remember_learned, trends_of
-from printmend.repair.learned import learn_model
-from printmend.repair.update import update
-from printmend.repair.verify import expectation
-from printmend.saved import SavedModel, model_text, read_model, write_model
 from printmend.twin import Twin
 from tests.test_greybox_learning import stairs
 

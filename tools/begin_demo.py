@@ -16,7 +16,7 @@ from printmend.gcode.container import open_gcode
 from printmend.gcode.kernels import PIECE, RECORD
 from printmend.gcode.read import starting_state
 from printmend.gcode.write import rewrite
-from printmend.invert import start
+from printmend.plan import start
 from printmend.printer import read_printer
 
 

@@ -64,7 +64,7 @@ def homes() -> tuple["Shipped", "Shipped"]:
 
 def tasks() -> list[list[Task]]:
     """Return the work: what shares kernels stands together, for one process, and what takes longest comes first."""
-    from printmend.repair.warm import STEPS
+    from printmend.mend.warm import STEPS
     from printmend_lab.control.registry import controller_names
 
     slow = {"optimal", "optimal-area"}
@@ -107,7 +107,7 @@ def do(work: list[Task], objects: Path) -> tuple[str, int, float, list[set[str]]
 
 def learn_or_mend(step: str) -> None:
     """Take one step of `printmend warm`."""
-    from printmend.repair.warm import take
+    from printmend.mend.warm import take
 
     take(step)
 

@@ -13,8 +13,8 @@ from hosts import PRINTMEND
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from printmend.client import Studio
+from printmend.model import SavedModel, write_model
 from printmend.provenance import read_model
-from printmend.saved import SavedModel, write_model
 
 CHROMIUM = Path("/usr/bin/chromium")
 PICTURES = Path(__file__).resolve().parents[2] / "build" / "studio"

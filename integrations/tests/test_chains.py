@@ -32,14 +32,14 @@ from printmend.measure import read_plan, write_trace
 from printmend.measure.image import read_image
 from printmend.measure.measurement import measure_scans
 from printmend.measure.paper import find_sheet
+from printmend.mend.history import read_history, trends_of
+from printmend.mend.learned import learn_model
+from printmend.mend.mend import mend_gcode
+from printmend.mend.part import measure_part
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.protocols import WorldModel
-from printmend.repair.history import read_history, trends_of
-from printmend.repair.learned import learn_model
-from printmend.repair.mend import mend_gcode
-from printmend.repair.part import measure_part
 from printmend.twin import Twin
 from printmend_lab.bench.families import drawn_case
 from printmend_lab.bench.rows import OPTIMUM

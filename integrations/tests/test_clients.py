@@ -13,8 +13,8 @@ from studio_server import Server
 
 from printmend.client import Studio
 from printmend.corruption import Corruption, Drive, Play
+from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
-from printmend.saved.model import exact_model, write_model
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tools" / "clients"))
 import make_clients

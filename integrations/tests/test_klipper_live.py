@@ -14,16 +14,16 @@ from klippy_judge import judge_both
 from klippy_run import RefusedByPlanner, plan
 from printmend.corruption import Corruption, Drive, corruption_toml, sample
 from printmend.corruption.shaft import Ripple
-from printmend.invert.inverse import lookup
-from printmend.invert.kernels import height
-from printmend.invert.kernels import lookup as kernels
 from printmend.machine import Frame, healthy_mechanism
+from printmend.mend import mend_gcode
+from printmend.model.branches import Branches, Wave
+from printmend.model.model import exact_model, read_model, saved_model, with_screw, write_model
+from printmend.model.series import ScrewSeries
+from printmend.plan.inverse import lookup
+from printmend.plan.kernels import height
+from printmend.plan.kernels import lookup as kernels
 from printmend.printer import read_printer
 from printmend.provenance import sealed_test_print
-from printmend.repair import mend_gcode
-from printmend.saved.branches import Branches, Wave
-from printmend.saved.model import exact_model, read_model, saved_model, with_screw, write_model
-from printmend.saved.series import ScrewSeries
 from true_printer import TruePrinter
 
 ENDER3, COREXY = read_printer("ender3"), read_printer("corexy")

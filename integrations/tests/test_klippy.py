@@ -16,9 +16,9 @@ from printmend.corruption import Corruption, Drive, WrongRadius, corruption_toml
 from printmend.corruption.belt import Play
 from printmend.corruption.frame import CrookedFrame
 from printmend.export.firmware import export_klipper
+from printmend.mend import mend_gcode
+from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
-from printmend.repair import mend_gcode
-from printmend.saved.model import exact_model, write_model
 from true_printer import TruePrinter
 
 ENDER3, COREXY = read_printer("ender3"), read_printer("corexy")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tests.mending import BENT, START, exactly
 
-from printmend.saved import write_model
+from printmend.model import write_model
 
 KILLS = 6
 

@@ -24,10 +24,10 @@ from klippy_run import HOSTS, board, config
 from printmend.client import Studio, pair_file
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
+from printmend.mend import mend_gcode
+from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
 from printmend.provenance import read_model, sealed_test_print
-from printmend.repair import mend_gcode
-from printmend.saved.model import exact_model, write_model
 
 ENDER3 = read_printer("ender3")
 FAR = b"G28\nM83\nG1 Z0.2\nG1 X900 Y900 F6000\nG1 X950 Y900 E1 F1800\n"  # beyond the bed

@@ -19,10 +19,10 @@ from klippy_run import HOSTS
 from printmend.client import Studio, StudioError, pair_file
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
+from printmend.mend import mend_gcode
+from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
 from printmend.provenance import read_model, sealed_test_print
-from printmend.repair import mend_gcode
-from printmend.saved.model import exact_model, write_model
 
 expect.set_options(timeout=600_000)  # as long as a busy machine may take
 KEY = "0123456789ABCDEF0123456789ABCDEF"

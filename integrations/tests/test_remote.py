@@ -11,8 +11,8 @@ from hosts import INTEGRATIONS, PRINTMEND
 from parts import part
 
 from printmend.corruption import sample
+from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
-from printmend.saved.model import exact_model, write_model
 
 
 def test_a_file_goes_over_and_comes_back_mended(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from studio_server import Server
 
 from printmend.client import Studio, StudioError
 from printmend.corruption import sample
+from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
-from printmend.saved.model import exact_model, write_model
 
 
 def test_a_file_goes_over_and_comes_back_mended(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ import pytest
 from studio_server import CHROMIUM, Watched, chromium, until
 
 from printmend.machine import Mechanism
-from printmend.repair import mend_gcode
-from printmend.saved import exact_model
+from printmend.mend import mend_gcode
+from printmend.model import exact_model
 from printmend.studio import plate
 from printmend.studio.play import Faults, Side, faults_of, play_printer, shown
 from printmend.studio.scene import Tap, as_mended, as_printed, read_drawing

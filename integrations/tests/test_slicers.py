@@ -17,8 +17,8 @@ from klippy_run import HOSTS
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.gcode.read import read_gcode
+from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
-from printmend.saved.model import exact_model, write_model
 from printmend_lab.body import demo_body_gcode
 from printmend_lab.body.layers import strokes_of
 from printmend_lab.body.pulley import timing_pulley

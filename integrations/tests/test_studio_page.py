@@ -19,11 +19,11 @@ from printmend.client import Studio
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
 from printmend.measure import read_plan
 from printmend.measure.image import read_image, write_image
+from printmend.mend.against import judge_gcode
 from printmend.messages import GERMAN, messages_of, say, together, translated
+from printmend.model.model import exact_model, write_model
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.repair.against import judge_gcode
-from printmend.saved.model import exact_model, write_model
 from printmend.twin import Twin
 from printmend.twin.gcode import print_gcode
 from printmend.twin.scanner import DEFAULT, scan_trace

@@ -4,13 +4,13 @@ from .corruption.toml import read_corruption
 from .errors import PrintmendError
 from .measure.measurement import measure_scans
 from .measure.table import read_trace
+from .mend.against import judge_gcode
+from .mend.learned import learn_model
+from .mend.mend import check_gcode, mend_gcode
+from .model.model import read_model, write_model
 from .path import Trace
 from .printer.toml import read_printer
 from .probe.probe import design_probe, write_probe
-from .repair.against import judge_gcode
-from .repair.learned import learn_model
-from .repair.mend import check_gcode, mend_gcode
-from .saved.model import read_model, write_model
 from .twin.gcode import print_gcode
 from .twin.twin import Twin
 

@@ -31,7 +31,7 @@ def law() -> str:
     return head + "\n".join(texts)
 
 
-_PLANNER = "printmend.invert.kernels.mend"
+_PLANNER = "printmend.plan.kernels.mend"
 # What only adds up the promise of a file: the page prints the part instead.
 _UNUSED = {"predict_raw", "note", "keep", "note_height", "layer_of", "_from_home", "samples_of"}
 _COLUMNS = ["kind", "event", "axes", "x0", "y0", "z0", "x1", "y1", "z1", "advance", "feed", "words", "flags"]

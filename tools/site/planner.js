@@ -2,10 +2,10 @@
 // the sliders break it. Then the broken printer prints both files, as `printmend.studio.scene` has it.
 import { branch, machine } from "./faults.js";
 import { distances, from_motors, off_bed, onto_bed, to_motors } from "./law.js";
-import { CURVE } from "./kernels/invert-kernels-curve.js";
-import { BEND_BLOCK, HEAD } from "./kernels/invert-kernels-lookup.js";
-import { COUNTS, LAYER, PIECES_A_RECORD, RUN, STATE, TOLERANCE_MM } from "./kernels/invert-kernels-layout.js";
-import { mend } from "./kernels/invert-kernels-mend.js";
+import { CURVE } from "./kernels/plan-kernels-curve.js";
+import { BEND_BLOCK, HEAD } from "./kernels/plan-kernels-lookup.js";
+import { COUNTS, LAYER, PIECES_A_RECORD, RUN, STATE, TOLERANCE_MM } from "./kernels/plan-kernels-layout.js";
+import { mend } from "./kernels/plan-kernels-mend.js";
 import { PIECE } from "./kernels/gcode-kernels-layout.js";
 
 const QUANTUM_MM = 0.001, SEGMENTS_PER_S = 1000, AT_ONCE = 4096, BEND_REACH_MM = 0.05, RISE_LOOK_MM = 0.05, BESIDE = 1e-7, PITCH_MM = 0.8, UNIT_MM = 0.002, TURN = 2 * Math.PI;
@@ -28,7 +28,7 @@ function bends(tables, pitch) {
   return most.map((v, i) => Math.max(v, most[i - 1] ?? 0, most[i + 1] ?? 0));
 }
 
-// The machine as the kernels read it (`printmend.invert.inverse.lookup`).
+// The machine as the kernels read it (`printmend.plan.inverse.lookup`).
 function lookup({ way, drives, screw }, known) {
   const head = HEAD(), tables = [];
   head.bed = [known.bed_mm[0], known.bed_mm[2], known.bed_mm[1], known.bed_mm[3]];

@@ -133,8 +133,8 @@ def planner():
     """Return the module whose `mend` plans, with what it imports; nothing is predicted and nothing is added up."""
     kernels = Kernels()
     nothing = lambda *given: None  # noqa: E731
-    kernels.load("printmend.invert.kernels.draw", samples_of=lambda model, length: 0, note=nothing)
+    kernels.load("printmend.plan.kernels.draw", samples_of=lambda model, length: 0, note=nothing)
     return kernels, kernels.load(
-        "printmend.invert.kernels.mend", predict_raw=nothing, note=nothing, note_height=nothing,
+        "printmend.plan.kernels.mend", predict_raw=nothing, note=nothing, note_height=nothing,
         layer_of=lambda state, counts, layers, record: 0, _from_home=lambda model, record, m0, m1: 0.0,
     )  # fmt: skip

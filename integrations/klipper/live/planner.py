@@ -60,12 +60,12 @@ class Planner:
     def __init__(self, document):
         self.kernels, self.mend = kernels.planner()
         load = self.kernels.load
-        self.look, self.belts = (load("printmend.invert.kernels." + name) for name in ("lookup", "state"))
-        self.height, self.layout = (load("printmend.invert.kernels." + name) for name in ("height", "layout"))
+        self.look, self.belts = (load("printmend.plan.kernels." + name) for name in ("lookup", "state"))
+        self.height, self.layout = (load("printmend.plan.kernels." + name) for name in ("height", "layout"))
         self.text = load("printmend.gcode.kernels.layout")
         self.model = tables.model_of(document, self.kernels)
         self.state, self.counts = self.layout.STATE.one(), self.layout.COUNTS.one()
-        curve = load("printmend.invert.kernels.curve").CURVE
+        curve = load("printmend.plan.kernels.curve").CURVE
         self.curve, self.has_screw = curve.one(), bool(self.model.head.screw)
         self.moved = curve.one() if self.has_screw else None
         self.run, self.layers = self.layout.RUN.one(), [self.layout.LAYER.one()]

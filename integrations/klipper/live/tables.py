@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A model's document as the planner's kernels read it: drives, frame, rails and Z screw as numbers and tables.
 
-As `printmend.saved` and `printmend.invert.inverse` make it, without numpy.
+As `printmend.model` and `printmend.plan.inverse` make it, without numpy.
 """
 
 import bisect
@@ -190,7 +190,7 @@ def powers(wave, x, reach, middle):
 
 def model_of(document, kernels):
     """Return a document's machine as the kernels' ``Model``; its place of the end stops is what the document says."""
-    look = kernels.load("printmend.invert.kernels.lookup")
+    look = kernels.load("printmend.plan.kernels.lookup")
     printer = document["printer"]
     x, y, z = printer["x"], printer["y"], printer["z"]
     head, corexy = look.HEAD.one(), printer["kinematics"] == "corexy"

@@ -24,14 +24,14 @@ def command(source: Path, model_path: Path, filament: str | None, against: Path 
     import json
 
     from printmend.cli.mend_output import progress
-    from printmend.repair import check_gcode
+    from printmend.mend import check_gcode
 
     model = read_model_in(model_path, filament)
     with progress(source) as tick:
         prediction = check_gcode(source, model, progress=tick)
     if against is not None:
-        from printmend.repair.against import judged
-        from printmend.repair.prediction import with_doubt
+        from printmend.mend.against import judged
+        from printmend.mend.prediction import with_doubt
 
         prediction = with_doubt(judged(prediction, str(source), str(against), model.mechanism), model)
     echo(json.dumps(prediction.json()) if as_json else prediction.summary())

@@ -31,7 +31,7 @@ def command(
     """
     from printmend.cli.outputs import spare
     from printmend.extras import require
-    from printmend.repair.donation import donation, write_donation
+    from printmend.mend.donation import donation, write_donation
 
     if any(path.suffix.lower() != ".csv" for path in (*scans, *checks)):
         require("printmend donate", "cv2", "PIL")

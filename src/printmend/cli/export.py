@@ -27,7 +27,7 @@ def command(model_path: Path, firmware: str, folder: Path | None) -> None:
     from printmend.export.firmware import remainder
     from printmend.export.supported import export_supported
     from printmend.files import replacing
-    from printmend.saved import read_model
+    from printmend.model import read_model
 
     model = read_model(model_path)
     export = export_supported(model, firmware)

@@ -49,10 +49,10 @@ def command(
     from printmend.fit import write_profiles
     from printmend.fit.profile import how_to_import
     from printmend.measure.distance import is_asking
+    from printmend.mend.fit import LOW, fits, measured_part
+    from printmend.mend.update import same_machine
+    from printmend.model import read_model
     from printmend.printer import read_printer
-    from printmend.repair.fit import LOW, fits, measured_part
-    from printmend.repair.update import same_machine
-    from printmend.saved import read_model
 
     if printer_name is None and model_path is None:
         raise click.UsageError("--printer or --model says what printed it")

@@ -22,15 +22,15 @@ def command(model_path: Path, picture: Path | None, refitted: tuple[str, ...], a
     """
     from printmend.cli.outputs import spare
     from printmend.extras import require
-    from printmend.repair.history import history_of, read_history, rows_of, trends_of
+    from printmend.mend.history import history_of, read_history, rows_of, trends_of
 
     if picture is not None:
         require("printmend history --picture", "matplotlib")
     spare((picture,), (model_path, history_of(model_path)))
     if refitted:
-        from printmend.repair.history import remember
-        from printmend.repair.phase import refitted as worked_on
-        from printmend.saved.model import read_model, write_model
+        from printmend.mend.history import remember
+        from printmend.mend.phase import refitted as worked_on
+        from printmend.model.model import read_model, write_model
 
         model = worked_on(read_model(model_path), refitted)
         write_model(model_path, model)
@@ -38,7 +38,7 @@ def command(model_path: Path, picture: Path | None, refitted: tuple[str, ...], a
     events = read_history(model_path)
     trends = trends_of(events)
     if picture is not None:
-        from printmend.repair.history import draw_history
+        from printmend.mend.history import draw_history
 
         draw_history(picture, trends)
     if as_json:

@@ -67,13 +67,13 @@ def command(
     from printmend.errors import of_file
     from printmend.filament import check_name
     from printmend.measure import read_trace
+    from printmend.mend.filament import filament_words, learn_in, parse_travel, printed_in, update_in
+    from printmend.mend.history import ageing_of, remember_learned
+    from printmend.mend.learned import report
+    from printmend.mend.mend import is_healthy
+    from printmend.model.model import read_model, write_model
     from printmend.printer import read_printer
     from printmend.promise.misfit import refusals
-    from printmend.repair.filament import filament_words, learn_in, parse_travel, printed_in, update_in
-    from printmend.repair.history import ageing_of, remember_learned
-    from printmend.repair.learned import report
-    from printmend.repair.mend import is_healthy
-    from printmend.saved.model import read_model, write_model
 
     if old is not None and moved is not None:
         raise click.UsageError("--phase finds where the motors stand, --update what changed: leave one out")
@@ -104,8 +104,8 @@ def command(
         with of_file(trace):
             model = learn_in(read_trace(trace, printer), printer, filament, rules, model=learner, rng=rng)
     else:
-        from printmend.repair.phase import learn_phase
-        from printmend.repair.update import same_machine
+        from printmend.mend.phase import learn_phase
+        from printmend.mend.update import same_machine
 
         past = read_model(old)
         if printer_name is not None:

@@ -126,9 +126,9 @@ def _measure_layer(
 ) -> None:  # fmt: skip
     from printmend.measure import write_trace
     from printmend.measure.distance import is_asking
+    from printmend.mend.fit import fits
+    from printmend.mend.part import measure_part
     from printmend.printer import read_printer
-    from printmend.repair.fit import fits
-    from printmend.repair.part import measure_part
 
     if printer_name is None or len(scans) != 1:
         raise click.UsageError("--gcode needs --printer and one SCAN")
@@ -187,8 +187,8 @@ def _measure_by_hand(
 
 def _say_estimates(distances: "Distances", readings_mm: "np.ndarray", printer: "Printer | None", output: Path) -> None:
     """Say what was measured by hand, and save the model that follows from it."""
+    from printmend.model import write_model
     from printmend.promise.by_hand import estimates_by_hand, model_by_hand
-    from printmend.saved import write_model
 
     if printer is None:
         for item in estimates_by_hand(distances, readings_mm):

@@ -12,8 +12,8 @@ from printmend.cli.terminal import echo
 from printmend.messages import say
 
 if TYPE_CHECKING:
-    from printmend.invert.fineness import Fineness
-    from printmend.saved import SavedModel
+    from printmend.model import SavedModel
+    from printmend.plan.fineness import Fineness
 
 
 # Its many parameters are its options.
@@ -62,7 +62,7 @@ def command(
               3  the prediction is not better, or the print would take longer than it may; nothing written
     Of several files the others are written all the same, and it ends with the worst of theirs: 1, then 2, then 3.
     """
-    from printmend.invert.fineness import Fineness
+    from printmend.plan.fineness import Fineness
 
     fineness = Fineness(tolerance_mm, firmware, slower, crossing_mm_s2)
     if len(sources) > 1 or sources[0].is_dir() or as_json:
@@ -82,8 +82,8 @@ def _mend_one(
     """Mend one file and say what came of it."""
     from printmend.cli.mend_output import output_path, progress
     from printmend.cli.outputs import spare
-    from printmend.repair import mend_gcode
-    from printmend.repair.many import refuse_overwriting
+    from printmend.mend import mend_gcode
+    from printmend.mend.many import refuse_overwriting
     from printmend.report.part import check_report_name, write_report
 
     check_report_name(report)
@@ -108,7 +108,7 @@ def _mend_many(
 ) -> None:  # fmt: skip
     """Mend files and folders and say what came of each."""
     from printmend.errors import InputError
-    from printmend.repair.many import gcode_files, mend_files, mended_path
+    from printmend.mend.many import gcode_files, mend_files, mended_path
 
     if in_place and output is not None:
         raise click.UsageError("--in-place needs files and no -o")

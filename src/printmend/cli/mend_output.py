@@ -23,7 +23,7 @@ def output_path(source: Path, output: Path | None, *, in_place: bool) -> Path | 
         return output / source.name if output.is_dir() else output
     if str(source) == "-":
         return None
-    from printmend.repair.many import mended_path
+    from printmend.mend.many import mended_path
 
     return mended_path(source)
 

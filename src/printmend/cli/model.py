@@ -8,7 +8,7 @@ import click
 from click.shell_completion import CompletionItem
 
 if TYPE_CHECKING:
-    from printmend.saved import SavedModel
+    from printmend.model import SavedModel
 
 SUFFIX = ".mend.json"
 
@@ -45,11 +45,11 @@ class ModelType(click.ParamType):
 
 def read_model_in(path: Path, filament: str | None) -> "SavedModel":
     """Read a model, as it prints parts in a filament where one is named."""
-    from printmend.saved import read_model
+    from printmend.model import read_model
 
     model = read_model(path)
     if filament is None:
         return model
-    from printmend.repair.filament import printed_in  # and with it all that learns
+    from printmend.mend.filament import printed_in  # and with it all that learns
 
     return printed_in(model, filament)

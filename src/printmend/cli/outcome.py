@@ -9,7 +9,7 @@ from printmend.cli.terminal import echo
 from printmend.messages import together
 
 if TYPE_CHECKING:
-    from printmend.repair.many import FileOutcome
+    from printmend.mend.many import FileOutcome
 
 
 def tell(outcome: "FileOutcome", *, as_json: bool, quiet: bool) -> None:

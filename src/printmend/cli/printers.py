@@ -16,7 +16,7 @@ def command(as_json: bool) -> None:
     `printmend learn --name NAME` puts a model there.
     """
     from printmend.errors import PrintmendError
-    from printmend.saved import read_model
+    from printmend.model import read_model
 
     found = False
     for name, path in models():

@@ -46,10 +46,10 @@ def command(
     from printmend.extras import require
     from printmend.filament import check_name
     from printmend.measure import read_plan, read_trace
-    from printmend.repair.filament import updated_in, verify_in
-    from printmend.repair.history import history_of
-    from printmend.repair.verify import BROKEN, remember_verdict, update_words
-    from printmend.saved import read_model, write_model
+    from printmend.mend.filament import updated_in, verify_in
+    from printmend.mend.history import history_of
+    from printmend.mend.verify import BROKEN, remember_verdict, update_words
+    from printmend.model import read_model, write_model
 
     is_table = len(measured) == 1 and measured[0].suffix.lower() == ".csv"
     if not is_table and (plan_path is None) == (part_path is None):
@@ -63,7 +63,7 @@ def command(
     if is_table:
         trace = read_trace(measured[0], model.printer)
     elif part_path is not None:
-        from printmend.repair.part import measure_part
+        from printmend.mend.part import measure_part
 
         trace = measure_part(measured[0], part_path, model.printer, dpi=dpi).trace
     else:

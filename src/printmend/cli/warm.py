@@ -7,7 +7,7 @@ import click
 def command() -> None:
     """Compile now what learn, check and mend would compile when they are first used on this machine."""
     from printmend.cli.progress import progress
-    from printmend.repair.warm import STEPS, warm
+    from printmend.mend.warm import STEPS, warm
 
     with progress("compiling", len(STEPS)) as done:
         entries, seconds = warm(done)

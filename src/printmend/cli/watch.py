@@ -34,7 +34,7 @@ def command(
     must show the printer as it is. A restart goes on where it was: a file is mended once, and again when it has
     changed.
     """
-    from printmend.repair.watch import Watch, watch
+    from printmend.mend.watch import Watch, watch
 
     try:
         job = Watch(

@@ -18,12 +18,12 @@ from printmend.files import replacing
 from printmend.gcode.read import read_gcode
 from printmend.measure.image import read_image, write_image
 from printmend.measure.table import write_trace
+from printmend.mend import mend_gcode
+from printmend.mend.learned import learn_model
+from printmend.mend.part import PartMeasurement, measure_part
 from printmend.metrics.shape import ContourError, stroke_distances
+from printmend.model import SavedModel, write_model
 from printmend.printer import Printer
-from printmend.repair import mend_gcode
-from printmend.repair.learned import learn_model
-from printmend.repair.part import PartMeasurement, measure_part
-from printmend.saved import SavedModel, write_model
 from printmend.twin import Twin
 from printmend.twin.scanner import DEFAULT, render_layer
 

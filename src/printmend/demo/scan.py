@@ -20,14 +20,14 @@ from printmend.files import replacing
 from printmend.gcode.read import read_gcode
 from printmend.measure.plan import ProbePlan
 from printmend.measure.table import write_trace
+from printmend.mend import mend_gcode
+from printmend.mend.learned import learn_model
 from printmend.metrics.pointwise import aligned_rmse
 from printmend.metrics.shape import ContourError, stroke_distances
+from printmend.model import SavedModel, write_model
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.probe import design_probe, write_probe
-from printmend.repair import mend_gcode
-from printmend.repair.learned import learn_model
-from printmend.saved import SavedModel, write_model
 from printmend.twin import Twin
 from printmend.twin.gcode import print_gcode
 

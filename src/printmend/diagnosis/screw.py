@@ -15,9 +15,9 @@ from printmend.errors import TraceError
 from printmend.infer.screw import first_push_mm, fit_height
 from printmend.measure.follows import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
 from printmend.messages import say, together
+from printmend.model.series import HARMONICS, ScrewSeries, waves_of
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
-from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
 KINDS = ("lead", "periodic", "backlash", "wobble")
 LEAST_WAVE_MM = 0.003  # a smaller wave is not named

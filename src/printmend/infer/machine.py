@@ -9,7 +9,7 @@ from printmend.effects import EFFECTS, Acts, Scene
 from printmend.effects.pulley import HARMONICS
 from printmend.effects.sized import Sized, belts_mm, frame_of
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
-from printmend.saved.branches import Branches, Wave, rising
+from printmend.model.branches import Branches, Wave, rising
 
 
 def machine_of(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:

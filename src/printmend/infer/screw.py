@@ -16,9 +16,9 @@ from printmend.errors import TraceError
 from printmend.machine import ScrewDrive
 from printmend.machine.kernels import run
 from printmend.messages import say
+from printmend.model.series import HARMONICS, ScrewSeries, waves_of
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
-from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
 # Prior standard deviations: of the lead's relative error, of a harmonic's amplitude and of the backlash, mm.
 _LEAD_SD, _AMPLITUDE_SD_MM, _BACKLASH_SD_MM = 0.1, 0.5, 1.0

@@ -13,10 +13,10 @@ from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
 from printmend.errors import ModelError
 from printmend.infer.part import DRAWS, Part
 from printmend.messages import say
+from printmend.model import SavedModel, ScrewSeries, screw_of
+from printmend.model.values import number, numbers, refuse, section_of
 from printmend.path import Motion
 from printmend.promise.filament import known_filaments
-from printmend.saved import SavedModel, ScrewSeries, screw_of
-from printmend.saved.values import number, numbers, refuse, section_of
 
 VERSION = 2  # of the model file's section
 _SUBJECT = "the model [promise]"

@@ -16,9 +16,9 @@ from printmend.infer.machine import machine_of
 from printmend.infer.part import DRAWS, Part
 from printmend.measure.callipers import Distances
 from printmend.messages import say
+from printmend.model import SavedModel, saved_model
 from printmend.printer import Printer
 from printmend.promise.belief import belief_section
-from printmend.saved import SavedModel, saved_model
 
 SUPPORTED_SHARE = 0.5  # an estimate is the distances' own if its standard deviation is below this share of the prior's
 SEED = 19  # the same distances always give the same machines

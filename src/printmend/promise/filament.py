@@ -8,8 +8,8 @@ from printmend.effects.effect import SCALE_MM
 from printmend.filament import Entry, material_of
 from printmend.infer.part import DRAWS, Part
 from printmend.messages import say
-from printmend.saved import SavedModel
-from printmend.saved.values import number, numbers, refuse, section_of
+from printmend.model import SavedModel
+from printmend.model.values import number, numbers, refuse, section_of
 
 FILAMENTS = "filaments"  # the model file's key
 UNTOLD = "whose the scale is:"  # how the finding begins that says so of machine and filament

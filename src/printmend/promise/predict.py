@@ -16,10 +16,10 @@ from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import LONG_MOVE_MM
 from printmend.infer.part import DRAWS, Part
 from printmend.machine import Mechanism, Transmission
+from printmend.model.series import HARMONICS, ScrewSeries, waves_of
 from printmend.path import Motion
 from printmend.promise.belief import Belief
 from printmend.promise.homing import after_homing
-from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
 MOST_PLACES = 512  # most places of a path that are evaluated: 2048 change no figure by more than another seed does
 LOW, HIGH = 0.05, 0.95  # quantiles of the drawn machines that bound the 90 % range

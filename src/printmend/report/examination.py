@@ -12,19 +12,19 @@ from printmend.diagnosis.standard import Circle, Positioning, circle, positionin
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import InputError
 from printmend.infer.fit import Fit
+from printmend.mend.filament import grown, settled
+from printmend.mend.learned import learn, scatter_words, todo
+from printmend.mend.mend import check_gcode
+from printmend.mend.prediction import Prediction
+from printmend.mend.verify import expectation
 from printmend.messages import say, together
+from printmend.model import SavedModel
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.misfit import NOTE, REFUSAL, misfit_words, said_of
 from printmend.promise.predict import Promise
 from printmend.promise.scale import scale_words
-from printmend.repair.filament import grown, settled
-from printmend.repair.learned import learn, scatter_words, todo
-from printmend.repair.mend import check_gcode
-from printmend.repair.prediction import Prediction
-from printmend.repair.verify import expectation
-from printmend.saved import SavedModel
 
 SUFFIXES = (".html", ".htm", ".pdf")
 MOST_ARROWS = 1200  # in a picture

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from printmend.files import replacing
-from printmend.repair.mend import is_healthy
+from printmend.mend.mend import is_healthy
 from printmend.report import budget
 from printmend.report.examination import (
     NOTHING_KNOWN,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import printmend
 from printmend.draw.document import Block, Card, Numbers, Pictures, Strip, Words, write_pdf
-from printmend.repair.mend import is_healthy
+from printmend.mend.mend import is_healthy
 from printmend.report import budget
 from printmend.report.examination import (
     NOTHING_KNOWN,

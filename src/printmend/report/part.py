@@ -10,9 +10,9 @@ from printmend.clock import span_words
 from printmend.errors import InputError
 from printmend.extras import require
 from printmend.files import replacing
+from printmend.mend.prediction import Prediction
+from printmend.model import SavedModel
 from printmend.printer import Axis
-from printmend.repair.prediction import Prediction
-from printmend.saved import SavedModel
 from printmend.units import counted
 
 if TYPE_CHECKING:

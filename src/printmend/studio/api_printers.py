@@ -358,8 +358,8 @@ def distances(here: Here, key: Key) -> list[Distance]:
 def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
     """Learn from distances that were taken with callipers: scale, play, pulleys off their centre, skew."""
     from printmend.measure.callipers import parse_readings
+    from printmend.model import write_model
     from printmend.promise.by_hand import model_by_hand
-    from printmend.saved import write_model
 
     chosen, folder = _distances(here, key), _folder(here, key)
     text = "\n".join("" if value is None else f"{value:.6f}" for value in given.readings_mm) + "\n"
@@ -371,7 +371,7 @@ def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
 @router.get("/{key}/known")
 def known(here: Here, key: Key) -> Known:
     """Return what is known of a printer."""
-    from printmend.saved import read_model
+    from printmend.model import read_model
     from printmend.studio.said import said
 
     folder = _folder(here, key)
@@ -390,7 +390,7 @@ def known(here: Here, key: Key) -> Known:
 @router.get("/{key}/next", tags=["measure"])
 def next_one(here: Here, key: Key) -> NextCard | None:
     """Return the cheapest print that would show what the measurement could not tell; null where nothing is missing."""
-    from printmend.saved import read_model
+    from printmend.model import read_model
     from printmend.studio.next_print import next_print
 
     folder = _folder(here, key)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from printmend.repair.part import PartMeasurement
+    from printmend.mend.part import PartMeasurement
     from printmend.studio.work import Job
 
 
@@ -15,9 +15,9 @@ def fit(job: "Job", path: Path, sides: Sequence[Path]) -> dict[str, Any]:
     from printmend.fit import SLICERS, write_profiles
     from printmend.measure import write_trace
     from printmend.measure.distance import is_asking
+    from printmend.mend.fit import fits, measured_part
+    from printmend.model import read_model
     from printmend.printer import read_printer
-    from printmend.repair.fit import fits, measured_part
-    from printmend.saved import read_model
     from printmend.studio.work import MODEL, PRINTER
 
     printer, model_path = read_printer(job.printer_folder / PRINTER), job.printer_folder / MODEL

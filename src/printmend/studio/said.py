@@ -8,11 +8,11 @@ import numpy as np
 from printmend.diagnosis.advice import Advice, advise
 from printmend.effects.words import Fault as NamedFault
 from printmend.machine import Mechanism
+from printmend.mend.learned import todo
+from printmend.model import SavedModel
 from printmend.promise.misfit import misfit_words, said_of
 from printmend.promise.scale import scale_words
-from printmend.repair.learned import todo
 from printmend.report.examination import LEAST_ADVICE_MM, URGENCY
-from printmend.saved import SavedModel
 from printmend.units import TURN_RAD
 
 _ANGLES = 180  # of a pulley's outline

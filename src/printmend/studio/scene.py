@@ -21,9 +21,9 @@ from printmend.gcode.container import Part, open_gcode
 from printmend.gcode.layers import layers_of
 from printmend.gcode.read import starting_state
 from printmend.gcode.write import Plan, follow
-from printmend.invert import layout
 from printmend.machine import Mechanism
 from printmend.machine.printing import print_from_home
+from printmend.plan import layout
 from printmend.printer import Printer
 from printmend.promise.predict import best_shift
 from printmend.studio import kernels

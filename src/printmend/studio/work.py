@@ -102,8 +102,8 @@ def rehearsed() -> None:
 def rehearse() -> None:
     """Mend a small part, so that nobody waits while the first job's libraries and kernels are loaded."""
     from printmend.corruption import Corruption, Drive, EccentricBore, Play
+    from printmend.model import exact_model, write_model
     from printmend.printer import read_printer
-    from printmend.saved import exact_model, write_model
     from printmend.twin import Twin
 
     bent = Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.2)), Drive(belt=Play(0.2))))
@@ -149,9 +149,9 @@ def read_progress(folder: Path) -> dict[str, Any]:
 
 def _mend(job: Job) -> dict[str, Any]:
     """Mend one file, show it in three dimensions, and predict what it comes to."""
-    from printmend.repair import mend_gcode
-    from printmend.repair.filament import printed_in
-    from printmend.repair.mend import check_gcode
+    from printmend.mend import mend_gcode
+    from printmend.mend.filament import printed_in
+    from printmend.mend.mend import check_gcode
     from printmend.studio.scene import Tap, as_mended, write_mended
 
     model = printed_in(_model(job.printer_folder / MODEL), job.params.get("filament"))
@@ -242,7 +242,7 @@ def _model(path: Path) -> Any:
 
 @lru_cache(maxsize=4)
 def _read_model(path: Path, *version: int) -> Any:
-    from printmend.saved import read_model
+    from printmend.model import read_model
 
     return read_model(path)
 
@@ -327,9 +327,9 @@ def _learn(job: Job) -> dict[str, Any]:
     from dataclasses import replace
 
     from printmend.measure import read_plan, read_trace
+    from printmend.mend.filament import learn_in, update_in
+    from printmend.model import read_model, write_model
     from printmend.printer import read_printer
-    from printmend.repair.filament import learn_in, update_in
-    from printmend.saved import read_model, write_model
     from printmend.studio.said import said
 
     printer = read_printer(job.printer_folder / PRINTER)
@@ -364,8 +364,8 @@ def _learn(job: Job) -> dict[str, Any]:
 
 def _check_print(job: Job) -> dict[str, Any]:
     """Mend the test print itself: printed and measured, it shows whether the promise is kept."""
-    from printmend.repair import mend_gcode
-    from printmend.saved import read_model
+    from printmend.mend import mend_gcode
+    from printmend.model import read_model
 
     model = read_model(job.printer_folder / MODEL)
     mend_gcode(job.printer_folder / PROBE, model, job.file("check.mended.gcode"), force=True)
@@ -377,8 +377,8 @@ def _verify(job: Job) -> dict[str, Any]:
     from printmend.measure import read_plan, read_trace
     from printmend.measure.distance import is_asking
     from printmend.measure.measurement import measure_scans
-    from printmend.repair.verify import remember_verdict, update_words, updated, verify
-    from printmend.saved import read_model, write_model
+    from printmend.mend.verify import remember_verdict, update_words, updated, verify
+    from printmend.model import read_model, write_model
 
     model = read_model(job.printer_folder / MODEL)
     paths = _scans(job)
@@ -419,7 +419,7 @@ def _send(job: Job) -> dict[str, Any]:
 
 def mended_name(name: str) -> str:
     """Return the name of a mended file: part.gcode.3mf becomes part.mended.gcode.3mf."""
-    from printmend.repair.many import mended_path
+    from printmend.mend.many import mended_path
 
     return mended_path(Path(name)).name
 
@@ -431,11 +431,11 @@ def _play(job: Job) -> dict[str, Any]:
 
     from printmend.measure.image import write_image
     from printmend.measure.measurement import measure_scans
+    from printmend.mend import mend_gcode
+    from printmend.mend.learned import learn_model
+    from printmend.mend.update import update
+    from printmend.model import write_model
     from printmend.path import Trace
-    from printmend.repair import mend_gcode
-    from printmend.repair.learned import learn_model
-    from printmend.repair.update import update
-    from printmend.saved import write_model
     from printmend.studio.plate import plate_gcode
     from printmend.studio.play import faults_of, play_printer, tower_trace
     from printmend.studio.said import said

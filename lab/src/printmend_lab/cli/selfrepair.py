@@ -10,7 +10,7 @@ from printmend.cli.model import ModelType
 
 if TYPE_CHECKING:
     from printmend.corruption import Corruption
-    from printmend.saved import SavedModel
+    from printmend.model import SavedModel
 
 ALL = "all"
 
@@ -77,7 +77,7 @@ def _broken(
     """Return what is broken, and the figure's title."""
     from printmend.corruption import published_names, read_corruption
     from printmend.errors import InputError
-    from printmend.saved import read_model
+    from printmend.model import read_model
     from printmend_lab.demo.selfrepair_report import hull_damage
 
     if sum(value is not None for value in (hull, broken_path, model_path)) > 1:

@@ -18,12 +18,12 @@ from printmend.errors import InputError, PrintmendError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
 from printmend.machine import Mechanism
+from printmend.mend import mend_gcode
+from printmend.mend.learned import learn_model
+from printmend.model import SavedModel
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.probe import design_probe
-from printmend.repair import mend_gcode
-from printmend.repair.learned import learn_model
-from printmend.saved import SavedModel
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
 from printmend_lab.body.pulley import PITCH_LINE_OFFSET_MM

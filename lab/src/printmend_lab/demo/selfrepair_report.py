@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, PublishedHull, published_names
+from printmend.model import SavedModel
 from printmend.printer import Printer
-from printmend.saved import SavedModel
 from printmend.units import TURN_RAD
 from printmend_lab.demo.pulley_part import TIP_MM
 from printmend_lab.demo.selfrepair import CONVERGED_MM, MENDED, OPEN, Series, run_series

@@ -1,6 +1,6 @@
 """The grey box: identify a broken machine from one trace.
 
-Each motor's lower and upper branches of generalised play are short series (`saved.branches`), fitted by iterating
+Each motor's lower and upper branches of generalised play are short series (`model.branches`), fitted by iterating
 contacts and robust ridge least squares (`drive.fit`), with no more parts than the trace supports (`drive.select`). Then
 follow the frame, which couples the axes, and the shapes of pulleys that were seen in part. Equations: physics.md §1–4.
 """

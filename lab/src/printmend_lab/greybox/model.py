@@ -7,9 +7,9 @@ import numpy as np
 
 from printmend.learn.mechanism_model import MachineLearned
 from printmend.machine import Frame, Mechanism
+from printmend.model import Branches
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.saved import Branches
 from printmend_lab.greybox.drive import Choice, Jump, Rows, Structure, bed_middle
 from printmend_lab.greybox.drive.left_out import OmittedParts
 from printmend_lab.greybox.drive.rest import CENTRED, rest_shares

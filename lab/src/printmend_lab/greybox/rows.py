@@ -8,9 +8,9 @@ import numpy as np
 from printmend.errors import TraceError
 from printmend.learn.walls import wall_shares
 from printmend.measure.follows import LEAST_MEASURED
+from printmend.model.layout import TABLE_PHASES, bed_middle
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.saved.layout import TABLE_PHASES, bed_middle
 from printmend.units import TURN_RAD
 from printmend_lab.greybox.drive import Jump
 from printmend_lab.greybox.drive.design import Rows, contacts, cross_columns

@@ -13,7 +13,7 @@ disturbs the fit of the rest, because every angle was seen at several places.
 import numpy as np
 
 from printmend.machine import Transmission
-from printmend.saved.branches import SCALE_MM, rising
+from printmend.model.branches import SCALE_MM, rising
 from printmend.units import TURN_RAD
 from printmend_lab.greybox.drive.fit import HARMONIC_SD_MM, POWER_SD_MM
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from printmend.machine import Transmission
 from printmend.machine.kernels import run
-from printmend.saved.branches import rising, warp_columns
+from printmend.model.branches import rising, warp_columns
 from printmend.units import SIGMA_PER_MEDIAN, TURN_RAD
 from printmend_lab.hybrid.continued import continued
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from printmend.mend.learned import learn_model
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.repair.learned import learn_model
 
 # Each traverse came without its own line, and so without how far the belt is behind on the way back: any distance that
 # keeps one way behind the other stands for it. Before its first sample the carriage had sped up, over this way or more.

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.saved import SCALE_MM, Design
+from printmend.model import SCALE_MM, Design
 from printmend_lab.greybox.drive.kernels import columns as kernels
 
 CHUNK_ROWS = 1 << 12  # rows that are summed at once: their columns stay in the processor's cache

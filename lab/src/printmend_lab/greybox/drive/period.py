@@ -12,8 +12,8 @@ from functools import partial
 import numpy as np
 
 from printmend.effects.teeth import TOOTH_MM
+from printmend.model import SCALE_MM
 from printmend.path import last_way
-from printmend.saved import SCALE_MM
 from printmend.units import SIGMA_PER_MEDIAN, TURN_RAD
 from printmend_lab.greybox.drive.design import Rows
 from printmend_lab.greybox.drive.kernels.periodogram import lengths_left

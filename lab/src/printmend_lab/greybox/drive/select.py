@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from printmend.model import CROSS
 from printmend.path import last_way
-from printmend.saved import CROSS
 from printmend_lab.greybox.drive.design import Design, Normal, Rows
 from printmend_lab.greybox.drive.fit import Fit, Posterior, Prior, refine, solve, variances
 from printmend_lab.greybox.drive.sight import crosses

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from printmend.infer.scatter import independent_share
-from printmend.saved import SCALE_MM
+from printmend.model import SCALE_MM
 from printmend_lab.greybox.drive.design import Rows
 from printmend_lab.greybox.drive.fit import robust_sigma_mm
 from printmend_lab.greybox.drive.period import (

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from printmend.saved import SCALE_MM
+from printmend.model import SCALE_MM
 from printmend.units import TURN_RAD
 from printmend_lab.greybox.drive import Design, Rows, contacts
 from printmend_lab.greybox.drive.fit import Fit, Posterior, robust_weights

@@ -1,0 +1,400 @@
+"""Models that know filaments: a measured scale is split into the machine's and the filament's, and mended together.
+
+A model's own numbers are the machine's alone. Its section ``filaments`` keeps the scales that were measured, and by how
+much parts shrink in each filament. `printed_in` is the model as it prints in one of them.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+
+from printmend.diagnosis.named import diagnose
+from printmend.effects.effect import SCALE_MM
+from printmend.errors import ConfigError, ModelError
+from printmend.filament import CLAIM_SD, Entry, Split, material_of, split
+from printmend.infer.part import DRAWS, Part
+from printmend.machine import Frame, Mechanism
+from printmend.mend.history import Ageing
+from printmend.mend.learned import AUTO, learn_model
+from printmend.mend.update import Updated, update
+from printmend.mend.verify import Verdict, made, updated, verify
+from printmend.messages import say, together
+from printmend.model import Branches, SavedModel, branches_of, saved_model, screw_of, with_screw
+from printmend.model.values import numbers
+from printmend.path import Instrument, Trace
+from printmend.printer import Printer
+from printmend.promise.belief import Belief, belief_of, belief_section
+from printmend.promise.filament import (
+    FILAMENTS,
+    UNTOLD,
+    entry_section,
+    filament_section,
+    known_filaments,
+    parse_entries,
+)
+from printmend.promise.scale import axis_scales, instrument_of
+
+PLAIN = 0.025  # share: a machine's scale error beyond this is no filament's, for none of the table shrinks by as much
+SURE_SDS = 2.0  # … and this many, where a print without filament shows it
+PLAIN_SDS = 4.0  # standard deviations that it must be off, too
+OTHER_SDS = 5.0  # by which a scale must differ from what is known, to be another machine's
+READING_SD_MM = 0.05  # of a length read from a steel rule with half millimetres
+TRAVELS_MM = (50.0, 2000.0)  # lengths of a travel that are read with a rule
+LEAST_SD = 1e-4  # share: no two prints in one filament shrink more alike
+MOST_OFF = 0.1  # share: a travel that is further off was read or typed wrongly
+NUMBERS = ("printer", "motors", "frame", "screw", "noise_mm", "findings", "format", "version", "program", "learner")
+_TRAVEL = re.compile(r"([xy])=(\d+(?:\.\d+)?):(\d+(?:[.,]\d+)?)", re.IGNORECASE)
+
+
+def parse_travel(text: str) -> Entry:
+    """Return what a steel rule says of the machine's scale, from ``x=200:199.6``: the head was sent 200 mm along X, and
+    went 199.6. Raises `ConfigError` for anything else."""
+    found = _TRAVEL.fullmatch(text.strip())
+    sent, went = (float(each.replace(",", ".")) for each in found.groups()[1:]) if found else (0.0, 0.0)
+    if found is None or not TRAVELS_MM[0] <= sent <= TRAVELS_MM[1] or abs(went / sent - 1) > MOST_OFF:
+        raise ConfigError(
+            "--travel", wanted=say("axis-how-far-head-sent-how"),
+            came=repr(text), todo=say("send-50-mm-more-read-rule"),
+        )  # fmt: skip
+    scale, sd = np.full(2, np.nan), np.ones(2)
+    axis = "xy".index(found[1].lower())
+    scale[axis], sd[axis] = went / sent - 1, READING_SD_MM / sent
+    return Entry(None, (float(scale[0]), float(scale[1])), (float(sd[0]), float(sd[1])), "rule")
+
+
+def learn_in(
+    trace: Trace, printer: Printer, filament: str | None, travels: Sequence[Entry] = (), *, model: str = AUTO,
+    rng: np.random.Generator | None = None,
+) -> SavedModel:  # fmt: skip
+    """Learn a machine from a trace as `learn` does. ``filament`` is what the measured part was printed in, None for
+    marks that cannot shrink; ``travels`` are what a rule says of the machine's scale."""
+    if filament is None and not travels:
+        return learn_model(trace, printer, model=model, rng=rng)
+    if model not in (AUTO, "greybox"):
+        raise ConfigError(
+            say("filament-and-travel"),
+            wanted=say("learner-knows-scales-auto"),
+            came=model,
+            todo=say("leave-learner-out"),
+        )
+    learned = learn_model(grown(trace, printer, filament), printer, model=model, rng=rng)
+    return _settled(learned, (), (_shown(learned, filament), *travels))
+
+
+def update_in(
+    old: SavedModel, trace: Trace | None, filament: str | None, travels: Sequence[Entry] = (), *,
+    rng: np.random.Generator, ageing: Ageing | None = None,
+) -> Updated:  # fmt: skip
+    """Update a model as `update` does, with a part printed in ``filament`` and what a rule says; without a ``trace``
+    with the rule alone. Raises `ModelError` for a model that says nothing of its doubt."""
+    before = parse_entries(old)
+    if trace is None:
+        entries = (_shown(old, None),) if before is None else before
+        return Updated(_settled(old, entries, travels), (), ())
+    updated = update(old, grown(trace, old.printer, filament), rng=rng, ageing=ageing)
+    if updated.is_known or (before is None and filament is None and not travels):
+        return updated
+    entries, shown = (_shown(old, None),) if before is None else before, _shown(updated.model, filament)
+    new = [axis for axis, name in enumerate("xy") if _is_other(entries, shown, axis) or _is_anew(updated, axis)]
+    for axis in new:  # of another machine nothing that was measured before is true
+        entries = tuple(_without(each, axis) for each in entries)
+    changes = tuple(each for each in updated.changes if new or each.kind not in ("scale", "axes"))
+    return replace(updated, model=_settled(updated.model, entries, (shown, *travels)), changes=changes)
+
+
+def _is_other(entries: Sequence[Entry], shown: Entry, axis: int) -> bool:
+    """Say whether a measured scale is not that of the machine and the filament that the entries know."""
+    same = [each for each in entries if each.filament == shown.filament and np.isfinite(each.scale[axis])]
+    one, sd = split(entries, axis), shown.sd[axis]
+    if shown.filament is None:
+        mean, sd = one.mean, float(np.hypot(sd, one.sd))
+    elif same:
+        mean, sd = same[-1].scale[axis], float(np.hypot(sd, same[-1].sd[axis]))
+    else:
+        material = material_of(shown.filament)
+        mean, sd = one.mean - material.mean, float(np.linalg.norm([sd, one.sd, material.sd]))
+    return abs(shown.scale[axis] - mean) > max(OTHER_SDS * sd, CLAIM_SD)
+
+
+def _is_anew(updated: Updated, axis: int) -> bool:
+    """Say whether a motor that moves an axis got other parts."""
+    names = [name.upper() for name in updated.model.printer.motors]
+    return any(
+        name in updated.anew for name in (names if updated.model.printer.kinematics == "corexy" else [names[axis]])
+    )
+
+
+def verify_in(model: SavedModel, trace: Trace, filament: str | None) -> Verdict:
+    """Compare a check print with what was promised, as `verify` does, but for what it shrank.
+
+    A check print in a ``filament`` that the model knows was mended with it, and so enlarged by what it would shrink;
+    one in another was not. What is open of the shrinkage counts as the filament's, and neither keeps nor breaks the
+    promise.
+    """
+    if filament is None:
+        return verify(model, trace)
+    known = known_filaments(model).get(filament)
+    if known is None:
+        return verify(model, grown(trace, model.printer, filament))
+    share = np.array([part.acts_mm[0] for part in known]) / SCALE_MM
+    sd = max(float(part.draws_mm.std()) for part in known) / SCALE_MM
+    return verify(model, _enlarged(trace, model.printer, share, sd))
+
+
+def updated_in(model: SavedModel, trace: Trace, filament: str | None) -> Updated:
+    """Bring a model up to date with a mended check print in a ``filament``, as `verify_in` takes it."""
+    if filament is None:
+        return updated(model, trace)
+    mended = printed_in(model, filament) if filament in known_filaments(model) else model
+    return update_in(model, made(mended, trace), filament, rng=np.random.default_rng(0))
+
+
+def printed_in(model: SavedModel, filament: str | None) -> SavedModel:
+    """Return a model as it prints parts in a filament: what mending must undo is the machine's and what the part will
+    shrink. Raises `ModelError` for a filament that the model does not know."""
+    if filament is None:
+        return model
+    material_of(filament)
+    known = known_filaments(model)
+    if filament not in known:
+        raise ModelError(
+            say("filament-option"), wanted=say("model-knows", ", ".join(known) or say("none-yet")), came=filament,
+            todo=say("measure-part-printed-learn-update-filament"),
+        )  # fmt: skip
+    share = np.array([part.acts_mm[0] for part in known[filament]]) / SCALE_MM
+    return replace(model, mechanism=shrunk(model.mechanism, share), filament=filament)
+
+
+def shrunk(mechanism: Mechanism, share: np.ndarray) -> Mechanism:
+    """Return a machine whose prints are smaller by a ``share`` [2] along X and Y, about the middle of its bed."""
+    left, frame = 1.0 - np.asarray(share, float), mechanism.frame
+    coefficients = frame.coefficients_mm * left[:, None]
+    for axis, power in enumerate(((1, 0), (0, 1))):
+        coefficients[axis, Frame.exponents.index(power)] -= share[axis] * frame.scale_mm
+        coefficients[axis, 0] += share[axis] * mechanism.printer.middle_mm[axis]
+    waves = frame.waves.copy()
+    waves[:, 2:4], waves[:, 4:6] = waves[:, 2:4] * left[0], waves[:, 4:6] * left[1]
+    return replace(mechanism, frame=Frame(coefficients, frame.scale_mm, waves))
+
+
+def filament_words(model: SavedModel) -> tuple[str, ...]:
+    """Say what a model knows of its machine's own scale and of its filaments, a line each."""
+    entries = parse_entries(model)
+    if not entries:
+        return ()
+    splits = [split(entries, axis) for axis in range(2)]
+    lines = []
+    if all(_acts(each, entries, axis) for axis, each in enumerate(splits)):
+        own = (f"{100 * one.mean:+.2f} ± {100 * one.sd:.2f}" for one in splits)
+        lines.append(say("machines-own-scale", say("scale-x-and-y", *own)))
+    for name, parts in known_filaments(model).items():
+        by = (f"{part.draws_mm.mean():.2f} ± {part.draws_mm.std():.2f}" for part in parts)
+        lines.append(say("parts-shrink-by", name, say("scale-x-and-y", *by)))
+    return tuple(lines)
+
+
+def settled(model: SavedModel, filament: str | None) -> SavedModel:
+    """Return a model that was just learned from a `grown` trace, with its scale split between machine and filament."""
+    return model if filament is None else _settled(model, (), (_shown(model, filament),))
+
+
+def grown(trace: Trace, printer: Printer, filament: str | None) -> Trace:
+    """Return a trace of a part as it was before it shrank by what its polymer does on the average."""
+    if filament is None:
+        return trace
+    material, middle = material_of(filament), np.array(printer.middle_mm[:2])
+    more = material.mean / (1 - material.mean)
+    grown = replace(
+        trace, measured_mm=trace.measured_mm + more * (trace.measured_mm - middle), shrinkage_sd=material.sd
+    )
+    if trace.normal is None or trace.offset_mm is None:
+        return grown
+    out_mm = (1 + more) * trace.offset_mm + more * np.sum((trace.commanded_mm - middle) * trace.normal, axis=1)
+    return replace(grown, offset_mm=out_mm)
+
+
+def _enlarged(trace: Trace, printer: Printer, share: np.ndarray, sd: float) -> Trace:
+    """Return a trace whose wanted and measured places are those before it shrank by a ``share`` [2] along X and Y,
+    known to ``sd``."""
+    middle, more = np.array(printer.middle_mm[:2]), share / (1 - share)
+    wanted, measured = (each + more * (each - middle) for each in (trace.commanded_mm, trace.measured_mm))
+    wanted[0] = trace.commanded_mm[0]
+    offset = trace.offset_mm
+    if offset is not None and trace.normal is not None:
+        offset = offset * (1 + np.sum(more * np.square(trace.normal), axis=1))
+    return replace(trace, commanded_mm=wanted, measured_mm=measured, offset_mm=offset, shrinkage_sd=max(sd, LEAST_SD))
+
+
+def _shown(model: SavedModel, filament: str | None) -> Entry:
+    """Return the scale that the last measurement of a model showed; the machine's alone for one without filament."""
+    belief, seen = belief_of(model), model.document["promise"].get("seen")
+    if isinstance(seen, dict):
+        mean, sd = (numbers(seen, name, "the model [promise]", 2) for name in ("mean", "sd"))
+        known = {each.name for each in fields(Instrument)}
+        own = Instrument(**{key: value for key, value in instrument_of(model).items() if key in known}).covariance
+        half = np.array([1.0, -1.0])
+        sd = np.sqrt(sd**2 + own[0, 0] + own[1, 1] + 2 * half * own[0, 1])
+    else:
+        drawn = axis_scales(belief.scene, belief.parts)[1] + np.zeros((2, DRAWS))
+        for part in belief.of("shrinkage"):
+            drawn[part.where] -= part.draws_mm[0] / SCALE_MM
+        mean, sd = drawn.mean(axis=1), drawn.std(axis=1)
+    mean = mean - (0.0 if filament is None else material_of(filament).mean)
+    return Entry(filament, (float(mean[0]), float(mean[1])), (float(sd[0]), float(sd[1])))
+
+
+def _without(entry: Entry, axis: int) -> Entry:
+    scale = (np.nan, entry.scale[1]) if axis == 0 else (entry.scale[0], np.nan)
+    return replace(entry, scale=scale)
+
+
+def _acts(one: Split, entries: Sequence[Entry], axis: int) -> bool:
+    """Say whether a scale is surely the machine's: known to 0.05 %, surely there without any filament, or larger than
+    any filament's."""
+    alone = any(each.filament is None and np.isfinite(each.scale[axis]) for each in entries)
+    least = SURE_SDS * one.sd if alone else max(PLAIN, PLAIN_SDS * one.sd)
+    return one.is_told or abs(one.mean) > least
+
+
+def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -> SavedModel:
+    """Return a model whose scale is what all entries say of its machine, with the shrinkage of each filament."""
+    belief, entries = belief_of(model), (*before, *new)
+    rng = np.random.default_rng(0)
+    splits = [split(entries, axis) for axis in range(2)]
+    own = np.stack([each.draws(DRAWS, rng) for each in splits])  # [2, D]
+    acts = np.array([one.mean if _acts(one, entries, axis) else 0.0 for axis, one in enumerate(splits)])
+    known = {
+        name: _shrinkage(name, entries, own, acts, rng)
+        for name in dict.fromkeys(each.filament for each in entries)
+        if name
+    }
+    parts = _rescaled(belief, own, acts)
+    gaps = [gap for gap in model.findings[1:] if not gap.startswith(UNTOLD)]
+    if open_ := [axis for axis, one in enumerate(splits) if not _acts(one, entries, axis)]:
+        gaps.append(_untold(entries, open_))
+    diagnosis = diagnose(parts, belief.scene, gaps)
+    of_z = [words for words in model.findings[0].split("; ") if words.startswith("Z ")]
+    faults = [each for each in model.document.get("diagnosis", []) if each["part"] == "z"]
+    section = {**model.document["promise"], "parts": belief_section(belief.scene, parts)["parts"]}
+    if any(each.filament for each in entries):
+        section.pop("shown", None)  # that is said of machine and filament
+    section.pop("seen", None)
+    details: dict[str, Any] = {key: value for key, value in model.document.items() if key not in NUMBERS}
+    details |= {
+        "diagnosis": [
+            *({"part": f.part, "kind": f.kind, "value": round(f.value, 6), "sd": round(f.sd, 6), "unit": f.unit}
+              for f in diagnosis.faults),
+            *faults,
+        ],
+        "promise": section,
+        FILAMENTS: {
+            "measured": [entry_section(each) for each in entries],
+            "known": {name: filament_section(each) for name, each in known.items()},
+        },
+    }  # fmt: skip
+    mechanism, branches = _stretched(model, belief, acts - axis_scales(belief.scene, belief.parts)[0])
+    findings, series = (together("; ", [diagnosis.summary, *of_z]), *diagnosis.gaps), screw_of(model)
+    settled = saved_model(
+        mechanism if series is None else replace(mechanism, screw=None), learner=model.learner, branches=branches,
+        noise_mm=model.noise_mm, findings=findings, details=details,
+    )  # fmt: skip
+    return settled if series is None else with_screw(settled, series, findings=findings, details={})
+
+
+def _shrinkage(
+    name: str, entries: Sequence[Entry], own: np.ndarray, acts: np.ndarray, rng: np.random.Generator
+) -> tuple[Part, Part]:
+    """Return how much parts in a filament shrink, draw by draw beside the machine's scale ``own`` [2, D]: what a print
+    in it showed is known better than either."""
+    found = []
+    for axis in range(2):
+        seen = [each for each in entries if each.filament == name and np.isfinite(each.scale[axis])]
+        if seen:
+            weight = np.array([1 / max(each.sd[axis], 1e-6) ** 2 for each in seen])
+            total = float(weight @ [each.scale[axis] for each in seen] / weight.sum())
+            spread = rng.standard_normal(DRAWS) / np.sqrt(weight.sum())
+            shrinks, drawn = acts[axis] - total, own[axis] - total - spread
+        else:
+            material = material_of(name)
+            shrinks, drawn = material.mean, material.mean + material.sd * rng.standard_normal(DRAWS)
+        found.append(Part("shrinkage", axis, (), np.array([SCALE_MM * shrinks]), SCALE_MM * drawn[None]))
+    return found[0], found[1]
+
+
+def _rescaled(belief: Belief, own: np.ndarray, acts: np.ndarray) -> list[Part]:
+    """Return a machine's parts with another scale along the bed's axes: ``own`` [2, D] in the drawn machines."""
+    kept = [part for part in belief.parts if part.effect not in ("scale", "aspect", "shrinkage")]
+    if not belief.scene.corexy:
+        return [*(_part("scale", axis, acts[axis], own[axis]) for axis in range(2)), *kept]
+    old = [_summed(belief, "scale", motor) for motor in range(2)]
+    half_acts, half = ((a - b) / 2 / SCALE_MM for a, b in zip(*old, strict=True))
+    motors = [
+        _part("scale", motor, acts.mean() + sign * half_acts, own.mean(axis=0) + sign * half)
+        for motor, sign in enumerate((1, -1))
+    ]
+    return [*motors, _part("aspect", 0, acts[0] - acts[1], own[0] - own[1]), *kept]
+
+
+def _summed(belief: Belief, effect: str, where: int) -> tuple[float, np.ndarray]:
+    parts = belief.of(effect, where)
+    acts = sum(float(part.acts_mm[0]) for part in parts)
+    return acts, np.asarray(sum((part.draws_mm[0] for part in parts), np.zeros(DRAWS)))
+
+
+def _part(effect: str, where: int, acts: float, draws: np.ndarray) -> Part:
+    return Part(effect, where, (), np.array([SCALE_MM * acts]), SCALE_MM * draws[None])
+
+
+def _stretched(
+    model: SavedModel, belief: Belief, more: np.ndarray
+) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:
+    """Return a machine whose prints are larger by the shares ``more`` [2] along X and Y, and each motor's series; the
+    end stops, where it starts there, are where they were."""
+    mechanism, printer, scene = model.mechanism, model.printer, belief.scene
+    at_mm = np.array(printer.home_mm if scene.homed else printer.middle_mm[:2], float)
+    motors = np.full(2, more.mean()) if scene.corexy else more
+    tables, branches = [], []
+    for motor, table in enumerate(mechanism.transmissions):
+        still_mm, share = float(printer.to_motor(at_mm)[motor]), float(motors[motor])
+        added = share * (table.motor_mm - still_mm)
+        tables.append(replace(table, lower_mm=table.lower_mm + added, upper_mm=table.upper_mm + added))
+        one = branches_of(model, motor)
+        if one is not None and share:
+            powers = np.concatenate([one.mean.powers_mm, np.zeros(max(2 - len(one.mean.powers_mm), 0))])
+            powers[0] += share * (one.middle_mm - still_mm)
+            powers[1] += share * SCALE_MM
+            one = replace(one, mean=replace(one.mean, powers_mm=powers))
+        branches.append(one)
+    frame, unlike = mechanism.frame, more - motors
+    coefficients = frame.coefficients_mm.copy()
+    for axis, power in enumerate(((1, 0), (0, 1))):
+        coefficients[axis, Frame.exponents.index(power)] += unlike[axis] * frame.scale_mm
+        coefficients[axis, 0] -= unlike[axis] * at_mm[axis]
+    stretched = replace(
+        mechanism, transmissions=(tables[0], tables[1]), frame=replace(frame, coefficients_mm=coefficients)
+    )
+    return stretched, (branches[0], branches[1])
+
+
+def _untold(entries: Sequence[Entry], axes: Sequence[int]) -> str:
+    """Say of which axes machine and filament cannot be told apart, and how to tell them."""
+    names = list(dict.fromkeys(each.filament for each in entries if each.filament))
+    seen = []
+    for name in names:
+        last = [each for each in entries if each.filament == name][-1]
+        shares = [
+            say("percent-in-axis", f"{100 * last.scale[a]:+.2f}", "XY"[a]) for a in axes if np.isfinite(last.scale[a])
+        ]
+        seen.append(say("scale-of-filament", _both(shares), name))
+    which = _both(["XY"[axis] for axis in axes])
+    if any(each.filament is None for each in entries):
+        return say("whose-scale-not-settled", which)
+    return say("whose-scale-untold", which, together(", ", seen))
+
+
+def _both(words: Sequence[str]) -> str:
+    """Return one or two as one."""
+    return say("and", *words) if len(words) == 2 else together("", words)

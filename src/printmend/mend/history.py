@@ -1,0 +1,446 @@
+"""The life of a printer: every measurement of it, one JSON object a line beside its model, and where its wear leads.
+
+The history of printer.mend.json is printer.mend.history.jsonl. Each line has its ``event`` (learned, updated or
+verified), ``time`` and the ``model`` that resulted. A fault's trend is a straight line through its sizes since the last
+repair, each weighed by its doubt. Two sizes matter: the one at which a print is off by a tenth of a millimetre for it,
+and the one at which it is off by half a millimetre, which is the time for a repair.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from printmend.diagnosis.advice import REPAIR_MM, SOON_MM, advise
+from printmend.diagnosis.named import kind_words
+from printmend.effects.words import Fault as NamedFault
+from printmend.errors import ModelError
+from printmend.files import read_text, replacing
+from printmend.messages import say
+from printmend.model.model import SavedModel
+
+if TYPE_CHECKING:
+    from printmend.draw.history import Wear
+
+YEAR_S = 365.25 * 86400.0
+MONTH_S = YEAR_S / 12
+LEAST_SD = 0.003  # least standard deviation of a fault's size [mm, % or °]: two prints of one machine differ by this
+ABSENT_SD = 0.015  # standard deviation of the size [mm, % or °] of a fault that was not found
+TREND_SIGMAS = 2.0  # standard deviations of a slope that is a trend
+REPAIRED_SHARE = 0.5  # a fault whose size falls below this share of the last was repaired, if the fall is sure
+REPAIRED_SIGMAS = 4.0  # standard deviations that a sure fall has
+FARTHEST_YEARS = 20.0  # wear is foretold no further
+# The kinds of fault that are forms of play.
+PLAYS = ("play", "friction", "loose-belt", "play-by-angle")
+LEAST_RUN = 3  # measurements since the last repair; fewer tell no trend
+MOST_DRAWN = 4  # faults in the picture, the worst
+DRAWN_YEARS = 3.0  # how far past the last measurement the picture goes
+CROSSING_DRAWS = 2000  # lines drawn to see when a trend reaches a level: a quantile of 5 % is then known to 0.5 %
+_TODO = "move it away; the model itself does not need it"
+
+
+@dataclass(frozen=True)
+class Size:
+    """One fault at one time: ``time_s`` since 1970, its ``value`` ± ``sd``."""
+
+    time_s: float
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class Passed:
+    """A size that a fault has passed: ``level``, at which a print is off by ``effect_mm``, and ``when_s`` since 1970;
+    None where it was passed before the first measurement."""
+
+    level: float
+    effect_mm: float
+    when_s: float | None
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A fault over time: its ``sizes``, the first of the trend ``since``, growth ``per_month`` ± ``per_month_sd``, what
+    it has ``passed``, the next size ``level`` that matters, at which a print is off by ``effect_mm``, and when that is
+    reached: ``crossing_s`` and its range, None where it is not in sight."""
+
+    fault: NamedFault
+    sizes: tuple[Size, ...]
+    since: int
+    per_month: float
+    per_month_sd: float
+    passed: Passed | None
+    level: float
+    effect_mm: float
+    crossing_s: float | None
+    earliest_s: float | None
+    latest_s: float | None
+
+    @property
+    def name(self) -> str:
+        """The part and what is wrong with it."""
+        return f"{_part_of(self.fault.part)} {kind_words(self.fault.kind)}"
+
+    @property
+    def is_sure(self) -> bool:
+        """True where the fault surely grows or shrinks."""
+        return abs(self.per_month) > TREND_SIGMAS * self.per_month_sd
+
+    @property
+    def words(self) -> str:
+        """Say how large it is, what it has passed, where it leads, and what to do."""
+        unit, size = self.fault.unit, abs(self.fault.value)
+        said = f"{size:.3f} {unit} now"
+        if len(self.sizes) - self.since < LEAST_RUN:
+            said += "; a trend needs three measurements since the last repair"
+        elif not self.is_sure:
+            said += ", and steady"
+        else:
+            said += f", {'grows' if self.per_month > 0 else 'shrinks'} by {abs(self.per_month):.3f} {unit} a month"
+        return f"{said}{self._passed_words}{self._ahead_words}"
+
+    @property
+    def _passed_words(self) -> str:
+        if self.passed is None:
+            return ""
+        level, means = self._size_words(self.passed.level), f"it shifts prints by {self.passed.effect_mm:g} mm or more"
+        if self.passed.when_s is None:
+            said = f"more than {level} since the first measurement: {means}"
+        else:
+            said = f"it passed {level} about {_month(self.passed.when_s)}: since then {means}"
+        return f"; {said}. {self._advice(self.fault.value)}"
+
+    @property
+    def _ahead_words(self) -> str:
+        if self.crossing_s is None:
+            return ""
+        said = f"it will reach {self._size_words(self.level)} about {_month(self.crossing_s)}"
+        if self.earliest_s is not None:
+            late = "not for years" if self.latest_s is None else _month(self.latest_s)
+            said += f" (between {_month(self.earliest_s)} and {late})"
+        if self.passed is None:
+            return f"; {said}, and then shift prints by {self.effect_mm:g} mm: {self._advice(self.level)}"
+        return f" {said[0].upper()}{said[1:]}, and then shift prints by {self.effect_mm:g} mm"
+
+    def _size_words(self, level: float) -> str:
+        return f"{level:.2f} {self.fault.unit}"
+
+    def _advice(self, size: float) -> str:
+        return advise(replace(self.fault, value=size)).repair
+
+    def json(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            "part": self.fault.part, "kind": self.fault.kind, "unit": self.fault.unit,
+            "sizes": [{"time": _iso(one.time_s), "value": one.value, "sd": one.sd} for one in self.sizes],
+            "per_month": self.per_month, "per_month_sd": self.per_month_sd,
+            "passed": None if self.passed is None else {
+                "level": self.passed.level, "effect_mm": self.passed.effect_mm, "when": _iso(self.passed.when_s),
+            },
+            "level": self.level, "effect_mm": self.effect_mm,
+            "crossing": _iso(self.crossing_s), "earliest": _iso(self.earliest_s), "latest": _iso(self.latest_s),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Ageing:
+    """How old the last measurement is, in ``months``, and by how much (± standard deviation) faults should have
+    ``grown`` since: of each part, in capitals, its play [mm] and scale [%], where three measurements tell."""
+
+    months: float
+    grown: Mapping[tuple[str, str], tuple[float, float]]
+
+    def of(self, part: str) -> dict[str, tuple[float, float]]:
+        """Return what has grown of one motor."""
+        return {kind: size for (name, kind), size in self.grown.items() if name == part.upper()}
+
+    @property
+    def words(self) -> str:
+        """Say what was expected."""
+        said = [
+            f"{part} {kind} {more:+.3f} ± {sd:.3f} {'%' if kind == 'scale' else 'mm'}"
+            for (part, kind), (more, sd) in self.grown.items()
+            if abs(more) > sd
+        ]
+        if not said:
+            return ""
+        return f"{self.months:.1f} months after the last measurement, wear has probably added {', '.join(said)}"
+
+
+def history_of(model_path: Path) -> Path:
+    """Return where the history of a model lies: beside it."""
+    return model_path.parent / (model_path.name.removesuffix(".json") + ".history.jsonl")
+
+
+def remember(
+    model_path: Path, model: SavedModel, event: str, values: Mapping[str, Any], *, when: datetime | None = None
+) -> Path:
+    """Add an event to a model's history; return the file."""
+    path = history_of(model_path)
+    past = read_text(path, wanted="a history", todo="move it away", error=ModelError) if path.exists() else ""
+    time = (when or datetime.now(UTC)).isoformat(timespec="seconds")
+    line = {"event": event, "time": time, "model": model.digest, **values}
+    rounded = {key: round(value, 5) if isinstance(value, float) else value for key, value in line.items()}
+    with replacing(path) as file:
+        file.write(past + ("\n" if past and not past.endswith("\n") else "") + json.dumps(rounded) + "\n")
+    return path
+
+
+def remember_learned(
+    model_path: Path, model: SavedModel, source: str, *, updated: bool = False, when: datetime | None = None
+) -> Path:
+    """Note what a measurement said of the printer: its faults, and how well the model fits."""
+    trace = model.document.get("trace", {})
+    values = {
+        "source": source, "faults": model.document.get("diagnosis", []), "noise_mm": float(model.noise_mm),
+        "points": trace.get("measured"), "before_mm": trace.get("residual_before_mm"),
+    }  # fmt: skip
+    return remember(model_path, model, "updated" if updated else "learned", values, when=when)
+
+
+def read_history(model_path: Path) -> tuple[dict[str, Any], ...]:
+    """Return the events of a model's history in the order of time. Raises `ModelError` for a file that is none."""
+    path = history_of(model_path)
+    if not path.exists():
+        raise ModelError(
+            path, wanted="a history", came=say("none"), todo="learn, update or verify this model: each adds to it"
+        )
+    events = []
+    text = read_text(path, wanted="a history", todo=_TODO, error=ModelError)
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            event = json.loads(line)
+            event["seconds"] = _seconds(event["time"])
+            for fault in event.get("faults", []):
+                NamedFault(fault["part"], fault["kind"], float(fault["value"]), float(fault["sd"]), fault["unit"], "")
+        except (ValueError, KeyError, TypeError, RecursionError):
+            raise ModelError(
+                path, wanted="a JSON object with a time in every line", came=f"another in line {number}", todo=_TODO
+            ) from None
+        events.append(event)
+    return tuple(sorted(events, key=lambda event: event["seconds"]))
+
+
+def trends_of(events: Sequence[Mapping[str, Any]]) -> tuple[Trend, ...]:
+    """Return the trend of every fault that was ever found, the worst first."""
+    seen = [event for event in events if "faults" in event]
+    names: dict[tuple[str, str], tuple[str, str]] = {}
+    for event in seen:
+        for fault in event["faults"]:
+            family = _fault_family(fault["kind"])
+            names[(fault["part"], family)] = (fault["kind"] if family == "period" else family, fault["unit"])
+    found = []
+    for (part, family), (kind, unit) in names.items():
+        sizes = []
+        for event in seen:
+            one = [each for each in event["faults"] if (each["part"], _fault_family(each["kind"])) == (part, family)]
+            value, sd = (one[0]["value"], one[0]["sd"]) if one else (0.0, ABSENT_SD)
+            sizes.append(Size(float(event["seconds"]), abs(float(value)), max(float(sd), LEAST_SD)))
+        found.append(_trend(part, kind, unit, tuple(sizes)))
+    return tuple(sorted(found, key=lambda trend: -advise(trend.fault).effect_mm))
+
+
+def ageing_of(model_path: Path, when: datetime | None = None) -> Ageing | None:
+    """Return what the history of a model says of the time from its last measurement until ``when`` (now), None without
+    any. Raises `ModelError` for a history that is none."""
+    if not history_of(model_path).exists():
+        return None
+    events = [event for event in read_history(model_path) if "faults" in event]
+    if not events:
+        return None
+    last = max(float(event["seconds"]) for event in events)
+    months = max((when or datetime.now(UTC)).timestamp() - last, 0.0) / MONTH_S
+    grown: dict[tuple[str, str], tuple[float, float]] = {}
+    for trend in trends_of(events):
+        if trend.fault.kind in (*PLAYS, "scale") and len(trend.sizes) - trend.since >= LEAST_RUN:
+            more = trend.per_month if trend.is_sure else 0.0
+            slope_sd = trend.per_month_sd if trend.is_sure else np.hypot(trend.per_month, trend.per_month_sd)
+            sd = float(np.hypot(slope_sd * months, _random_walk(trend) * np.sqrt(months)))
+            grown[trend.fault.part.upper(), _fault_family(trend.fault.kind)] = (more * months, sd)
+    return Ageing(months, grown)
+
+
+def _random_walk(trend: Trend) -> float:
+    """Return the random walk of a fault about its trend, as a standard deviation after one month.
+
+    It is what the fault strays between measurements beyond what the doubt of each of them explains.
+    """
+    run = trend.sizes[trend.since :]
+    months = np.diff([one.time_s for one in run]) / MONTH_S
+    strayed = np.diff([one.value for one in run]) - trend.per_month * months
+    doubt2 = np.square([one.sd for one in run])
+    excess = float(np.sum(strayed**2 - doubt2[1:] - doubt2[:-1]))
+    return float(np.sqrt(max(excess, 0.0) / max(float(months.sum()), 1e-6)))
+
+
+def _fault_family(kind: str) -> str:
+    """Return the fault that a kind is a form of: play may look constant today and loose tomorrow, and the length with
+    which an idler repeats (period-31.4) comes out a little other each time."""
+    if kind.startswith("period-"):
+        return "period"
+    return "play" if kind in PLAYS else kind
+
+
+def _trend(part: str, kind: str, unit: str, sizes: tuple[Size, ...]) -> Trend:
+    """Fit a straight line through a fault's sizes since its last repair, each weighed by its doubt.
+
+    Where they scatter about the line by more than their doubts, the line's own doubt grows by as much.
+    """
+    since = 0
+    for k in range(1, len(sizes)):
+        fell = sizes[k - 1].value - sizes[k].value
+        fall_sd = np.hypot(sizes[k].sd, sizes[k - 1].sd)
+        if sizes[k].value < REPAIRED_SHARE * sizes[k - 1].value and fell > REPAIRED_SIGMAS * fall_sd:
+            since = k
+    fault = NamedFault(part, kind, sizes[-1].value, sizes[-1].sd, unit, "")
+    run = sizes[since:]
+    if len(run) < LEAST_RUN:
+        passed, ahead_mm = _passed(fault, run, None)
+        return Trend(fault, sizes, since, 0.0, np.inf, passed, _level(fault, ahead_mm), ahead_mm, None, None, None)
+    now = run[-1].time_s
+    months = np.array([(one.time_s - now) / MONTH_S for one in run])
+    values, sd = np.array([one.value for one in run]), np.array([one.sd for one in run])
+    columns = np.stack([np.ones(len(run)), months], axis=1) / sd[:, None]
+    covariance = np.linalg.pinv(columns.T @ columns)
+    here, slope = (float(one) for one in covariance @ (columns.T @ (values / sd)))
+    misfit = float(np.sum(((values - here - slope * months) / sd) ** 2) / max(len(run) - 2, 1))
+    covariance = covariance * max(misfit, 1.0)
+    slope_sd = float(np.sqrt(covariance[1, 1]))
+    fault = NamedFault(part, kind, max(here, 0.0), float(np.sqrt(covariance[0, 0])), unit, "")
+    grows = slope > TREND_SIGMAS * slope_sd
+    passed, ahead_mm = _passed(fault, run, slope if grows else None)
+    level = _level(fault, ahead_mm)
+    crossing = earliest = latest = None
+    if grows and here < level:
+        crossing, earliest, latest = _crossing(here, slope, covariance, level, now)
+    return Trend(fault, sizes, since, slope, slope_sd, passed, level, ahead_mm, crossing, earliest, latest)
+
+
+def _passed(fault: NamedFault, run: Sequence[Size], slope: float | None) -> tuple[Passed | None, float]:
+    """Return what a fault has passed, and by how many mm it shifts a print at the next size that matters.
+
+    Where it grows by ``slope`` a month its trend says when; else the straight line between the last measurement of
+    ``run`` that was smaller and the next.
+    """
+    effects_mm = [effect_mm for effect_mm in (SOON_MM, REPAIR_MM) if fault.value >= _level(fault, effect_mm)]
+    ahead_mm = REPAIR_MM if effects_mm else SOON_MM
+    if not effects_mm:
+        return None, ahead_mm
+    level = _level(fault, effects_mm[-1])
+    when_s = None
+    if slope is not None:
+        when_s = run[-1].time_s - (fault.value - level) / slope * MONTH_S
+    elif smaller := [k for k, one in enumerate(run[:-1]) if one.value < level]:
+        before, after = run[smaller[-1]], run[smaller[-1] + 1]
+        share = (level - before.value) / max(after.value - before.value, 1e-9)
+        when_s = before.time_s + min(max(share, 0.0), 1.0) * (after.time_s - before.time_s)
+    if when_s is not None and when_s <= run[0].time_s:
+        when_s = None
+    return Passed(level, effects_mm[-1], when_s), ahead_mm
+
+
+def _crossing(
+    here: float, slope: float, covariance: np.ndarray, level: float, now_s: float
+) -> tuple[float | None, float | None, float | None]:
+    """Return when a line reaches a level and the 90 % range of that (Fieller's would be exact; drawn lines do)."""
+    drawn = np.random.default_rng(0).multivariate_normal([here, slope], covariance, CROSSING_DRAWS)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        months = np.where(drawn[:, 1] > 0, np.maximum(level - drawn[:, 0], 0.0) / drawn[:, 1], np.inf)
+    low, high = np.quantile(months, (0.05, 0.95), method="nearest")
+
+    def at(month: float) -> float | None:
+        return now_s + month * MONTH_S if month < 12 * FARTHEST_YEARS else None
+
+    return at((level - here) / slope), at(float(low)), at(float(high))
+
+
+def _level(fault: NamedFault, effect_mm: float) -> float:
+    """Return the size of a fault of this kind at which it shifts a print by ``effect_mm``."""
+    unit = NamedFault(fault.part, fault.kind, 1.0, 0.1, fault.unit, "")
+    return effect_mm / max(advise(unit).effect_mm, 1e-9)
+
+
+def _seconds(text: str) -> float:
+    when = datetime.fromisoformat(text)
+    return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
+
+
+def _iso(time_s: float | None) -> str | None:
+    return None if time_s is None else datetime.fromtimestamp(time_s, UTC).date().isoformat()
+
+
+def _part_of(part: str) -> str:
+    """Return a part as it is written: a motor in capitals, the frame as a word."""
+    return part.upper() if len(part) == 1 else part
+
+
+def _month(time_s: float) -> str:
+    return datetime.fromtimestamp(time_s, UTC).strftime("%B %Y")
+
+
+def draw_history(path: Path, trends: Sequence[Trend]) -> None:
+    """Draw the worst faults over time into a PNG."""
+    from printmend.draw.figure import PALETTE, new_figure, save
+    from printmend.draw.history import draw_wear
+
+    shown = trends[:MOST_DRAWN]
+    figure, axes = new_figure(max(len(shown), 1), width_in=4.6, height_in=3.8)
+    for one, trend, colour in zip(axes, shown, PALETTE, strict=False):
+        draw_wear(one, _drawn(trend), colour)
+    if not shown:
+        axes[0].set_title("no fault was ever found")
+        axes[0].axis("off")
+    figure.tight_layout()
+    save(figure, path)
+
+
+def _drawn(trend: Trend) -> "Wear":
+    """Return what the picture of a fault shows: the sizes that matter where it has passed one, or will."""
+    from printmend.draw.history import Wear
+
+    last, line, reached = trend.sizes[-1].time_s, None, None
+    farthest = last + DRAWN_YEARS * YEAR_S
+    if trend.is_sure:
+        ends = trend.sizes[trend.since].time_s, min(trend.crossing_s or last, farthest)
+        low, high = (trend.fault.value + trend.per_month * (end - last) / MONTH_S for end in ends)
+        line = (ends[0], low), (ends[1], high)
+    if trend.earliest_s is not None and trend.earliest_s < farthest:
+        reached = trend.earliest_s, min(trend.latest_s or farthest, farthest)
+    levels = [] if trend.crossing_s is None else [(trend.level, trend.effect_mm)]
+    if trend.passed is not None:
+        levels.insert(0, (trend.passed.level, trend.passed.effect_mm))
+    unit, sizes = trend.fault.unit, trend.sizes
+    return Wear(
+        trend.name, unit, [one.time_s for one in sizes], [one.value for one in sizes], [one.sd for one in sizes], line,
+        [(level, f"{level:.2f} {unit}: prints off by {effect_mm:g} mm") for level, effect_mm in levels],
+        None if trend.passed is None else trend.passed.when_s, reached,
+    )  # fmt: skip
+
+
+def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
+    """Return (date, event, what it said) of every event, for a table."""
+    rows = []
+    for event in events:
+        if event.get("event") == "verified":
+            at_most = event.get("now_at_most_mm")
+            now = f"{event['now_mm']:.3f}" if not isinstance(at_most, float) else say("less-than", f"{at_most:.3f}")
+            said = (
+                f"{now} mm, {event['promised_low_mm']:.3f} to {event['promised_high_mm']:.3f} was "
+                f"promised: {event.get('result', 'kept' if event.get('kept') else 'broken')}"
+            )
+        elif event.get("event") == "refitted":
+            said = f"{' and '.join(map(str, event.get('motors', [])))}: worked on, to be measured again"
+        else:
+            faults = [
+                f"{_part_of(one['part'])} {kind_words(one['kind'])} {abs(one['value']):.3f} {one['unit']}"
+                for one in event.get("faults", [])
+            ]
+            said = ", ".join(faults) or "healthy"
+        rows.append((_iso(event["seconds"]) or "", str(event.get("event", "")), said))
+    return rows

@@ -1,0 +1,337 @@
+"""From a trace to the saved model of a machine: what `printmend learn` does.
+
+A search among few effects makes the first guess of the contacts; one search finds the effects that made the
+measurement; what acts is their mean, and machines drawn from all likely sets are the promise.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from printmend.diagnosis.gaps import gaps_of
+from printmend.diagnosis.named import Diagnosis, diagnose, misfits_of
+from printmend.diagnosis.screw import ScrewFound, find_screw
+from printmend.effects import EFFECTS, Scene, scene_of
+from printmend.errors import ConfigError
+from printmend.infer.first import LASTING, among, begun
+from printmend.infer.fit import Fit, fitted
+from printmend.infer.machine import machine_of
+from printmend.infer.part import DRAWS, Part
+from printmend.infer.posterior import posterior_of
+from printmend.learn import learner
+from printmend.learn.walls import with_walls
+from printmend.machine import Mechanism, healthy_mechanism
+from printmend.measure.follows import check_follows, check_trace
+from printmend.measure.once import counted_once, digest_of
+from printmend.measure.whose import check_origin
+from printmend.messages import say, together
+from printmend.model import Branches, SavedModel, ScrewSeries, saved_model, with_screw
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.promise.belief import belief_section
+from printmend.promise.misfit import Misfit, misfit_section, misfit_words
+from printmend.promise.misfit_printer import another_home, another_printers
+from printmend.promise.misfit_rows import in_order, passed_over
+from printmend.promise.of_rows import MOST_LOST, lost_rows, said_of_rows, skipped
+from printmend.promise.scale import scale_words, seen_scales, shown_scales
+from printmend.twin import Twin
+
+AUTO = "auto"
+_BY_SEARCH = (AUTO, "greybox")  # learners whose model is made of effects
+FAR_ORIGIN_MM = 5.0  # an origin of a measurement's own further from the bed's is moved there
+# … as a line through what is missed has it at home, where places scatter by this share of their distance from home,
+# the line leaves less than this share of what is missed, and no stretch is larger than any printer's.
+WIDE_SHARE, LINE_SHARE, MOST_STRETCH = 0.3, 0.5, 0.5
+PLANE_FACTOR = 2**0.5  # RMS distance on the bed over the standard deviation of one coordinate
+DOUBTED_SCATTER = 2.0  # factor by which points may scatter more than their instrument says before that is told
+DIGESTS = "measurements"  # the document's key of what tells the measurements that it was learned from
+Z_SAID = "z"  # the document's key of what was said of Z, kind by kind
+_TOWER_TODO = say("tower-two-turns-screw-measured-several")
+_PROBE_TODO = say("printmend-probe-writes-print-shows-all")
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """A saved model and the search that it was made of (None where there was none), for the trace that it was fitted
+    to: in order, free of Z, its motors where they really went."""
+
+    saved: SavedModel
+    trace: Trace
+    fit: Fit | None = None
+
+
+def learn_model(
+    trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator | None = None
+) -> SavedModel:
+    """Learn a machine from a trace, as `learn` does, and return its saved model."""
+    return learn(trace, printer, model=model, rng=rng).saved
+
+
+def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator | None = None) -> Learned:
+    """Learn a machine from a trace.
+
+    ``auto`` searches for the effects that made the measurement. Raises `TraceError` where the trace cannot support any,
+    `ConfigError` where the named learner has no machine to mend with. ``rng`` draws the machines of the promise;
+    without it every run draws the same.
+    """
+    rng = np.random.default_rng(0) if rng is None else rng
+    # Threads of the linear algebra cost more than they bring on systems of a few hundred unknowns.
+    with threadpool_limits(1, user_api="blas"):
+        return _learned(trace, printer, model, rng)
+
+
+def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> Learned:
+    check_origin(say("measurement-2"), trace.origin, printer)
+    digests = (digest_of(trace),)
+    trace, copies = counted_once(trace)
+    ordered = in_order(near_bed(with_walls(trace, printer), printer), printer)
+    told = (*passed_over(trace, copies), *ordered.found, *another_home(ordered.trace, printer))
+    trace = ordered.trace
+    check_trace(trace)
+    check_follows(trace, printer)
+    if model not in _BY_SEARCH:
+        return _learned_without_parts(trace, printer, model, told, rng)
+    screw = find_screw(trace, printer, lambda clean: left_roughly_mm(clean, printer))
+    flat = trace if screw is None else screw.trace
+    first, turned = begun(flat, scene_of(flat, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn)))
+    told = (*told, *skipped(flat, turned, printer))
+    fit = fitted(turned, first.scene, first.mechanism)
+    saved = searched_model(fit, turned, told, {DIGESTS: list(digests)}, rng)
+    if screw is not None and not screw.is_silent:
+        saved = with_screw_found(saved, screw, screw.series, trace)
+    return Learned(saved, turned, fit)
+
+
+def left_roughly_mm(trace: Trace, printer: Printer) -> np.ndarray:
+    """Return what a rough machine leaves of the measured points [N, 2] on the bed, NaN where nothing was measured.
+
+    What comes and goes from layer to layer is left, for Z.
+    """
+    scene = scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    left_mm = fitted(trace, scene, healthy_mechanism(printer), kept=among(LASTING), quick=True).left_by_mark_mm(trace)
+    if trace.homed:  # there the machine has no error, whatever its play
+        left_mm[0] = (trace.measured_mm - trace.commanded_mm)[0]
+    return left_mm
+
+
+def searched_model(
+    fit: Fit, trace: Trace, told: Sequence[Misfit], more: Mapping[str, Any], rng: np.random.Generator
+) -> SavedModel:
+    """Return the model of the effects that a search found."""
+    posterior = posterior_of(fit, rng)
+    acting = [part.acting() for part in posterior.parts if part.acts_mm.any()]
+    mechanism, branches = machine_of(fit.scene, acting)
+    left_mm = fit.left_by_mark_mm(trace)
+    kept_mm = left_mm[np.isfinite(left_mm).all(axis=1) & ~lost_rows(left_mm)]
+    kept_mm = kept_mm if len(kept_mm) else fit.left_mm()[:, None]  # walls are no dots
+    noise_mm = float(np.sqrt(np.mean(kept_mm**2)))
+    scatter_mm = float(np.sqrt(max(noise_mm**2 - (instrument_scatter_mm(trace) or noise_mm) ** 2, 0.0)))
+    promise = belief_section(fit.scene, posterior.parts, scatter_mm=scatter_mm, motion=trace.motion)
+    if not fit.scene.placed:
+        promise["shown"] = shown_scales(fit.scene, posterior.parts)
+        promise["seen"] = seen_scales(fit.scene, posterior.parts)
+    told = (
+        *told,
+        *another_printers(left_mm, trace, fit.scene.printer),
+        *misfits_of(posterior.parts, fit.scene, posterior.nats, turned_rad=fit.turned_rad),
+        *said_of_rows(posterior, trace, left_mm),
+    )
+    diagnosis = diagnose(posterior.parts, fit.scene, gaps_of(fit))
+    return _saved(
+        trace, mechanism, branches, diagnosis, promise, told, more, noise_mm, PLANE_FACTOR * noise_mm,
+        lost_rows(left_mm),
+    )  # fmt: skip
+
+
+def _saved(
+    trace: Trace,
+    mechanism: Mechanism,
+    branches: tuple[Branches | None, Branches | None],
+    diagnosis: Diagnosis,
+    promise: Mapping[str, Any],
+    told: Sequence[Misfit],
+    more: Mapping[str, Any],
+    noise_mm: float,
+    left_mm: float,
+    lost: np.ndarray,
+) -> SavedModel:
+    details: dict[str, Any] = {
+        "diagnosis": [
+            {"part": f.part, "kind": f.kind, "value": round(f.value, 6), "sd": round(f.sd, 6), "unit": f.unit}
+            for f in diagnosis.faults
+        ],
+        "trace": _trace_section(trace, left_mm, lost),
+        "promise": dict(promise),
+        "misfit": misfit_section(tuple(told)),
+        **more,
+    }
+    return saved_model(
+        mechanism, learner="greybox", branches=branches, noise_mm=noise_mm,
+        findings=(diagnosis.summary, *diagnosis.gaps), details=details,
+    )  # fmt: skip
+
+
+def _learned_without_parts(
+    trace: Trace, printer: Printer, name: str, told: tuple[Misfit, ...], rng: np.random.Generator
+) -> Learned:
+    """Return what the learner ``name`` makes of a trace, whose machine is not made of effects."""
+    fit = learner(name).fit(trace, printer, rng=rng)
+    mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
+    if not isinstance(mechanism, Mechanism):
+        raise ConfigError(
+            f"--learner {name}",
+            wanted="a learner whose model is a machine: motors, belts and a frame",
+            came="one that only predicts steps on the lattice",
+            todo="use --learner auto, or lightgbm-axis on a cartesian printer",
+        )
+    known = trace.measured_rows
+    noise = float(np.sqrt(np.mean(np.square((trace.measured_mm - trace.commanded_mm)[known]))))
+    left = (trace.measured_mm - Twin(mechanism).follow(trace.commanded_mm))[known]
+    left = left if trace.placed else left - left.mean(axis=0)
+    turns = (printer.x.mm_per_turn, printer.y.mm_per_turn)
+    scene = scene_of(trace, printer, turns)
+    promise = belief_section(scene, _left_by_place(scene, left))
+    details = {"misfit": misfit_section(told), "promise": promise}
+    finding = say("learned-by-other", name)
+    saved = saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
+    return Learned(saved, trace)
+
+
+def _left_by_place(scene: Scene, left_mm: np.ndarray) -> list[Part]:
+    """Return what a learner without doubt leaves of its points [N, 2] as an error of both motors by place: it may come
+    again at any of them."""
+    rng = np.random.default_rng(0)
+    size_mm = np.sqrt(np.mean(np.square(scene.printer.to_motor(left_mm)), axis=0))
+    found: list[Part] = []
+    for term in EFFECTS["uneven"].terms(scene):
+        profile = np.array(term.sd_mm)
+        if term.where == len(found):  # the first of a motor's: any size will do
+            profile *= size_mm[term.where] / np.sqrt(np.sum(profile**2) / 2)
+            draws = profile[:, None] * rng.standard_normal((len(profile), DRAWS))
+            found.append(Part(term.effect, term.where, term.shape, np.zeros(len(profile)), draws))
+    return found
+
+
+def near_bed(trace: Trace, printer: Printer) -> Trace:
+    """Return a trace whose places have an origin of their own with that origin near the bed's, where it was far off.
+
+    What is missed at one place is then the machine's, as everywhere else, and not tens of millimetres of the paper's.
+    """
+    known = trace.measured_rows
+    off_mm = (trace.measured_mm - trace.commanded_mm)[known]
+    if trace.placed or not len(off_mm) or np.abs(shift := np.median(off_mm, axis=0)).max() < FAR_ORIGIN_MM:
+        return trace
+    at_home = _missed_at_home_mm(trace.commanded_mm[known] - printer.home_mm, off_mm)
+    if at_home is not None and np.abs(at_home - shift).max() > FAR_ORIGIN_MM:
+        shift = at_home
+    return replace(trace, measured_mm=trace.measured_mm - shift)
+
+
+def _missed_at_home_mm(from_home_mm: np.ndarray, off_mm: np.ndarray) -> np.ndarray | None:
+    """Return what places [N, 2] miss [N, 2] goes to at home [2]: a pulley of another size misses by tens of
+    millimetres in the middle of the bed, and by nothing there. None where places do not show it."""
+    line, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(off_mm)), from_home_mm]), off_mm, rcond=None)
+    left = off_mm - line[0] - from_home_mm @ line[1:]
+    is_wide = (from_home_mm.std(axis=0) > WIDE_SHARE * np.abs(from_home_mm.mean(axis=0))).all()
+    is_line = left.std() < LINE_SHARE * off_mm.std(axis=0).max() and np.abs(line[1:]).max() < MOST_STRETCH
+    return np.asarray(line[0]) if is_wide and is_line else None
+
+
+def instrument_scatter_mm(trace: Trace) -> float | None:
+    """Return the standard deviation of a coordinate that the instrument states, None where it states none.
+
+    None for walls, too: their stated deviation was estimated from their own scatter, the printer's included.
+    """
+    stated = np.zeros(0) if trace.sigma_mm is None else trace.sigma_mm[trace.measured_rows]
+    stated = stated[np.isfinite(stated) & (stated > 0)]
+    if not len(stated) or trace.wall_rows.any():
+        return None
+    return float(np.hypot(np.median(stated), trace.instrument_doubt.wave_mm))
+
+
+def _trace_section(trace: Trace, left_mm: float, lost: np.ndarray | None = None) -> dict[str, Any]:
+    """Return what a saved model tells of its measurement: rows, errors before and after, the instrument's scatter.
+
+    Points ``lost`` [N] that the model leaves out are counted, and are not among these errors.
+    """
+    scatter_mm = instrument_scatter_mm(trace)
+    told = trace.measured_rows
+    seen_mm = trace.commanded_mm[told & ((np.arange(len(trace)) > 0) | (not trace.homed))]
+    count, measured = 0 if lost is None else int(lost.sum()), int(told.sum())
+    if lost is not None and 0 < count <= MOST_LOST * measured:
+        told = told & ~lost
+    off_mm = (trace.measured_mm - trace.commanded_mm)[told]
+    if not trace.placed:  # nobody knows where the plate lay
+        off_mm = off_mm - off_mm.mean(axis=0)
+    return {
+        "rows": len(trace),
+        "measured": measured,
+        **({"seen_mm": np.round([seen_mm.min(axis=0), seen_mm.max(axis=0)], 3).tolist()} if len(seen_mm) else {}),
+        **({"left_out": count} if told.sum() < measured else {}),
+        "residual_before_mm": round(float(np.sqrt(np.mean(np.square(off_mm).sum(axis=1)))), 6),
+        "residual_after_mm": round(left_mm, 6),
+        **({} if scatter_mm is None else {"instrument_mm": round(scatter_mm, 6)}),
+    }
+
+
+def with_screw_found(model: SavedModel, found: ScrewFound, series: ScrewSeries | None, trace: Trace) -> SavedModel:
+    """Add to a planar model what was found of Z; ``trace`` is the one with the push in it."""
+    summary, *gaps = model.findings
+    faults = [*model.document.get("diagnosis", []), *found.faults]
+    details: dict[str, Any] = {"diagnosis": faults, Z_SAID: dict(found.said)}
+    if "trace" in model.document:
+        off = (trace.measured_mm - trace.commanded_mm)[trace.measured_rows]
+        before_mm = float(np.sqrt(np.mean(np.square(off).sum(axis=1))))
+        details["trace"] = {**model.document["trace"], "residual_before_mm": round(before_mm, 6)}
+    findings = (together("; ", filter(None, (summary, found.sentence))), *gaps, *found.gaps.values())
+    return with_screw(model, series, findings=findings, details=details)
+
+
+def known_digests(model: SavedModel) -> tuple[str, ...]:
+    """Return the digests of the measurements that a model was learned from, where it says them."""
+    digests = model.document.get(DIGESTS)
+    return tuple(map(str, digests)) if isinstance(digests, list) else ()
+
+
+def scatter_words(model: SavedModel) -> str:
+    """Say by how much measured points scatter, and whose that is: only an instrument that tells its own scatter tells
+    it from a printer's that lays each dot anew."""
+    found, trace = PLANE_FACTOR * model.noise_mm, model.document.get("trace", {})
+    own = PLANE_FACTOR * float(trace["instrument_mm"]) if "instrument_mm" in trace else None
+    if own is None:
+        return say("scatter-of-either", f"{found:.3f}")
+    if found <= DOUBTED_SCATTER * own:
+        return say("scatter-of-measuring", f"{found:.3f}")
+    return say("scatter-of-dots", f"{found:.3f}", f"{own:.3f}")
+
+
+def report(model: SavedModel) -> str:
+    """Return the diagnosis of a saved model as lines for a terminal."""
+    first, *gaps = model.findings
+    lines = [first]
+    if "trace" in model.document:
+        trace = model.document["trace"]
+        sizes = (f"{trace['residual_before_mm']:.3f}", f"{trace['residual_after_mm']:.3f}", scatter_words(model))
+        if "left_out" in trace:
+            lines.append(say("error-before-without", trace["measured"], trace["left_out"], *sizes))
+        else:
+            lines.append(say("error-before", trace["measured"], *sizes))
+    return together(
+        "\n",
+        [
+            *lines,
+            *scale_words(model),
+            *misfit_words(model.document),
+            *(say("not-shown-by-trace", gap) for gap in gaps),
+            *todo(gaps),
+        ],
+    )
+
+
+def todo(gaps: Sequence[str]) -> tuple[str, ...]:
+    """Return which prints would show what a trace did not tell."""
+    of_z = {gap.startswith("Z ") for gap in gaps}
+    return tuple(what for screw, what in ((False, _PROBE_TODO), (True, _TOWER_TODO)) if screw in of_z)

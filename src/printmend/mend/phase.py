@@ -1,0 +1,106 @@
+"""A known printer whose belts or pulleys were worked on: measure again, or find where its motors stand by one print.
+
+Until then nothing is mended: a pulley that was turned moves errors to other places, and mending would add to them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from printmend.effects import scene_of
+from printmend.effects.prior import wear_share
+from printmend.errors import InputError, TraceError
+from printmend.infer.phase import Phase, found_phase
+from printmend.infer.update import both_seen
+from printmend.learn.walls import with_walls
+from printmend.measure.once import counted_once, digest_of
+from printmend.measure.whose import check_origin
+from printmend.mend.learned import known_digests, near_bed
+from printmend.mend.update import Change, Updated, _updated, believed, measured_again
+from printmend.messages import say, together
+from printmend.model import SavedModel, screw_of, with_screw
+from printmend.path import Trace
+from printmend.promise.misfit import REFITTED, REFUSAL
+from printmend.promise.misfit_rows import in_order, passed_over
+
+LEAST_SHIFT_MM = 0.05  # of a motor that is told
+MOST_NOISE = 2.0  # times the noise of the old measurement that a print of the same machine may scatter by
+LEAST_NOISE_MM = 0.005  # of a measurement
+
+
+def refitted(model: SavedModel, motors: Sequence[str]) -> SavedModel:
+    """Return a model that asks to be measured again, for the belts or pulleys of ``motors`` were worked on."""
+    names = model.printer.motors
+    if unknown := [name for name in motors if name.lower() not in names]:
+        raise InputError(
+            "--refitted", wanted=say("motor-of-this-printer", ", ".join(names)), came=unknown[0], todo=say("correct")
+        )
+    named = " and ".join(name.upper() for name in names if name in {motor.lower() for motor in motors})
+    words = say("belt-pulley-worked-errors-elsewhere-now", named)
+    found = [one for one in _found(model) if one.get("kind") != REFITTED]
+    refusal = {"kind": REFITTED, "severity": REFUSAL, "size_mm": 0.0, "evidence": 0.0, "words": words}
+    misfit = {"misfit": {"found": [refusal, *found]}}
+    return with_screw(model, screw_of(model), findings=model.findings, details=misfit)
+
+
+def _found(model: SavedModel) -> list[dict]:
+    section = model.document.get("misfit")
+    return [one for one in section.get("found", []) if isinstance(one, dict)] if isinstance(section, dict) else []
+
+
+def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> Updated:
+    """Return the same machine with its motors where a print shows them.
+
+    Raises `ModelError` for a model that says nothing of its doubt, `TraceError` like `learn`, for a measurement that
+    the model was learned from, and where the print is of another machine.
+    """
+    check_origin(say("measurement-2"), trace.origin, old.printer)
+    digest = digest_of(trace)
+    if digest in known_digests(old):
+        raise TraceError(
+            say("measurement-2"), wanted=say("print-after-work"), came=say("measurement-model-learned-from"),
+            todo=say("print-probe-phase"),
+        )  # fmt: skip
+    belief = believed(old)
+    with threadpool_limits(1, user_api="blas"):
+        once, copies = counted_once(trace)
+        ordered = in_order(near_bed(with_walls(once, old.printer), old.printer), old.printer)
+        if not ordered.trace.measured_rows.any() and not ordered.trace.wall_rows.any():
+            raise TraceError(say("trace"), wanted=say("measured-marks"), came=say("none"), todo=say("check-trace"))
+        scene = both_seen(belief.scene, scene_of(ordered.trace, old.printer, belief.scene.turns_mm))
+        phase = found_phase(belief.parts, old.mechanism, ordered.trace, scene, max(old.noise_mm, LEAST_NOISE_MM))
+        moved = replace(belief, parts=phase.parts)
+        machine = replace(old, mechanism=phase.mechanism)
+        found = measured_again(machine, moved, ordered.trace, rng)
+        others: list[str] = [*(say("another-drive") for _ in found.story.anew)]
+        others += [effect for effect, _, _ in found.changes if not wear_share(effect)]
+        noise_mm, own_mm = found.now.noise_mm, max(old.noise_mm, LEAST_NOISE_MM)
+        if found.story.whole or others or noise_mm > MOST_NOISE * own_mm:
+            scatter = say("marks-scatter-instead", f"{noise_mm:.3f}", f"{own_mm:.3f}")
+            raise TraceError(
+                say("phase-print"), wanted=say("machine-of-model-elsewhere"), todo=say("print-whole-and-learn-anew"),
+                came=together(", ", dict.fromkeys(others)) if others else scatter,
+            )  # fmt: skip
+        # the work, not the end stop, moved the motors: it tells nothing of how the end stops scatter
+        updated = _updated(
+            old, moved, replace(found, homed_mm=()), ordered.trace, (*passed_over(once, copies), *ordered.found), digest
+        )
+    # so small a print tells where an idler stands, and hardly how large its wave is
+    changes = (*_shifts(old, phase), *(one for one in updated.changes if not one.kind.startswith("period")))
+    screw = screw_of(old)
+    model = updated.model
+    if screw is not None:
+        model = with_screw(model, screw, findings=model.findings, details={})
+    return replace(updated, model=model, changes=changes)
+
+
+def _shifts(old: SavedModel, phase: Phase) -> list[Change]:
+    found = []
+    for motor, name in enumerate(old.printer.motors):
+        by_mm, sd_mm = float(phase.by_mm[motor]), float(phase.sd_mm[motor])
+        if np.isfinite(sd_mm) and abs(by_mm) > max(LEAST_SHIFT_MM, 2 * sd_mm):
+            words = say("motor-stands-elsewhere", name.upper(), f"{by_mm:+.2f}", f"{sd_mm:.2f}")
+            found.append(Change(name.upper(), "phase", 0.0, by_mm, sd_mm, "mm", words))
+    return found

@@ -1,0 +1,395 @@
+"""What the model says about a file before and after mending."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from printmend.clock import Duration
+from printmend.messages import say, together
+from printmend.model.model import SavedModel
+from printmend.plan import Planner
+from printmend.plan import layout as k
+from printmend.promise.belief import parse_belief
+from printmend.promise.misfit import said_of
+from printmend.promise.predict import Errors, PathPlaces, Promise, best_shift, promised, shape_of, without_doubt
+from printmend.promise.scale import knows_a_length, knows_all_but_a_reading
+from printmend.promise.words import in_a_line, in_words
+
+_EDGE_MM = 0.5  # a print that is less than this beyond the bed's edge, as slicers round it, is on the bed
+_LEAST_GAIN_MM = 0.0005  # a smaller gain is none: the numbers in a file resolve no more
+_NO_ERROR_MM = 1e-6  # root mean square below which a model knows of no error in a file
+_SHIFT_MM = 0.005  # a whole part that is shifted by less lies at its place
+_WORTH_ADVICE_MM = 0.03  # an expected error that may be larger than this is worth another print
+_WORTH_CAUSE_MM = (
+    0.005  # … if what it mostly comes from is this much at least: what dots at rest do not show is in every range
+)
+_MAIN_SHARE = 0.5  # share of an expected error that must be one part's for it to be named
+_BEYOND_MM = 5.0  # a part that lies farther outside of what was measured is told so
+_WHOLE_MARKS = 400  # a measurement of so many marks was of a whole test print
+# Most of the drawn machines, as a share, that may print no better mended; and where a few distances left most of what
+# was drawn to assumed chances.
+_MOST_WORSE_SHARE, _MOST_WORSE_SHARE_BY_HAND = 0.05, 0.01
+
+
+@dataclass(frozen=True)
+class Heights:
+    """Error of the nozzle's height, over the length of the extruded path [mm]."""
+
+    rms_mm: float
+    max_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The expected contour error of a file as it is (``before``) and as mended (``after``), with all that is not known.
+
+    ``path`` are places along the extruded path, ``gain_mm`` by how much mending lowers the error of each of some
+    machines that the model allows; None for a model that says nothing of its doubt. ``most_worse_share`` of them may
+    print no better where mending is to count as better. ``advice`` says, before printing,
+    where most of the doubt comes from and which print or measurement would settle it.
+    ``layers`` [L] holds for each layer z_mm, length_mm and both errors (rms, max). ``length_mm`` is the extruded path.
+    ``moves`` and ``commands`` count what moves the head before and after; ``takeups`` the reversals at which slack was
+    taken up, ``stops`` those of them where the nozzle has to stand still for that amid an extruded path, ``anchors``
+    the places where the engaged side had to be made certain again. ``clamped`` counts commands that had to be held back
+    at the edge of the bed, ``clamped_extruding`` those that extrude, ``beyond_mm`` how far out they would have gone and
+    ``held_mm`` how much extruded path that is, the start of the file left out where layer comments tell what that is
+    (purge lines lie at the edge of the bed and need not be right); ``unknown`` the extruding moves that were left as
+    they are, because their words cannot be read or the file does not say where the head is, ``unknown_lines`` the lines
+    of the first of them, ``splines`` the curves (G5) that were, ``geometry`` the commands that make the firmware scale,
+    skew or lengthen what it is told. ``distance_to`` says what the errors are distances to, from above. ``warnings``
+    say where the file was read otherwise than its firmware may read it. From ``low_mm`` to ``high_mm`` is where
+    printing moves end, from ``printed_low_mm`` to ``printed_high_mm`` where anything is printed, dots and the
+    beginnings of moves too; ``on_bed`` says whether this is all on the bed.
+    ``heights`` are the errors in height before and after, where the model has a Z screw. ``duration`` is how long both
+    take, None where nobody asked.
+    ``shift_mm`` is by how much all of the unmended print lies beside its place, as far as the model knows. Where the
+    errors are ``of_shape`` they are those of the shape at its best place, without it: the measurement did not show
+    where on the bed a print lies. Else they contain it.
+    """
+
+    length_mm: float
+    before: Promise
+    after: Promise
+    layers: tuple[dict[str, float], ...]
+    moves: int
+    commands: int
+    takeups: int
+    stops: int
+    coarse: int
+    anchors: int
+    clamped: int
+    clamped_extruding: int
+    beyond_mm: float
+    held_mm: float
+    unknown: int
+    splines: int
+    geometry: int
+    extruding: int
+    low_mm: tuple[float, float]
+    high_mm: tuple[float, float]
+    printed_low_mm: tuple[float, float]
+    printed_high_mm: tuple[float, float]
+    on_bed: bool
+    unknown_lines: tuple[int, ...] = ()
+    distance_to: str = field(default_factory=lambda: say("the-wanted-path"))
+    heights: tuple[Heights, Heights] | None = None
+    advice: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    duration: Duration | None = None
+    shift_mm: tuple[float, float] = (0.0, 0.0)
+    of_shape: bool = False
+    path: PathPlaces | None = field(default=None, repr=False)
+    gain_mm: np.ndarray | None = field(default=None, repr=False)
+    most_worse_share: float = field(default=_MOST_WORSE_SHARE, repr=False)
+
+    @property
+    def is_better(self) -> bool:
+        """Say whether mending surely gains more than the resolution of the numbers in the file."""
+        if self.gain_mm is not None and self.heights is None:
+            is_gain = float(np.median(self.gain_mm)) > _LEAST_GAIN_MM
+            return is_gain and float(np.quantile(self.gain_mm, self.most_worse_share)) > 0.0
+        before, after = self.before.rms_mm, self.after.rms_mm
+        if self.heights is not None:
+            before, after = math.hypot(before, self.heights[0].rms_mm), math.hypot(after, self.heights[1].rms_mm)
+        return before - after > _LEAST_GAIN_MM
+
+    @property
+    def chance_of_none(self) -> float:
+        """The share of the machines that the measurement allows which would print no better mended; 0 where unsaid."""
+        return 0.0 if self.gain_mm is None else float(np.mean(self.gain_mm <= 0.0))
+
+    @property
+    def where_unknown(self) -> str:
+        """The lines of the moves that were left as they are, in brackets; empty where that is not known."""
+        if not self.unknown_lines:
+            return ""
+        more = [] if self.unknown == len(self.unknown_lines) else ["…"]
+        message = "in-line" if self.unknown == 1 else "in-lines"
+        return say(message, together(", ", [*map(str, self.unknown_lines), *more]))
+
+    @property
+    def is_untouched(self) -> bool:
+        """Say whether the model has nothing to mend here: what it knows puts every line where it belongs."""
+        known_mm = max(self.before.planning_rms_mm, self.heights[0].rms_mm if self.heights else 0.0)
+        if self.path is not None:  # a mere shift is no error of the shape, but would be written
+            known_mm = max(known_mm, float(np.abs(self.path.off_mm).max(initial=0.0)))
+        return known_mm < _NO_ERROR_MM and self.commands == self.moves
+
+    @property
+    def shift_words(self) -> str:
+        """One sentence about the shift of the whole print; empty where it lies at its place."""
+        x_mm, y_mm = self.shift_mm
+        if math.hypot(x_mm, y_mm) < _SHIFT_MM or self.is_untouched:
+            return ""
+        message = "print-shifted-left-out" if self.of_shape else "print-shifted-included"
+        return say(message, f"{math.hypot(x_mm, y_mm):.2f}", f"{x_mm:+.2f}", f"{y_mm:+.2f}")
+
+    def json(self) -> dict[str, Any]:
+        """Return plain values for a report."""
+        plain = asdict(replace(self, path=None, gain_mm=None, duration=None))
+        plain["duration"] = None if self.duration is None else self.duration.json()
+        del plain["path"], plain["gain_mm"], plain["most_worse_share"]
+        plain["layers"] = list(self.layers)
+        plain |= {"planning_rms_mm": self.after.planning_rms_mm, "made_of": dict(self.after.made_of)}
+        if not self.extruding:
+            plain["low_mm"] = plain["high_mm"] = None
+        if self.printed_low_mm[0] > self.printed_high_mm[0]:  # not a dot either
+            plain["printed_low_mm"] = plain["printed_high_mm"] = None
+        return plain
+
+    def summary(self) -> str:
+        """Say it in a few lines for a terminal."""
+        rows: list[str] = [
+            say("expected-distance", self.distance_to, f"{self.length_mm / 1000:.1f}"), say("expected-columns"),
+        ]  # fmt: skip
+        told = (("as-it-is", self.before), ("mended", self.after))[: 1 if self.is_untouched else 2]
+        for name, errors in told:
+            ranged = f"{errors.rms_low_mm:.3f}–{errors.rms_high_mm:.3f}"
+            row = f"{errors.rms_mm:7.3f}  {ranged:>15}  {errors.p95_mm:11.3f}  {errors.max_mm:7.3f}"
+            rows.append(say(f"expected-{name}", row))
+        for (name, _), height in zip(told, self.heights or (), strict=False):
+            rows.append(
+                say(f"expected-{name}-in-height", f"{height.rms_mm:7.3f}  {'':15}  {'':11}  {height.max_mm:7.3f}")
+            )
+        if self.shift_words:
+            rows.append(self.shift_words)
+        if self.gain_mm is not None:
+            causes = in_a_line(told[-1][1].made_of) or say("none-above-0-001")
+            rows.append(say("causes-after-mending" if len(told) > 1 else "causes", causes))
+        rows += [say("before-you-print", each) for each in self.advice]
+        rows += [say("warning", each) for each in self.warnings]
+        return together("\n", [*rows, *self._moves_words()])
+
+    def _moves_words(self) -> Iterator[str]:
+        """Say what becomes of the moves, and which stay as they are."""
+        if not (self.clamped_extruding or self.unknown or self.splines) and self.extruding:
+            (x0, y0), (x1, y1) = self.printed_low_mm, self.printed_high_mm
+            ends = [f"{end:.0f}" for end in (x0, x1, y0, y1)]
+            yield say("stays-on-bed" if self.on_bed else "prints-beyond-bed", *ends)
+        if self.is_untouched:
+            yield say("nothing-to-mend-every-move-stays")
+        else:
+            words = say("move-becomes" if self.moves == 1 else "moves-become", self.moves, self.commands)
+            if self.takeups:
+                words = say("slack-taken-up-at", words, self.takeups)
+            yield say("nozzle-stops-at", words, self.stops) if self.stops else words
+        if self.duration is not None:
+            yield self.duration.words(mended=not self.is_untouched)
+        if self.coarse:
+            yield say("places-beyond-tolerance", self.coarse)
+        if self.unknown:
+            yield say("moves-left-as-written", self.unknown, self.where_unknown)
+        if self.splines:
+            yield say("curves-not-corrected", self.splines)
+        if self.geometry:
+            yield say("file-sets-own-geometry", self.geometry)
+        if self.clamped_extruding:
+            yield say("moves-held-back-printing", self.clamped, self.clamped_extruding, f"{self.beyond_mm:.2f}")
+        elif self.clamped:
+            yield say("moves-held-back", self.clamped)
+
+
+def prediction_of(planner: Planner) -> Prediction:
+    """Sum up what a planner has seen of a file."""
+    counts, state = planner.counts, planner.state
+    layers = planner.layers[: int(counts.layer) + 1]
+    length = float(layers["length"].sum())
+    low_mm, high_mm = state.print_low, state.print_high
+    bed_mm = planner.bed_mm
+    errors, heights = [], []
+    for which in (0, 1):
+        square = float(layers["square"][:, which].sum())
+        most = float(layers["most"][:, which].max(initial=0.0))
+        errors.append(Errors((square / length) ** 0.5 if length else 0.0, _quantile(planner.errors[which], most), most))
+        square, most = (
+            float(layers["rise_square"][:, which].sum()),
+            float(layers["rise_most"][:, which].max(initial=0.0)),
+        )
+        heights.append(Heights((square / length) ** 0.5 if length else 0.0, most))
+    path = _path_places(planner.samples, layers["z"])
+    return Prediction(
+        length_mm=length,
+        before=without_doubt(errors[0]),
+        after=without_doubt(errors[1]),
+        layers=tuple(_layer(row, planner.has_screw) for row in layers),
+        moves=int(counts.moves),
+        commands=int(counts.pieces + counts.copied),
+        takeups=int(counts.takeups),
+        stops=int(counts.stops),
+        coarse=int(counts.coarse),
+        anchors=int(counts.anchors),
+        clamped=int(counts.clamped),
+        clamped_extruding=int(counts.clamped_extruding),
+        beyond_mm=float(state.beyond),
+        held_mm=float(state.held[int(counts.mark > 0)]),
+        unknown=int(counts.unknown),
+        splines=int(counts.splines),
+        geometry=int(counts.geometry),
+        extruding=int(counts.extruding),
+        low_mm=(float(state.low[0]), float(state.low[1])),
+        high_mm=(float(state.high[0]), float(state.high[1])),
+        printed_low_mm=(float(low_mm[0]), float(low_mm[1])),
+        printed_high_mm=(float(high_mm[0]), float(high_mm[1])),
+        on_bed=bool((low_mm > bed_mm[0] - _EDGE_MM).all() and (high_mm < bed_mm[1] + _EDGE_MM).all()),
+        unknown_lines=tuple(int(line) for line in counts.unknown_at[: counts.unknown]),
+        heights=(heights[0], heights[1]) if planner.has_screw else None,
+        shift_mm=_shift(path),
+        path=path,
+    )
+
+
+def _shift(path: PathPlaces | None) -> tuple[float, float]:
+    """Return by how much all of a print lies beside its place [mm]."""
+    if path is None or not path.weight.sum() > 0:
+        return 0.0, 0.0
+    x_mm, y_mm = best_shift(path.tangent, path.off_mm, path.weight)
+    return float(x_mm), float(y_mm)
+
+
+def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
+    """Return a prediction that contains what the model does not know, as far as the model says that."""
+    belief = parse_belief(model)
+    if belief is None or prediction.path is None:
+        return prediction
+    known = [Errors(each.planning_rms_mm, each.p95_mm, each.max_mm) for each in (prediction.before, prediction.after)]
+    outlook = promised(model.mechanism, belief, prediction.path, known[0], known[1])
+    if outlook is None:
+        return prediction
+    layers = []
+    shape2 = {} if belief.placed else _square_shape_errors(prediction.path)
+    for row in prediction.layers:
+        more = dict(row)
+        for name, whole in (("before", outlook.before), ("after", outlook.after)):
+            own2, all2 = row[f"{name}_rms_mm"] ** 2, whole.planning_rms_mm**2
+            if name == "before" and shape2:  # the whole contains no place, which the layers' own errors do
+                own2, all2 = shape2.get(row["z_mm"], shape2[None]), shape2[None]
+            more[f"{name}_rms_mm"] = math.sqrt(own2 + max(whole.rms_mm**2 - all2, 0.0))
+            more[f"{name}_max_mm"] = max(min(row[f"{name}_max_mm"], whole.max_mm), more[f"{name}_rms_mm"])
+        layers.append(more)
+    return replace(
+        prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers),
+        advice=(*_beyond_seen(model, prediction), *advice_of(model, outlook.after)),
+        most_worse_share=_MOST_WORSE_SHARE_BY_HAND if belief.by_hand else _MOST_WORSE_SHARE,
+        of_shape=not belief.placed,
+    )  # fmt: skip
+
+
+def _square_shape_errors(path: PathPlaces) -> dict[float | None, float]:
+    """Return the mean square error of the places of each height (None: of all) without the part's place."""
+    left2 = shape_of(path) ** 2
+    found: dict[float | None, float] = {None: float(np.average(left2, weights=path.weight))}
+    if path.z_mm is not None:
+        for z_mm in np.unique(path.z_mm):
+            here = path.z_mm == z_mm
+            found[round(float(z_mm), 4)] = float(np.average(left2[here], weights=path.weight[here]))
+    return found
+
+
+def _beyond_seen(model: SavedModel, prediction: Prediction) -> tuple[str, ...]:
+    """Say along which axes a part lies where a test print that covered little of them showed nothing."""
+    seen = model.document.get("trace", {}).get("seen_mm")
+    if seen is None or not (told := said_of(model.document, "unseen")):
+        return ()
+    found = []
+    spans = zip("XY", *seen, prediction.printed_low_mm, prediction.printed_high_mm, strict=True)
+    for name, first, last, low, high in spans:
+        if f"{name} from" in told[0] and (low < first - _BEYOND_MM or high > last + _BEYOND_MM):
+            found.append(
+                say("part-lies-mm-test-print-showed", name, f"{low:.0f}", f"{high:.0f}", f"{first:.0f}", f"{last:.0f}")
+            )
+    return tuple(found)
+
+
+def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
+    """Say what no promise holds, and what most of a mended print's doubt comes from, if that is worth a print."""
+    return (*said_of(model.document, "jump"), *_most_of(model, after))
+
+
+def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
+    """Say what most of a mended print's doubt comes from."""
+    if after.rms_high_mm < _WORTH_ADVICE_MM:
+        return ()
+    shares = {name: (size / max(after.rms_mm, 1e-9)) ** 2 for name, size in after.made_of.items()}
+    name = max(shares, key=lambda each: shares[each])
+    if (
+        shares[name] < _MAIN_SHARE
+        or after.made_of[name] < _WORTH_CAUSE_MM
+        or name in ("planning", "rounding", "motion")
+    ):
+        return ()
+    if name == "parameters":
+        gaps = [gap for gap in model.findings[1:] if "turn" in gap]
+        whole = model.document.get("trace", {}).get("measured", 0) >= _WHOLE_MARKS
+        if gaps:
+            return (say("rest-not-shown", gaps[0]),)
+        if whole:
+            return (say("rest-left-open", say("second-test-print-taken-printmend-learn")),)
+        return (say("rest-not-shown", say("whole-printmend-probe-printed-measured-settles")),)
+    if name == "instrument" and knows_all_but_a_reading(model):
+        return (say("rest-is-callipers"),)
+    if name == "instrument" and knows_a_length(model):
+        return (say("rest-is-scanner-across"),)
+    if name == "instrument":
+        return (say("rest-is-scanner"),)
+    return (say("rest-unexplained"),) if name == "unexplained" else (say("rest-is-cause", in_words(name)),)
+
+
+def _path_places(samples: np.record, layer_z_mm: np.ndarray) -> PathPlaces:
+    found = samples.kept[: samples.count]
+    return PathPlaces(
+        found["place"].copy(), found["tangent"].copy(), found["off"].copy(), found["side"].copy(),
+        found["weight"].copy(), layer_z_mm[found["layer"]],
+    )  # fmt: skip
+
+
+def _quantile(histogram: np.ndarray, most: float) -> float:
+    """Return the 95th percentile from a histogram of mm of path; beyond its end it is the maximum."""
+    total = histogram.sum()
+    if total == 0:
+        return 0.0
+    below = np.cumsum(histogram)
+    at = int(np.searchsorted(below, 0.95 * total))
+    if at == len(histogram) - 1:
+        return most
+    part = 1.0 - (below[at] - 0.95 * total) / histogram[at]
+    return float(min((at + part) * k.ERROR_BIN_MM, most))
+
+
+def _layer(row: np.void, has_screw: bool) -> dict[str, float]:
+    length = row["length"]
+    squares = row["square"] / length if length else np.zeros(2)
+    layer = {
+        "z_mm": round(float(row["z"]), 4),
+        "length_mm": round(float(length), 3),
+        "before_rms_mm": float(squares[0] ** 0.5),
+        "before_max_mm": float(row["most"][0]),
+        "after_rms_mm": float(squares[1] ** 0.5),
+        "after_max_mm": float(row["most"][1]),
+    }
+    if has_screw:
+        rises = row["rise_square"] / length if length else np.zeros(2)
+        layer["before_height_rms_mm"], layer["after_height_rms_mm"] = np.sqrt(rises).tolist()
+    return layer

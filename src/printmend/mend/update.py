@@ -1,0 +1,280 @@
+"""Bring a saved model up to date with a second, smaller print, and say what changed: Bayes, the old one as the prior.
+
+The drawn machines of the old model, widened by what wears, are the prior; a search finds what changed since
+(`infer.update`). Where another machine explains the print better, the model is learned anew.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from printmend.diagnosis.named import diagnose, faults_of, misfits_of
+from printmend.effects import Scene, scene_of
+from printmend.effects.pulley import HARMONICS
+from printmend.effects.words import NAMED_SIGMAS, Fault
+from printmend.errors import ModelError, TraceError
+from printmend.infer.machine import machine_of
+from printmend.infer.part import DRAWS, Part
+from printmend.infer.update import Renewed, both_seen, renewed
+from printmend.learn.walls import with_walls
+from printmend.measure.once import counted_once, digest_of
+from printmend.measure.whose import check_origin
+from printmend.mend.history import Ageing
+from printmend.mend.learned import (
+    DIGESTS,
+    PLANE_FACTOR,
+    _trace_section,
+    instrument_scatter_mm,
+    known_digests,
+    learn,
+    near_bed,
+)  # fmt: skip
+from printmend.mend.screw_update import screw_changes, seen_screw, with_seen_screw
+from printmend.messages import say, together
+from printmend.model import SavedModel, saved_model, screw_of, with_screw
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.promise.belief import Belief, belief_of, belief_section, says_nothing
+from printmend.promise.misfit import Misfit, misfit_section
+from printmend.promise.misfit_rows import in_order, passed_over
+from printmend.promise.scale import seen_scales
+
+LEAST_CHANGE = {"mm": 0.01, "%": 0.02, "°": 0.02}  # a smaller change is not worth a word
+PLAIN_CHANGE = 0.05  # a larger change is plain: it is told with two decimals
+# What of a motor, or of the frame, grows or shrinks: its message, by the kind of its fault without a number
+QUANTITIES = {
+    "play": "belt-play", "loose-belt": "belt-play", "play-by-angle": "belt-play",
+    "friction": "lost-motion", "scale": "scale-error", "drift": "change-scale-along-axis",
+    "harmonic-1": "pulley-eccentricity", "harmonic-2": "pulley-ovalness",
+    "harmonic-3": "pulley-three-corners", "harmonic-4": "pulley-four-corners",
+    "harmonic": "pulley-unevenness", "period": "idler-pulley-unevenness",
+    "elastic": "belt-stretch", "splice": "belt-joint-dent-2", "teeth": "belt-ripple",
+    "ripple": "motor-ripple", "bump": "belt-dent", "rub": "lost-motion-change",
+    "warp": "belt-guide-unevenness", "skew": "frame-skew", "axes": "difference-x-y",
+    "bow": "bend-guides", "wavy": "waves-guides", "crooked": "crookedness-guides",
+    "distortion": "distortion-bed",
+}  # fmt: skip
+OF_FRAME = ("skew", "axes", "bow", "wavy", "crooked", "distortion")  # kinds of fault that no motor has
+OF_ONE_PRINT = ("offset",)  # kinds of fault that differ from print to print: nobody lays a plate twice alike
+
+
+@dataclass(frozen=True)
+class Change:
+    """One quantity of one motor before and now, ``sd`` that of the difference."""
+
+    part: str
+    kind: str
+    before: float
+    now: float
+    sd: float
+    unit: str
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class Updated:
+    """The new model, what changed, and the motors that had to be learned anew; ``is_known`` where the model was learned
+    from this measurement, and stays as it was."""
+
+    model: SavedModel
+    changes: tuple[Change, ...]
+    anew: tuple[str, ...]
+    is_known: bool = False
+
+    @property
+    def words(self) -> str:
+        """Say what changed."""
+        if self.is_known:
+            return say("model-learned-very-measurement-counted-once")
+        rows = [change.words for change in self.changes]
+        rows += [say("old-model-knew-learned-anew", name) for name in self.anew]
+        if len(self.anew) == len(self.model.printer.motors):
+            rows.append(say("nothing-old-model-left-measurement-same"))
+        return together("\n", rows or [say("nothing-changed-more-trace-can-tell")])
+
+
+def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: Ageing | None = None) -> Updated:
+    """Update ``old`` with a trace of the same printer, which may be small.
+
+    ``ageing`` says how long ago the old measurement was, and what was seen of wear: the older, the less it weighs.
+    A measurement that the model was learned from is counted once: it changes nothing. Raises `ModelError` for a model
+    that says nothing of its doubt, `TraceError` like `learn`.
+    """
+    check_origin(say("measurement-2"), trace.origin, old.printer)
+    digest = digest_of(trace)
+    if digest in known_digests(old):
+        return Updated(old, (), (), is_known=True)
+    belief = believed(old)
+    with threadpool_limits(1, user_api="blas"):
+        once, copies = counted_once(trace)
+        ordered = in_order(near_bed(with_walls(once, old.printer), old.printer), old.printer)
+        screw = seen_screw(old, ordered.trace)
+        found = measured_again(old, belief, screw.trace, rng, ageing=ageing)
+        if found.story.whole:
+            return _anew(old, trace, rng)
+        said = (*passed_over(once, copies), *ordered.found)
+        updated = _updated(old, belief, found, screw.trace, said, digest)
+        if screw.said or screw.gaps or old.mechanism.screw is not None:
+            changes = tuple(Change("Z", words=_z_changed(one), **one) for one in screw_changes(old, screw))
+            model = with_seen_screw(old, updated.model, screw, ordered.trace)
+            updated = replace(updated, model=model, changes=(*updated.changes, *changes))
+        return updated
+
+
+def believed(old: SavedModel) -> Belief:
+    """Return what a model says of its own doubt. Raises `ModelError` for one that says nothing."""
+    belief = belief_of(old)
+    if not isinstance(old.document.get(DIGESTS), list):
+        raise says_nothing()
+    return belief
+
+
+def same_machine(old: SavedModel, printer: Printer) -> None:
+    """Raise `ModelError` where a model is of another machine than ``printer``."""
+    if old.printer != printer:
+        raise ModelError(
+            say("update"), wanted=say("model", printer.name), came=say("other-axes", old.printer.name),
+            todo=say("leave-printer-out-name-printer-old"),
+        )  # fmt: skip
+
+
+def measured_again(
+    old: SavedModel, belief: Belief, trace: Trace, rng: np.random.Generator, *, ageing: Ageing | None = None,
+    stories: bool = True,
+) -> Renewed:  # fmt: skip
+    """Return what a flat trace says of the machine of a model. Raises `TraceError` where it measured nothing."""
+    if not (trace.measured_rows | trace.wall_rows).any() or not np.isfinite(trace.commanded_mm).all():
+        raise TraceError(say("trace"), wanted=say("measured-marks"), came=say("none-nan"), todo=say("check-trace"))
+    printer = old.printer
+    scene = both_seen(belief.scene, scene_of(trace, printer, belief.scene.turns_mm))
+    grown = {} if ageing is None else {
+        (kind, motor): size for motor, name in enumerate(printer.motors) for kind, size in ageing.of(name).items()
+    }  # fmt: skip
+    months = 0.0 if ageing is None else ageing.months
+    return renewed(belief.parts, old.mechanism, trace, scene, rng, months=months, grown=grown, stories=stories)
+
+
+def _anew(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated:
+    """Learn a machine of which the old model knows nothing; its Z stays as it was where the trace does not show it."""
+    names = tuple(name.upper() for name in old.printer.motors)
+    model = learn(trace, old.printer, rng=rng).saved
+    details = {"update": {"from": old.digest, "changes": [], "anew": list(names)}}
+    return Updated(with_screw(model, screw_of(model), findings=model.findings, details=details), (), names)
+
+
+def _updated(
+    old: SavedModel, belief: Belief, found: Renewed, trace: Trace, said: Sequence[Misfit], digest: str
+) -> Updated:
+    scene, parts = found.now.scene, found.now.parts
+    acting = [part.acting() for part in parts if part.acts_mm.any()]
+    mechanism, branches = machine_of(scene, acting)
+    noise_mm, own_mm = found.now.noise_mm, instrument_scatter_mm(trace)
+    scatter_mm = belief.scatter_mm if own_mm is None else float(np.sqrt(max(noise_mm**2 - own_mm**2, 0.0)))
+    names = tuple(old.printer.motors[motor].upper() for motor in found.story.anew)
+    gaps = [gap for gap in old.findings[1:] if not gap.startswith(("Z ", *(f"{name} " for name in names)))]
+    diagnosis = diagnose(parts, scene, gaps)
+    changes = changes_of(found)
+    plain = [
+        {"part": c.part, "kind": c.kind, "before": round(c.before, 6), "now": round(c.now, 6), "sd": round(c.sd, 6),
+         "unit": c.unit}
+        for c in changes
+    ]  # fmt: skip
+    details: dict[str, Any] = {
+        "diagnosis": [
+            {"part": f.part, "kind": f.kind, "value": round(f.value, 6), "sd": round(f.sd, 6), "unit": f.unit}
+            for f in diagnosis.faults
+        ],
+        "trace": _trace_section(trace, PLANE_FACTOR * noise_mm),
+        "promise": {
+            **belief_section(
+                replace(
+                    scene,
+                    placed=scene.placed or belief.placed,
+                    homed_again_mm=(*belief.scene.homed_again_mm, *found.homed_mm),
+                ),
+                parts,
+                scatter_mm=scatter_mm,
+                by_hand=belief.by_hand,
+                motion=trace.motion or belief.motion,
+            ),
+            **({} if scene.placed else {"seen": seen_scales(scene, parts)}),
+        },
+        "misfit": misfit_section((*said, *misfits_of(parts, scene))),
+        DIGESTS: [*known_digests(old), digest],
+        "update": {"from": old.digest, "changes": plain, "anew": list(names)},
+    }
+    model = saved_model(
+        mechanism, learner=old.learner, branches=branches, noise_mm=noise_mm,
+        findings=(diagnosis.summary, *diagnosis.gaps), details=details,
+    )  # fmt: skip
+    return Updated(model, tuple(changes), names)
+
+
+def changes_of(found: Renewed) -> list[Change]:
+    """Return what surely changed of the faults that have a name, and the pulleys that turned on their shafts."""
+    scene, story = found.now.scene, found.story
+    of_motors = [scene.printer.motors[motor] for motor in story.anew]
+    changes = [_turn(found, motor, by) for motor, by in enumerate(story.turned_rad) if by and motor not in story.anew]
+    changes = [each for each in changes if abs(each.now) > max(NAMED_SIGMAS * each.sd, LEAST_CHANGE["°"])]
+    before, now = (_named(parts, scene) for parts in (found.before, found.now.parts))
+    for key in dict.fromkeys([*before, *now]):
+        if key[0] in of_motors or key[1] in OF_ONE_PRINT:
+            continue
+        other = before.get(key) or now[key]
+        was, new = (each.get(key) or replace(other, value=0.0) for each in (before, now))
+        sd = float(np.hypot(was.sd, new.sd))
+        if abs(new.value - was.value) > max(NAMED_SIGMAS * sd, LEAST_CHANGE.get(new.unit, 0.0)):
+            changes.append(_change(was, new, sd))
+    return changes
+
+
+def _named(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]:
+    """Return the faults that act by part and kind, as the drawn machines have them that do have them."""
+
+    def sure(part: Part) -> Part:
+        there = np.flatnonzero(part.draws_mm.any(axis=0))
+        return replace(part, draws_mm=part.draws_mm[:, np.resize(there, DRAWS)]) if len(there) else part
+
+    acting = [sure(part) for part in parts if part.acts_mm.any()]
+    return {(fault.part, fault.kind): fault for fault in faults_of(acting, scene)}
+
+
+def _change(was: Fault, new: Fault, sd: float) -> Change:
+    grew = abs(new.value) > abs(was.value)
+    digits, space = 2 if abs(new.value - was.value) >= PLAIN_CHANGE else 3, "" if new.unit == "°" else " "
+    old, value = (round(each.value, digits) + 0.0 for each in (was, new))  # never −0
+    name = new.part.upper() if new.part != "frame" else say("the-frames")
+    now = f"{value:.{digits}f}{space}{new.unit}"
+    words = say("grew" if grew else "shrank", _quantity(name, new.kind), f"{old:.{digits}f}", now, f"{sd:.3f}")
+    return Change(name, new.kind, was.value, new.value, sd, new.unit, words)
+
+
+def _quantity(name: str, kind: str) -> str:
+    """Return what of a motor or of the frame grows or shrinks, by the kind of its fault."""
+    message = QUANTITIES.get(kind) or QUANTITIES.get(kind.rstrip("0123456789.").removesuffix("-"))
+    if message is None:
+        return say("motor-has", name, kind.replace("_", " "))
+    return say(message, name) if kind not in OF_FRAME else say(message)
+
+
+def _z_changed(change: dict[str, Any]) -> str:
+    was, now = (f"{change[name]:.3f}" for name in ("before", "now"))
+    kind, _, order = change["kind"].partition("-")
+    what = say(f"z-{kind}") if order in ("", "1") else together(" ", [say(f"z-{kind}"), order])
+    return say("z-was-is", what, was, now, change["unit"])
+
+
+def _turn(found: Renewed, motor: int, by_rad: float) -> Change:
+    """Return by how much a pulley turned on its shaft: about the angle that was found, harmonic by harmonic."""
+    (before, *_), (now, *_) = found.of("pulley", motor)
+    cos, sin = np.split(before.mean_mm, 2)
+    old = (cos - 1j * sin) * np.exp(-1j * HARMONICS * by_rad)
+    cos, sin = np.split(now.draws_mm, 2)
+    more_rad = -(HARMONICS * np.conj(old)) @ (cos - 1j * sin) / np.sum(HARMONICS**2 * np.abs(old) ** 2)
+    angles = np.degrees(by_rad + more_rad.imag)
+    value, sd, name = float(angles.mean()), float(angles.std()), found.now.scene.printer.motors[motor].upper()
+    words = say("pulley-turned-shaft", name, f"{value:.1f}°", f"{sd:.1f}")
+    return Change(name, "phase", 0.0, value, sd, "°", words)

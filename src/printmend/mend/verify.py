@@ -1,0 +1,309 @@
+"""Measure again after mending: was the promise kept, or can this measurement not tell? And bring the model up to date.
+
+The check print is any probe's G-code, mended with the model and printed. Its plan says where marks were wanted; what
+is measured of them is compared with what was promised for these places, the noise of the measurement taken off.
+"""
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from printmend.diagnosis.screw import heights_mm
+from printmend.effects import EFFECTS, Of, Places, columns_of
+from printmend.effects.effect import SCALE_MM
+from printmend.errors import TraceError
+from printmend.infer.gram import seen
+from printmend.infer.part import DRAWS
+from printmend.infer.update import Renewed
+from printmend.learn.walls import with_walls
+from printmend.machine import print_from_home
+from printmend.measure.once import digest_of
+from printmend.measure.whose import check_origin
+from printmend.mend.history import remember
+from printmend.mend.learned import PLANE_FACTOR, known_digests
+from printmend.mend.update import Updated, changes_of, measured_again, update
+from printmend.messages import say, together
+from printmend.model import SavedModel
+from printmend.path import Trace, last_way
+from printmend.printer import Printer
+from printmend.promise.belief import Belief, belief_of, parse_belief
+from printmend.promise.predict import HIGH, LOW, Errors, Outlook, PathPlaces, Promise, promised
+
+LEAST_MARKS = 10  # measured marks of a check print; fewer tell nothing
+_LEAST_STRETCH_PERCENT = 0.01  # a smaller stretch by the instrument is not worth a word
+_NOISE_SD_SHARE = 0.15  # standard deviation of the stated noise of a measurement, as a share of it
+_UNMENDED_SHARE = 0.9  # a print with more than this share of the error before mending was hardly mended …
+_SAME_FAULT_SHARE = 0.5  # … if, of its error, less than this share is unlike the unmended print of the model
+SEEN_FACTOR = 2.0  # a promise is kept where an error of so many times its upper end is ruled out
+_SURELY_SDS = 2.0  # standard deviations by which an error must exceed the least that is found, to be found surely
+_ASKED = "play"  # the effect that a measurement must be fine enough to show: none grows as often
+
+
+KEPT, BROKEN, UNSURE = "kept", "broken", "cannot tell"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Distances of the marks from where they were wanted, root mean square [mm]: unmended as the model says
+    (``before_mm``), as measured now, between ``now_low_mm`` and ``now_high_mm`` as far as this measurement can tell,
+    and as was promised with its 90 % range; ``unlike_mm`` is how far they lie from where the model has them unmended.
+    ``placed``: they contain where on the bed the print lies; else a shift of the whole is taken off, and
+    ``stretch_percent`` of scale that may as well be the instrument's own. ``stated``: the measurement says how exact
+    it is; ``wanders_mm`` is by how much place and scale may be off because what measures wanders. ``changed`` is what
+    surely changed of the machine; ``ways_known``: way-points between the marks say from which side each was reached."""
+
+    marks: int
+    before_mm: float
+    now_mm: float
+    now_low_mm: float
+    now_high_mm: float
+    promised_mm: float
+    promised_low_mm: float
+    promised_high_mm: float
+    unlike_mm: float
+    placed: bool
+    stretch_percent: float = 0.0
+    stated: bool = True
+    wanders_mm: float = 0.0
+    changed: tuple[str, ...] = ()
+    ways_known: bool = True
+
+    @property
+    def result(self) -> str:
+        """Broken where the error is surely more than was promised, kept where one of twice as much would have shown,
+        and else that this measurement cannot tell."""
+        if self.now_low_mm > self.promised_high_mm:
+            return BROKEN
+        return KEPT if self.now_high_mm <= SEEN_FACTOR * self.promised_high_mm else UNSURE
+
+    @property
+    def at_most_mm(self) -> float | None:
+        """What the error may be at most where it is not surely above the noise of the measurement; None where it is."""
+        return None if self.now_low_mm > 0 else self.now_high_mm
+
+    @property
+    def shows_from_mm(self) -> float:
+        """The smallest error that this measurement would surely have shown to be more than was promised."""
+        return float(np.hypot(self.promised_high_mm, self.now_high_mm))
+
+    @property
+    def words(self) -> str:
+        """Say it in one line, the numbers first."""
+        now = f"{self.now_mm:.3f}" if self.at_most_mm is None else say("less-than", f"{self.at_most_mm:.3f}")
+        promised = f"{self.promised_low_mm:.3f}–{self.promised_high_mm:.3f}"
+        numbers = say("before-now-promised", f"{self.before_mm:.3f}", now, promised)
+        if abs(self.stretch_percent) >= _LEAST_STRETCH_PERCENT:
+            numbers = say("scale-taken-off", numbers, f"{self.stretch_percent:+.2f}")
+        if self.result == KEPT:
+            kept = say("verdict-kept", numbers, self.marks)
+            return say("kept-but", kept, together("; ", self.changed)) if self.changed else kept
+        if self.result == UNSURE:
+            if self.wanders_mm:
+                return say("verdict-wanders", numbers, f"{self.wanders_mm:.2f}")
+            words = say("verdict-coarse" if self.stated else "verdict-unstated", numbers, f"{self.shows_from_mm:.3f}")
+            return words if self.ways_known else together(". ", [words, say("verdict-no-ways")])
+        if self.now_mm > _UNMENDED_SHARE * self.before_mm:
+            same = self.unlike_mm < _SAME_FAULT_SHARE * self.now_mm
+            return say("verdict-as-before-mending" if same else "verdict-another-fault", numbers)
+        return say("verdict-broken", numbers)
+
+    def json(self) -> dict[str, Any]:
+        """Return plain values."""
+        more = {"now_at_most_mm": self.at_most_mm, "shows_from_mm": self.shows_from_mm}
+        return {**asdict(self), **more, "result": self.result, "kept": self.result == KEPT}
+
+
+def verify(model: SavedModel, trace: Trace) -> Verdict:
+    """Compare a measured check print, whose G-code was mended with ``model``, with what the model promised.
+
+    ``trace`` has the places that were wanted as commanded ones. The print is a second measurement of the machine: what
+    it leaves of the model's drawn machines, and what it finds beside them, is its error at the marks. Raises
+    `TraceError` for fewer than ten marks, another printer's and those that the model was learned from, `ModelError` for
+    a model that promises nothing.
+    """
+    belief = belief_of(model)
+    check_origin(say("check-print"), trace.origin, model.printer)
+    if digest_of(trace) in known_digests(model):
+        raise TraceError(
+            say("check-print"), wanted=say("print-mended"), came=say("measurement-model-learned-from"),
+            todo=say("mend-test-print-print-measure-one"),
+        )  # fmt: skip
+    trace = with_walls(trace, model.printer)
+    known = np.flatnonzero(trace.measured_rows)
+    if len(known) < LEAST_MARKS:
+        raise TraceError(
+            say("check-print"), wanted=say("least-measured-marks", LEAST_MARKS), came=f"{len(known)}",
+            todo=say("measure-more"),
+        )  # fmt: skip
+    placed = trace.placed and belief.placed
+    outlook, off = _outlook_at_marks(model, belief, trace)
+    found = measured_again(model, belief, made(model, trace), np.random.default_rng(0), stories=False)
+    noise_mm = found.now.noise_mm
+    sigmas = np.empty(0) if trace.sigma_mm is None else trace.sigma_mm[known]
+    stated = sigmas[np.isfinite(sigmas)]
+    own_mm = float(np.sqrt(np.mean(stated**2))) if len(stated) else model.noise_mm
+    # scatter beyond what measuring does may be the printer's, or not
+    beyond_mm = PLANE_FACTOR * float(np.sqrt(max(noise_mm**2 - ((1 + 2 * _NOISE_SD_SHARE) * own_mm) ** 2, 0.0)))
+    surely_mm, wanders_mm = _errors_mm(found, trace, placed=placed)
+    whole_mm = np.hypot(surely_mm, wanders_mm)
+    now = float(np.median(whole_mm))
+    # a walk looks like place and scale by as much as its end strays: 6 times its mean square about its mean
+    low2 = float(np.quantile(surely_mm, LOW) ** 2 - 6 * np.median(wanders_mm) ** 2) if _is_beyond(found) else 0.0
+    high = float(np.sqrt(np.quantile(whole_mm, HIGH) ** 2 + beyond_mm**2 + _unseen_mm(found) ** 2))
+    after = outlook.after
+    error = (trace.measured_mm - trace.commanded_mm)[known]
+    unlike = error - off
+    if not placed:
+        unlike, off = unlike - unlike.mean(axis=0), off - off.mean(axis=0)
+    return Verdict(
+        len(known), float(np.sqrt(np.mean(np.sum(off**2, axis=1)))), now, float(np.sqrt(max(low2, 0.0))), high,
+        PLANE_FACTOR * after.rms_mm, PLANE_FACTOR * after.rms_low_mm, PLANE_FACTOR * after.rms_high_mm,
+        float(np.sqrt(max(np.mean(np.sum(unlike**2, axis=1)) - (PLANE_FACTOR * noise_mm) ** 2, 0.0))), placed,
+        _stretch_percent(found), bool(len(stated)), float(np.median(wanders_mm)),
+        tuple(change.words for change in changes_of(found)), len(known) < len(trace) - 1,
+    )  # fmt: skip
+
+
+def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far the drawn machines put the marks from where they were wanted, root mean square [DRAWS], and how
+    much of it wanders, of which nobody knows whether the printer or what measures does."""
+    fit, scene = found.fit, found.now.scene
+    nominal = scene.printer.from_motor(fit.places.motor_mm)
+    ahead = np.einsum("mc,mc->m", fit.rows.along, (nominal - trace.commanded_mm)[fit.rows.mark])
+    sums = {False: np.repeat(ahead[:, None], DRAWS, axis=1)}
+    sums[True] = np.zeros_like(sums[False])
+    wanders = any(block.effect == "wander" for block in found.beside)
+    for part in found.now.parts:
+        of = EFFECTS[part.effect].of
+        if of in (Of.MACHINE, Of.SESSION):
+            columns = seen(part.effect, part.where, part.shape, fit.places, fit.rows, scene)
+            sums[wanders and of is Of.SESSION] += columns @ part.draws_mm
+    if not placed:  # nobody knows where the plate lay
+        along = fit.rows.along
+        sums = {key: each - along @ np.linalg.lstsq(along, each, rcond=None)[0] for key, each in sums.items()}
+    surely_mm, wanders_mm = (PLANE_FACTOR * np.sqrt(np.mean(sums[key] ** 2, axis=0)) for key in (False, True))
+    return surely_mm, wanders_mm
+
+
+def _is_beyond(found: Renewed) -> bool:
+    """Tell whether a check print shows anything beside the machines that were believed."""
+    return any(
+        EFFECTS[part.effect].of in (Of.MACHINE, Of.SESSION) and part.effect != "wander" for part in found.beside
+    )  # fmt: skip
+
+
+def _unseen_mm(found: Renewed) -> float:
+    """Return the largest error at the marks that more play of a motor may have made without being found."""
+    search, state = found.fit.search, found.fit.state
+    blocks, most_mm = search.dictionary.blocks, 0.0
+    for number, block in enumerate(blocks):
+        if block.effect != _ASKED or number in {b for b, _ in state.members}:
+            continue
+        at = block.at.start
+        crossing = search.gram.matrix[state.columns, at] / state.sigma_mm**2
+        told = search.gram.matrix[at, at] / state.sigma_mm**2 - crossing @ state.covariance @ crossing
+        costs = 0.5 * np.log1p(block.sds_mm[:, 0] ** 2 * told) - block.log_odds
+        size_mm = float((np.sqrt(2 * costs.min()) + _SURELY_SDS) / np.sqrt(max(told, 1e-12)))
+        most_mm = max(most_mm, size_mm * float(np.sqrt(np.mean(search.dictionary.columns[:, at] ** 2))))
+    return PLANE_FACTOR * most_mm
+
+
+def _stretch_percent(found: Renewed) -> float:
+    """Return the scale that the instrument may have given all that it measured."""
+    scene = found.now.scene
+    bed = scene.middle_mm + SCALE_MM * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    none, one = np.zeros((3, 2)), np.zeros(3)
+    places = Places(none, none, bed, none, none, one, one, none)
+    moved = sum(
+        (columns_of(part.effect, places, part.where, part.shape, scene) @ part.mean_mm
+         for part in found.now.parts if part.effect == "stretch"), np.zeros((3, 2)),
+    )  # fmt: skip
+    return float((moved[1, 0] - moved[0, 0] + moved[2, 1] - moved[0, 1]) / 2)
+
+
+def expectation(model: SavedModel, trace: Trace) -> Promise | None:
+    """Return how far the measured marks of a trace are expected to lie from where they are wanted once it is mended:
+    distances on the bed, as `verify` states them. None for a model that says nothing of its doubt."""
+    belief = parse_belief(model)
+    if belief is None or not trace.measured_rows.any():
+        return None
+    after = _outlook_at_marks(model, belief, trace)[0].after
+    made = {name: PLANE_FACTOR * share for name, share in after.made_of.items()}
+    sizes = ("rms_mm", "p95_mm", "max_mm", "rms_low_mm", "rms_high_mm", "shape_rms_mm", "planning_rms_mm")
+    return replace(after, made_of=made, **{name: PLANE_FACTOR * getattr(after, name) for name in sizes})
+
+
+def _sides(trace: Trace, printer: Printer) -> np.ndarray:
+    """Return which way each motor came to the measured marks [N, 2]: +1, −1, 0 before its first move."""
+    sides = [last_way(column) for column in printer.to_motor(trace.commanded_mm).T]
+    return np.stack(sides, axis=1)[trace.measured_rows]
+
+
+def _outlook_at_marks(model: SavedModel, belief: Belief, trace: Trace) -> tuple[Outlook, np.ndarray]:
+    """Return what to expect of the measured marks [N], across the path, and how far each is off unmended [N, 2]."""
+    wanted, printer, known = trace.commanded_mm, model.printer, trace.measured_rows
+    raw = print_from_home(model.mechanism, wanted)
+    off = (raw - wanted)[known]
+    gone_mm = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(wanted, axis=0).T))])[known]
+    # each mark counts along x and along y; across a path along x lies y, across one along y lies −x
+    path = PathPlaces(
+        np.repeat(wanted[known], 2, axis=0),
+        np.tile(np.eye(2), (len(off), 1)),
+        np.stack([off[:, 1], -off[:, 0]], axis=1).ravel(),
+        np.repeat(_sides(trace, printer), 2, axis=0),
+        np.ones(2 * len(off)),
+        None if (z_mm := heights_mm(trace, printer)) is None else np.repeat(z_mm[known], 2),
+        np.repeat(gone_mm, 2),
+        np.repeat(np.stack([last_way(axis) for axis in wanted.T], axis=1)[known], 2, axis=0),
+    )
+    before = Errors(float(np.sqrt(np.mean(path.off_mm**2))), 0.0, float(np.abs(path.off_mm).max()))
+    outlook = promised(model.mechanism, belief, path, before, Errors(0.0, 0.0, 0.0), at_rest=True)
+    assert outlook is not None  # every mark has a place
+    return outlook, off
+
+
+def update_words(verdict: Verdict, newer: Updated) -> str:
+    """Say what the check print changed in the model.
+
+    One that does not break its promise is of this machine, even where a fresh fit explains the small print better.
+    """
+    return say("model-brought-up-date") if verdict.result != BROKEN and newer.anew else newer.words
+
+
+def updated(model: SavedModel, trace: Trace) -> Updated:
+    """Bring the model up to date with a mended check print.
+
+    Raises `ModelError` for a model that says nothing of its doubt, `TraceError` as `learn_model` does.
+    """
+    return update(model, made(model, trace), rng=np.random.default_rng(0))
+
+
+def made(model: SavedModel, trace: Trace) -> Trace:
+    """Return a mended check print with what was really commanded: what mending made of the wanted places."""
+    printer, mechanism = model.printer, model.mechanism
+    belts = printer.to_motor(mechanism.frame.invert(trace.commanded_mm))
+    motors = np.empty_like(belts)
+    for motor, table in enumerate(mechanism.transmissions):
+        side, grid = last_way(belts[:, motor]), table.motor_mm
+        forward, back = (
+            belts[:, motor] - np.interp(belts[:, motor], branch, branch - grid)
+            for branch in (table.lower_mm, table.upper_mm)
+        )
+        motors[:, motor] = np.where(side > 0, forward, np.where(side < 0, back, belts[:, motor]))
+    commanded = printer.from_motor(motors)
+    commanded[0] = trace.commanded_mm[0]
+    offset = trace.offset_mm
+    if offset is not None and trace.normal is not None:  # a wall's offset counts from what was commanded
+        offset = offset + np.sum(trace.normal * (trace.commanded_mm - commanded), axis=1)
+    return Trace(
+        commanded, trace.measured_mm, sigma_mm=trace.sigma_mm, homed=trace.homed, placed=trace.placed,
+        instrument=trace.instrument, normal=trace.normal, offset_mm=offset, shrinkage_sd=trace.shrinkage_sd,
+        motion=trace.motion,
+    )  # fmt: skip
+
+
+def remember_verdict(model_path: Path, model: SavedModel, verdict: Verdict) -> Path:
+    """Add a verdict to the model's history, one JSON object a line; return the file."""
+    return remember(model_path, model, "verified", verdict.json())

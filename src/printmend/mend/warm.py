@@ -1,0 +1,58 @@
+"""Compile beforehand what the commands would compile when they first need it: do all of it once, in the small."""
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from printmend.corruption import sample
+from printmend.jit import compilations
+from printmend.machine import Mechanism
+from printmend.mend.learned import learn_model
+from printmend.mend.mend import mend_gcode
+from printmend.model import exact_model
+from printmend.printer import read_printer
+from printmend.probe.probe import design_probe, write_probe
+from printmend.twin.gcode import print_gcode
+from printmend.twin.twin import Twin
+
+_PART = (
+    "G28\nG90\nM83\nG1 Z0.2 F3000\nG1 X40 Y40\nG1 X60 Y42 E1\nG1 X40 Y60 E1\nG2 X50 Y50 I10 J0 E1\nG1 Z0.4\nG1 X40 E1\n"
+)
+# What is done, in words, and on which broken printer.
+STEPS = {
+    f"{what}: {words}": (what, family)
+    for words, family in (("pulleys and belts", "pulley-play"), ("a bent Z screw", "screw"))
+    for what in ("mend", "learn")
+}
+
+
+def warm(done: Callable[[str], None]) -> tuple[int, float]:
+    """Learn and mend on simulated printers, calling ``done`` after each of `STEPS` with its name.
+
+    Returns how many kernels that compiled, and in how many seconds; what was compiled before is not compiled again.
+    """
+    before = compilations.entries, compilations.seconds
+    for step in STEPS:
+        take(step)
+        done(step)
+    return compilations.entries - before[0], compilations.seconds - before[1]
+
+
+def take(step: str) -> None:
+    """Take one of `STEPS`."""
+    what, family = STEPS[step]
+    printer = read_printer("ender3")
+    fault = sample(family, np.random.default_rng(1), "realistic")
+    with tempfile.TemporaryDirectory(prefix="printmend-") as name:
+        if what == "mend":
+            part = Path(name) / "part.gcode"
+            part.write_text(_PART)
+            model = exact_model(cast(Mechanism, fault.lower(printer)))
+            mend_gcode(part, model, part.with_suffix(".mended"), force=True)
+        else:
+            probe = Path(name) / "probe.gcode"
+            write_probe(probe, design_probe(printer))
+            learn_model(print_gcode(probe, Twin.of(fault, printer), noise_mm=0.02), printer)

@@ -1,0 +1,414 @@
+"""printer.mend.json: a learned machine as readable, versioned JSON.
+
+The document holds the printer, one section for each motor (its fault as a short series with uncertainties, or as
+tables), the frame, the noise, a summary of the trace and a digest of all that. Reading checks everything and ends in
+a `ModelError`; nothing in the file is ever executed.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from printmend import __version__
+from printmend.errors import ConfigError, ModelError
+from printmend.files import read_text, replacing
+from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
+from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
+from printmend.messages import messages_of, restored, say
+from printmend.model.branches import Branches, Wave
+from printmend.model.notes import check_notes
+from printmend.model.screw import parse_screw, parse_series, screw_section
+from printmend.model.series import ScrewSeries
+from printmend.model.values import TODO, number, numbers, refuse, rising, rounded, section_of
+from printmend.printer import Printer
+from printmend.printer.homing import homing_section
+from printmend.printer.toml import parse_printer
+from printmend.provenance import seal_key
+
+FORMAT = "printmend model"
+VERSION = 2  # of a file with a screw
+LEAST_WAVE_MM = 2.0  # length of a frame's wave: a shorter one is no bend
+_WITHOUT_SCREW = 1  # what is written for a machine whose Z is as designed: every printmend reads it
+MAX_ENTRIES = 1_000_000  # entries of one table that a file may have; 500 mm by sixteenths of a 0.2 mm step are 40 000
+# Entries of one table that are written: of a printer with finer or more micro-steps every n-th, for four tables are a
+# file of 17 MB then.
+MOST_WRITTEN = 250_000
+DIGITS = 16  # of a document's digest
+MAX_HARMONICS = 1024  # harmonics of a wave that a file may have
+
+
+@dataclass(frozen=True, eq=False)
+class SavedModel:
+    """A learned machine and its document.
+
+    ``mechanism`` is absolute: its tables give bed positions, so never anchor it again with `Mechanism.homed`.
+    ``document`` is the JSON as written, without the digest, and ``seal_key`` the hexadecimal digits over it. With a
+    ``filament`` the mechanism prints what is left once parts in it have shrunk; the document is the machine's alone.
+    """
+
+    mechanism: Mechanism
+    learner: str
+    seal_key: str
+    document: Mapping[str, Any] = field(repr=False)
+    filament: str | None = None
+
+    @property
+    def digest(self) -> str:
+        """The 16 digits by which a model is named."""
+        return self.seal_key[:DIGITS]
+
+    @property
+    def printer(self) -> Printer:
+        return self.mechanism.printer
+
+    @property
+    def is_healthy(self) -> bool:
+        """True where the model changes nothing: both motors, the frame and Z are as designed."""
+        motors, level = self.document["motors"].values(), self.mechanism.frame.is_identity
+        return level and self.mechanism.screw is None and all(section["kind"] == "healthy" for section in motors)
+
+    @property
+    def noise_mm(self) -> float:
+        """The standard deviation of the measured points about the model [mm]."""
+        return float(self.document["noise_mm"])
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The document without the machine's numbers: learner, findings, noise, diagnosis and trace."""
+        keys = ("learner", "findings", "noise_mm", "diagnosis", "trace")
+        return {"healthy": self.is_healthy, **{key: self.document[key] for key in keys if key in self.document}}
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What was found and what the trace could not tell, one sentence each."""
+        return tuple(self.document["findings"])
+
+
+def saved_model(
+    mechanism: Mechanism,
+    *,
+    learner: str,
+    branches: tuple[Branches | None, Branches | None] = (None, None),
+    noise_mm: float = 0.0,
+    findings: tuple[str, ...] = (),
+    details: Mapping[str, Any] | None = None,
+) -> SavedModel:
+    """Make the document of a machine.
+
+    A motor with ``branches`` is saved as its series, another as its tables. ``details`` are further keys for the
+    reader (uncertainties, the trace, trees); they are kept and digested, not interpreted.
+    """
+    motors = {}
+    for motor, name in enumerate(mechanism.printer.motors):
+        series = branches[motor]
+        motors[name] = _table_section(mechanism, motor) if series is None else _series_section(series)
+    document: dict[str, Any] = {
+        "format": FORMAT,
+        "version": _WITHOUT_SCREW if mechanism.screw is None else VERSION,
+        "program": __version__,
+        "learner": learner,
+        "printer": printer_section(mechanism.printer),
+        "motors": motors,
+        "frame": None if mechanism.frame.is_identity else _frame_section(mechanism.frame),
+        **({} if mechanism.screw is None else {"screw": screw_section(mechanism.screw)}),
+        "noise_mm": rounded(noise_mm),
+        "findings": list(findings),
+        **(details or {}),
+    }
+    return _through_text(document)
+
+
+def with_screw(
+    model: SavedModel, screw: ScrewSeries | None, *, findings: tuple[str, ...], details: Mapping[str, Any]
+) -> SavedModel:
+    """Return the model with another Z, other ``findings``, and ``details`` in place of its own or beside them."""
+    document = {key: value for key, value in model.document.items() if key != "screw"}
+    document |= {"version": _WITHOUT_SCREW, "findings": list(findings), **details}
+    if screw is not None:
+        document |= {"version": VERSION, "screw": screw_section(screw)}
+    return _through_text(document)
+
+
+def exact_model(mechanism: Mechanism) -> SavedModel:
+    """Return the model of a machine that is known exactly, anchored by homing; for tests and benchmarks."""
+    return saved_model(mechanism.homed(), learner="exact")
+
+
+def write_model(path: str | Path, model: SavedModel) -> None:
+    """Write ``printer.mend.json``; a kill leaves the old file or the new one."""
+    with replacing(Path(path)) as file:
+        file.write(model_text(model))
+
+
+def model_text(model: SavedModel) -> str:
+    """Return the file's text, which `parse_model` reads back to the same machine."""
+    return _text(dict(model.document))
+
+
+def read_model(path: str | Path) -> SavedModel:
+    """Read a model. Raise `ModelError` for anything that is not one of ours, whole and unchanged."""
+    text = read_text(path, wanted=say("printer-mend-json"), todo=TODO, error=ModelError)
+    return parse_model(text, subject=str(path))
+
+
+def parse_model(text: str, *, subject: str) -> SavedModel:
+    """Build a model from JSON text; ``subject`` names the source in errors."""
+    try:
+        document = json.loads(text, parse_constant=lambda name: refuse(subject, "finite numbers", name))
+    except (ValueError, RecursionError) as error:
+        came = say("broken-json-at", error) if isinstance(error, ValueError) else say("endless-nesting")
+        raise ModelError(subject, wanted=say("printer-mend-json"), came=came, todo=TODO) from None
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise ModelError(
+            subject, wanted=say("printer-mend-json"), came=say("another-kind-file"), todo=say("check-path")
+        )
+    version = document.get("version")
+    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
+        refuse(subject, "a version", repr(version))
+    if version > VERSION:
+        raise ModelError(
+            subject,
+            wanted=say("model-version-older", VERSION),
+            came=say("version-written-printmend", version, document.get("program", "unknown")),
+            todo=say("update-printmend-learn-model-again"),
+        )
+    digest = document.pop("digest", None)
+    key = seal_key(document)
+    if digest != key[:DIGITS]:
+        refuse(subject, say("digest-that-fits"), say("file-changed-or-damaged"))
+    return _read(document, key, subject)
+
+
+def _through_text(document: Mapping[str, Any]) -> SavedModel:
+    """Return the model that a reader of the document's text will get."""
+    document = {key: value for key, value in document.items() if key != "messages"}
+    if messages := messages_of(document):
+        document["messages"] = messages
+    document = json.loads(json.dumps(document, allow_nan=False))
+    return _read(document, seal_key(document), "the model")
+
+
+def _read(document: Mapping[str, Any], key: str, subject: str) -> SavedModel:
+    """Check all of a document, with its seals' ``key``, and build the model; raise `ModelError` for what is not so."""
+    printer = _printer(section_of(document, "printer", dict, subject), subject)
+    sections = section_of(document, "motors", dict, subject)
+    if sorted(sections) != sorted(printer.motors):
+        refuse(subject, f"motors {' and '.join(printer.motors)}", ", ".join(map(str, sections)) or say("none"))
+    tables = [_transmission(sections[name], printer, i, f"{subject} [{name}]") for i, name in enumerate(printer.motors)]
+    frame = document.get("frame")
+    screw = None if document.get("screw") is None else parse_screw(document["screw"], printer, f"{subject} [screw]")
+    mechanism = Mechanism(printer, (tables[0], tables[1]), Frame() if frame is None else _frame(frame, subject), screw)
+    learner = section_of(document, "learner", str, subject)
+    noise_mm = number(document, "noise_mm", subject)
+    findings = section_of(document, "findings", list, subject)
+    if noise_mm < 0 or not all(isinstance(line, str) for line in findings):
+        refuse(subject, "noise_mm ≥ 0 and findings as text", say("something-else"))
+    check_notes(document, subject)
+    messages = document.get("messages")
+    return SavedModel(mechanism, learner, key, restored(document, messages if isinstance(messages, dict) else {}))
+
+
+def branches_of(model: SavedModel, motor: int) -> Branches | None:
+    """Return a motor's series, None where the model keeps it as tables."""
+    name = model.printer.motors[motor]
+    section = model.document["motors"][name]
+    if section["kind"] == "table":
+        return None
+    return _branches(section, model.printer, motor, f"the model [{name}]")
+
+
+def screw_of(model: SavedModel) -> ScrewSeries | None:
+    """Return the series of Z, None for a model without one."""
+    section = model.document.get("screw")
+    return None if section is None or section["kind"] != "series" else parse_series(section, "the model [screw]")
+
+
+def printer_section(printer: Printer) -> dict[str, Any]:
+    """Return a printer as the plain table that `parse_printer` reads."""
+    axes = {axis.name: {key: value for key, value in asdict(axis).items() if key != "name"} for axis in printer.axes}
+    limits = {key: value for key, value in asdict(printer.limits).items() if value is not None}
+    section = {"name": printer.name, "kinematics": printer.kinematics, **axes, **homing_section(printer.homing)}
+    return section | ({"limits": limits} if limits else {})
+
+
+def _text(document: Mapping[str, Any]) -> str:
+    return _laid_out({**document, "digest": _digest(document)}, "\n") + "\n"
+
+
+def _laid_out(value: Any, line: str) -> str:
+    """Return JSON as `json.dumps` with an indent of 1 lays it out; ``line`` begins a line of the surroundings.
+
+    With an indent the library takes its slow encoder, four times as long for tables: here a list of numbers takes the
+    fast one, with line ends as its separators.
+    """
+    inside = line + " "
+    if isinstance(value, dict) and value:
+        parts = [f"{json.dumps(key, ensure_ascii=False)}: {_laid_out(item, inside)}" for key, item in value.items()]
+        return "{" + inside + ("," + inside).join(parts) + line + "}"
+    if isinstance(value, list | tuple) and value:
+        if set(map(type, value)) <= {int, float}:
+            text = json.dumps(value, allow_nan=False, separators=("," + inside, ": "))[1:-1]
+        else:
+            text = ("," + inside).join(_laid_out(item, inside) for item in value)
+        return "[" + inside + text + line + "]"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+def _digest(document: Mapping[str, Any]) -> str:
+    return seal_key(document)[:DIGITS]
+
+
+def _table_section(mechanism: Mechanism, motor: int) -> dict[str, Any]:
+    table = mechanism.transmissions[motor]
+    healthy = healthy_transmission(mechanism.printer, motor)
+    grid = table.motor_mm
+    if np.array_equal(table.lower_mm, grid) and table.is_taut:
+        return {"kind": "healthy"}
+    every = -(-len(grid) // MOST_WRITTEN)
+    pitch_mm = every * table.pitch_mm
+    section: dict[str, Any] = {"kind": "table", "first_mm": table.first_mm, "pitch_mm": pitch_mm}
+    if table.first_mm == healthy.first_mm and table.pitch_mm == healthy.pitch_mm:
+        grid = healthy.motor_mm
+    section["lower_error_mm"] = rounded((table.lower_mm - grid)[::every])
+    if not table.is_taut:
+        section["upper_error_mm"] = rounded((table.upper_mm - grid)[::every])
+    return section
+
+
+def _series_section(branches: Branches) -> dict[str, Any]:
+    if branches.is_healthy:
+        return {"kind": "healthy"}
+    section: dict[str, Any] = {
+        "kind": "series",
+        "period_mm": branches.period_mm,
+        "middle_mm": branches.middle_mm,
+        "reach_mm": [rounded(value) for value in branches.reach_mm],
+    }
+    for name in ("mean", "play", "elastic"):
+        wave: Wave = getattr(branches, name)
+        if not wave.is_zero:
+            section[name] = _wave_section(wave)
+    if branches.warp_mm.any():
+        section["warp"] = {
+            "first_mm": branches.warp_span_mm[0],
+            "last_mm": branches.warp_span_mm[1],
+            "cos_mm": rounded(branches.warp_mm),
+        }
+    if not branches.second.is_zero:
+        section["second"] = {"period_mm": branches.second_mm, **_wave_section(branches.second)}
+    return section
+
+
+def _wave_section(wave: Wave) -> dict[str, Any]:
+    return {
+        "powers_mm": rounded(wave.powers_mm),
+        "harmonics": wave.harmonics.tolist(),
+        "cos_mm": rounded(wave.cos_mm),
+        "sin_mm": rounded(wave.sin_mm),
+    }
+
+
+def _frame_section(frame: Frame) -> dict[str, Any]:
+    x_mm, y_mm = frame.coefficients_mm
+    waves = {"waves": rounded(frame.waves)} if len(frame.waves) else {}
+    return {"scale_mm": frame.scale_mm, "x_mm": rounded(x_mm), "y_mm": rounded(y_mm), **waves}
+
+
+def _printer(table: dict[str, Any], subject: str) -> Printer:
+    try:
+        return parse_printer(tomli_w.dumps(table), subject=f"{subject} [printer]")
+    except ConfigError as error:
+        raise ModelError(error.subject, wanted=error.wanted, came=error.came, todo=TODO) from None
+    except (TypeError, ValueError, RecursionError):
+        refuse(f"{subject} [printer]", "a printer", "values of no known kind")
+
+
+def _transmission(section: Any, printer: Printer, motor: int, subject: str) -> Transmission:
+    if not isinstance(section, dict):
+        refuse(subject, "a section", repr(section)[:40])
+    if section.get("kind") != "table":
+        return _branches(section, printer, motor, subject).lower(printer, motor)
+    lower = numbers(section, "lower_error_mm", subject, MAX_ENTRIES)
+    upper = lower if "upper_error_mm" not in section else numbers(section, "upper_error_mm", subject, MAX_ENTRIES)
+    first_mm, pitch_mm = number(section, "first_mm", subject), number(section, "pitch_mm", subject)
+    if pitch_mm <= 0 or len(lower) != len(upper) or len(lower) < 2:
+        refuse(subject, "a positive pitch_mm and tables of one length", say("something-else"))
+    healthy = healthy_transmission(printer, motor)
+    same = len(lower) == len(healthy.lower_mm) and (first_mm, pitch_mm) == (healthy.first_mm, healthy.pitch_mm)
+    grid = healthy.motor_mm if same else first_mm + pitch_mm * np.arange(len(lower))
+    table = Transmission(first_mm, pitch_mm, grid + lower, grid + upper)
+    lower_mm, upper_mm = rising(table.lower_mm, table.upper_mm, subject)
+    return replace(table, lower_mm=lower_mm, upper_mm=upper_mm)
+
+
+def _branches(section: dict[str, Any], printer: Printer, motor: int, subject: str) -> Branches:
+    kind = section.get("kind")
+    low_mm, high_mm = printer.motor_range_mm(motor)
+    if kind == "healthy":
+        return Branches(printer.axes[motor].mm_per_turn, (low_mm + high_mm) / 2, (low_mm, high_mm))
+    if kind != "series":
+        refuse(subject, "kind healthy, series or table", repr(kind)[:40])
+    reach = numbers(section, "reach_mm", subject, 2)
+    period_mm = number(section, "period_mm", subject)
+    if len(reach) != 2 or reach[0] > reach[1] or period_mm <= 0:
+        refuse(subject, "a positive period_mm and two reach_mm that rise", say("something-else"))
+    waves = {name: _wave(section[name], f"{subject} {name}") for name in ("mean", "play", "elastic") if name in section}
+    middle_mm, seen_mm = number(section, "middle_mm", subject), (float(reach[0]), float(reach[1]))
+    plain = Branches(
+        period_mm,
+        middle_mm,
+        seen_mm,
+        waves.get("mean", Wave()),
+        waves.get("play", Wave()),
+        waves.get("elastic", Wave()),
+    )
+    if "second" in section:
+        second = section_of(section, "second", dict, subject)
+        second_mm = number(second, "period_mm", f"{subject} second")
+        if second_mm <= 0:
+            refuse(f"{subject} second", "a positive period_mm", f"{second_mm:g}")
+        plain = replace(plain, second=_wave(second, f"{subject} second"), second_mm=second_mm)
+    if "warp" not in section:
+        return plain
+    warp = section_of(section, "warp", dict, subject)
+    span_mm = (number(warp, "first_mm", subject), number(warp, "last_mm", subject))
+    cos_mm = numbers(warp, "cos_mm", subject, MAX_HARMONICS)
+    if span_mm[0] >= span_mm[1]:
+        refuse(subject, "a warp with first_mm below last_mm", f"{span_mm[0]:g} and {span_mm[1]:g}")
+    return replace(plain, warp_mm=cos_mm, warp_span_mm=span_mm)
+
+
+def _wave(section: Any, subject: str) -> Wave:
+    if not isinstance(section, dict):
+        refuse(subject, "a section", repr(section)[:40])
+    harmonics = numbers(section, "harmonics", subject, MAX_HARMONICS)
+    cos_mm, sin_mm = (numbers(section, name, subject, MAX_HARMONICS) for name in ("cos_mm", "sin_mm"))
+    whole = (harmonics == np.rint(harmonics)).all() and (harmonics >= 1).all()
+    if not len(harmonics) == len(cos_mm) == len(sin_mm) or not whole:
+        refuse(subject, "positive whole harmonics, as many as cos_mm and sin_mm", say("something-else"))
+    return Wave(numbers(section, "powers_mm", subject, 8), harmonics.astype(np.int64), cos_mm, sin_mm)
+
+
+def _frame(section: Any, subject: str) -> Frame:
+    if not isinstance(section, dict):
+        refuse(f"{subject} [frame]", "a section", repr(section)[:40])
+    rows = [numbers(section, name, f"{subject} [frame]", 10) for name in ("x_mm", "y_mm")]
+    scale_mm = number(section, "scale_mm", f"{subject} [frame]")
+    if len(rows[0]) != 10 or len(rows[1]) != 10 or scale_mm <= 0:
+        refuse(f"{subject} [frame]", "ten coefficients a row and a positive scale_mm", say("something-else"))
+    waves = section.get("waves", [])
+    if not isinstance(waves, list) or len(waves) > MOST_WAVES:
+        refuse(f"{subject} [frame]", f"at most {MOST_WAVES} waves", say("something-else"))
+    each = [numbers({"wave": wave}, "wave", f"{subject} [frame]", WAVE_FIELDS) for wave in waves]
+    if any(len(wave) != WAVE_FIELDS or abs(wave[0]) > 1 or wave[1] < LEAST_WAVE_MM for wave in each):
+        refuse(
+            f"{subject} [frame]",
+            f"waves of a direction, at least {LEAST_WAVE_MM:g} mm and four sizes",
+            say("something-else"),
+        )
+    return Frame(np.array(rows), scale_mm, np.array(each).reshape(-1, WAVE_FIELDS))

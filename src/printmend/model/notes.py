@@ -1,0 +1,99 @@
+"""What a saved model notes about its measurement, and which values each note may have: one table, one check."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from printmend.messages import say
+from printmend.model.values import LARGEST, refuse
+
+MAX_SDS = 1024  # numbers that one part of a motor may have
+MAX_FADING = 32  # the highest harmonic of a wave that fades along the axis; what is learned goes up to 5
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A number from ``low`` to ``high``, a ``whole`` one, or a list of at most ``most`` of them."""
+
+    low: float = -LARGEST
+    high: float = LARGEST
+    whole: bool = False
+    most: int | None = None
+
+    @property
+    def words(self) -> str:
+        """Say which values are meant."""
+        kind = "whole number" if self.whole else "number"
+        span = f"from {self.low:g} to {self.high:g}"
+        return f"a {kind} {span}" if self.most is None else f"a list of at most {self.most} {kind}s {span}"
+
+    def holds(self, value: Any) -> bool:
+        """Say whether a value is one of them."""
+        if self.most is not None:
+            is_list = isinstance(value, list) and len(value) <= self.most
+            return is_list and all(map(Numbers(self.low, self.high, self.whole).holds, value))
+        if isinstance(value, bool) or not isinstance(value, int | float) or not self.low <= value <= self.high:
+            return False
+        return not self.whole or value == int(value)
+
+
+_SIZE, _SHARE, _COUNT = Numbers(low=0.0), Numbers(0.0, 1.0), Numbers(0, 1e9, whole=True)
+_SIZES = Numbers(low=0.0, most=MAX_SDS)
+_VARIANCE = Numbers(low=0.0, high=LARGEST**2)
+_FADING = Numbers(1, MAX_FADING, whole=True, most=MAX_FADING)
+# A dict names what its keys hold: a key with "!" must be there, "*" stands for every other one. What is not named is
+# for readers and may be anything. A list says what each of its entries is.
+_NOTES: dict[str, Any] = {
+    "diagnosis": [{"part!": str, "kind!": str, "unit!": str, "value!": Numbers(), "sd!": Numbers()}],
+    "z": {"*": str},
+    "trace": {"rows": _COUNT, "measured": _COUNT, "residual_before_mm": _SIZE, "residual_after_mm": _SIZE},
+    "uncertainty": {
+        "*": {
+            "structure": dict,
+            "branch_sd_mm": _SIZE,
+            "largest_sd_mm": _SIZE,
+            "sd_mm": {"*": _SIZES},
+            "turns": _SIZE,
+            "angles_seen": _SHARE,
+            "reversals": _COUNT,
+        }
+    },
+    "motors": {"*": {"elastic": {"harmonics": _FADING}}},
+    "promise": {
+        "instrument": {"scale_sd": _SIZE, "axes_sd": _SIZE, "lean_sd": _SIZE, "wave_mm": _SIZE},
+        "motors": {
+            "*": {
+                "parameters": {"elastic_harmonics": _FADING},
+                "unexplained_mm2": _VARIANCE,
+                "unexplained_sd_mm2": _VARIANCE,
+                "seen": _SHARE,
+            }
+        },
+    },
+}  # fmt: skip
+
+
+def check_notes(document: Mapping[str, Any], subject: str) -> None:
+    """Refuse notes about the machine that none of ours would say."""
+    _check(document, _NOTES, "the model", subject)
+
+
+def _check(value: Any, shape: Any, name: str, subject: str) -> None:
+    """Raise `ModelError` unless ``value``, which stands under ``name``, is as ``shape`` says."""
+    if isinstance(shape, Numbers):
+        if not shape.holds(value):
+            refuse(subject, f"{shape.words} for {name}", repr(value)[:40])
+        return
+    kind: type[Any] = shape if isinstance(shape, type) else type(shape)
+    if not isinstance(value, kind):
+        refuse(subject, f"{name} as {kind.__name__}", say("none") if value is None else repr(value)[:40])
+    if isinstance(shape, list):
+        for each in value:
+            _check(each, shape[0], f"an entry of {name}", subject)
+    elif isinstance(shape, dict):
+        value = dict(value)
+        for key in (key for key in shape if key.endswith("!")):
+            _check(value.get(key[:-1]), shape[key], key[:-1], subject)
+        for key, held in value.items():
+            if (wanted := shape.get(key, shape.get("*"))) is not None:
+                _check(held, wanted, key, subject)

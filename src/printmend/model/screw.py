@@ -1,0 +1,69 @@
+"""The section of a saved model for Z: a learned screw as its series, another as tables on the printer's micro-steps."""
+
+from typing import Any
+
+import numpy as np
+
+from printmend.machine import ScrewDrive, Transmission, z_grid_mm
+from printmend.messages import say
+from printmend.model.series import HARMONICS, ScrewSeries
+from printmend.model.values import number, numbers, refuse, rising, rounded
+from printmend.printer import Printer
+
+_MOST_MM = 100.0  # no height or push is farther off; tables of what is would fill the memory
+_LEAST_LEAD_MM = 0.1  # rise of a turn: no screw of a printer is finer
+
+
+def screw_section(screw: ScrewDrive | ScrewSeries) -> dict[str, Any]:
+    """Return Z as plain values."""
+    if isinstance(screw, ScrewSeries):
+        return {
+            "kind": "series",
+            "lead_mm": screw.lead_mm,
+            "lead_error": rounded(screw.lead_error),
+            "backlash_mm": rounded(screw.backlash_mm),
+            "height_mm": rounded(screw.height_mm),
+            "push_x_mm": rounded(screw.push_mm[:, 0]),
+            "push_y_mm": rounded(screw.push_mm[:, 1]),
+            "push_x_sd_mm": rounded(screw.push_sd_mm[:, 0]),
+            "push_y_sd_mm": rounded(screw.push_sd_mm[:, 1]),
+        }
+    table, grid = screw.transmission, screw.transmission.motor_mm
+    section = {"kind": "table", "lower_error_mm": rounded(table.lower_mm - grid)}
+    if not table.is_taut:
+        section["upper_error_mm"] = rounded(table.upper_mm - grid)
+    return section | {f"push_{name}_mm": rounded(screw.wobble_mm[:, axis]) for axis, name in enumerate("xy")}
+
+
+def parse_screw(section: Any, printer: Printer, subject: str) -> ScrewDrive:
+    """Build Z from its section. Raise `ModelError` for anything that is not one of ours."""
+    if not isinstance(section, dict):
+        refuse(subject, "a section", repr(section)[:40])
+    if section.get("kind") == "series":
+        return parse_series(section, subject).lower(printer)
+    if section.get("kind") != "table":
+        refuse(subject, "kind series or table", repr(section.get("kind"))[:40])
+    grid, first_mm, pitch_mm = z_grid_mm(printer)
+    names = ["lower_error_mm", "push_x_mm", "push_y_mm", *(["upper_error_mm"] if "upper_error_mm" in section else [])]
+    columns = {name: numbers(section, name, subject, len(grid)) for name in names}
+    if any(len(column) != len(grid) or np.abs(column).max() > _MOST_MM for column in columns.values()):
+        refuse(subject, f"tables of {len(grid)} errors up to {_MOST_MM:g} mm", "others")
+    lower = columns["lower_error_mm"]
+    lower_mm, upper_mm = rising(grid + lower, grid + columns.get("upper_error_mm", lower), subject)
+    push_mm = np.stack([columns["push_x_mm"], columns["push_y_mm"]], axis=1)
+    return ScrewDrive(Transmission(first_mm, pitch_mm, lower_mm, upper_mm), push_mm)
+
+
+def parse_series(section: dict[str, Any], subject: str) -> ScrewSeries:
+    """Return the series of a section of that kind."""
+    names = ["height_mm", "push_x_mm", "push_y_mm"]
+    names += [name for name in ("push_x_sd_mm", "push_y_sd_mm") if name in section]  # older models say nothing of it
+    waves = [numbers(section, name, subject, 2 * HARMONICS) for name in names]
+    lead_mm, backlash_mm = number(section, "lead_mm", subject), number(section, "backlash_mm", subject)
+    lead_error = number(section, "lead_error", subject)
+    if lead_mm < _LEAST_LEAD_MM or not 0 <= backlash_mm <= _MOST_MM or not -0.9 <= lead_error <= 9.0:
+        refuse(subject, f"a lead of {_LEAST_LEAD_MM:g} mm or more, a backlash and a lead_error of a screw", "others")
+    if any(len(wave) != 2 * HARMONICS or np.abs(wave).max() > _MOST_MM for wave in waves):
+        refuse(subject, f"sines and cosines of {HARMONICS} harmonics up to {_MOST_MM:g} mm", say("something-else"))
+    push_sd_mm = np.stack(waves[3:], axis=1) if len(waves) == 5 else np.zeros((2 * HARMONICS, 2))
+    return ScrewSeries(lead_mm, lead_error, backlash_mm, waves[0], np.stack(waves[1:3], axis=1), push_sd_mm)

@@ -1,0 +1,62 @@
+"""How finely a path is drawn: how far it may be off, and how many moves a second the firmware takes."""
+
+from dataclasses import dataclass
+
+from printmend.gcode import kernels as k
+from printmend.gcode.machine import Flavour
+from printmend.plan.kernels.layout import TOLERANCE_MM
+
+SEGMENTS_PER_S = {
+    "marlin8": 100.0,
+    "marlin32": 1000.0,
+    "klipper": 2000.0,
+    "rrf": 1000.0,
+    "prusa": 500.0,
+    "bambu": 1000.0,
+}
+"""Moves a second that a firmware surely plans, read from its card or sent to it: cautious values of ours."""
+_OF_FLAVOUR = {
+    Flavour.MARLIN1: "marlin8", Flavour.MARLIN2: "marlin32", Flavour.KLIPPER: "klipper", Flavour.RRF: "rrf",
+    Flavour.PRUSA: "prusa", Flavour.UNKNOWN: "marlin32",
+}  # fmt: skip
+COARSEST_MM = 0.2
+"""The largest tolerance: half a line's width."""
+SPARE = {
+    k.ROLE_INFILL: 16.0, k.ROLE_ASIDE: 16.0, k.ROLE_SOLID: 4.0, k.ROLE_INNER: 2.0, k.ROLE_UNKNOWN: 1.0,
+    k.ROLE_OUTER: 0.25,
+}  # fmt: skip
+"""How much more of a tolerance lines of each role may have where time is short: choices of ours, by what is seen."""
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How far the path may be off, and what reads the file.
+
+    ``tolerance_mm``: half of it where a chord bulges, all where that is short or slack is crossed. ``firmware`` is a
+    key of `SEGMENTS_PER_S`, or None: guessed from each file. ``slower`` is by which share the print may take longer at
+    the most, None without a limit; ``ease`` how much coarser lines are drawn for that, by their `SPARE`.
+    ``crossing_mm_s2`` is how fast a motor may speed up while it crosses its slack; None: as the printer's file says.
+    ``evenly`` says that outer walls along an axis are cut until they keep their width.
+    """
+
+    tolerance_mm: float = TOLERANCE_MM
+    firmware: str | None = None
+    slower: float | None = None
+    crossing_mm_s2: float | None = None
+    ease: float = 0.0
+    evenly: bool = True
+
+    @property
+    def tolerances_mm(self) -> dict[int, float]:
+        """How far lines of each role may be off."""
+        coarsest_mm = max(self.tolerance_mm, COARSEST_MM)
+        return {role: min(self.tolerance_mm * (1.0 + self.ease * spare), coarsest_mm) for role, spare in SPARE.items()}
+
+    @property
+    def most_ease(self) -> float:
+        """The ease from which on all lines are drawn as coarsely as they may be."""
+        return max(COARSEST_MM / self.tolerance_mm - 1.0, 0.0) / min(SPARE.values())
+
+    def segments_per_s(self, flavour: Flavour) -> float:
+        """Return how many moves a second a file of that ``flavour`` may have."""
+        return SEGMENTS_PER_S[self.firmware or _OF_FLAVOUR[flavour]]

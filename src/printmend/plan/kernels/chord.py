@@ -1,0 +1,272 @@
+"""Compiled search for the longest straight command whose printed path stays close enough to the wanted one."""
+
+import numpy as np
+
+from printmend.jit import inner
+from printmend.plan.kernels.curve import (
+    aside_and_along,
+    is_flat_arc,
+    norm,
+    place,
+)
+from printmend.plan.kernels.layout import (
+    ALONG_PER_ASIDE,
+    FILAMENT_AREA_MM2,
+    MAX_AREA_MM2,
+    TINY_ADVANCE_MM,
+)
+from printmend.plan.kernels.lookup import (
+    from_motors,
+    is_framed,
+    printed,
+    sharpest,
+    to_motors,
+    wanted,
+)
+from printmend.plan.kernels.state import followed, middle, motor_along
+
+SHORT_MM = 0.4  # chords below this may bulge twice as far; on a radius of 4 mm all are shorter
+LOOK_AHEAD_MM = 8.0  # how far along a line its curvature is looked up at once
+LOOKS_A_CHORD, CLOSEST_LOOK_MM = 10.0, 0.01  # at how many places of a chord, and how densely it is looked at the most
+UNEVEN = 0.03  # by which share a wall may be wider or thinner somewhere along a chord: some 1 % RMS
+SHORTEST_EVEN_MM = 0.2  # chords that are to keep a wall's width: half a line's width
+ALONG_AN_AXIS = 0.26  # the tangent of a wall's angle to it, at the most
+GENTLY = 0.1  # mm of slack a mm of path, at the most: a motor that crosses faster turns the command aside
+MOST_SCORE = 1.1  # that such a chord may have: the exact command's distances are nearly those on the bed
+REST_SHARE = 0.5  # of a chord: before a shorter rest it is cut in the middle
+_FAR_MM = 12.0  # for how much of a motor's way the curvature of its tables is looked up
+
+
+@inner(error_model="numpy", _nrt=False)
+def _bulge(model, length):
+    """Return how far a chord of that length may bulge; short ones may twice as far, or the firmware would go slowly."""
+    return model.head.chord * (2.0 if length < SHORT_MM else 1.0)
+
+
+@inner(error_model="numpy", _nrt=False)
+def along_curve(model, curve, state, mode0, mode1, t):
+    """Return the motor positions at t of the curve, on its way from where the motors are."""
+    x, y, _ = place(curve, t)
+    u0, u1 = wanted(model, x, y)
+    return motor_along(model, state, 0, mode0, u0, t), motor_along(model, state, 1, mode1, u1, t)
+
+
+# These kernels take many parameters: the curve, the motors and their modes, and what may be spared.
+@inner(error_model="numpy", _nrt=False)
+def _score(model, curve, state, mode0, mode1, t, end, m0, m1, spare_aside, spare_along):
+    """Return the largest error of the chord from t to ``end``, where the motors are at (m0, m1), by what is allowed.
+
+    At t so much may be spared, less and less towards the end.
+    """
+    samples = max(3, np.int64(np.ceil(min((end - t) * curve.length, 4096.0) / model.head.sample)))
+    from0, from1 = state.mended.m[0], state.mended.m[1]
+    now0, now1 = middle(state, 0), middle(state, 1)
+    held = (1 if mode0 == 0 else 0) + (1 if mode1 == 0 else 0)
+    aside_most = _bulge(model, (end - t) * curve.length) + held * model.head.chord  # one that stands is off by as much
+    worst = 0.0
+    for i in range(1, samples + 1):
+        s = i / (samples + 1)
+        a = followed(model, 0, mode0, now0, from0 + s * (m0 - from0))
+        b = followed(model, 1, mode1, now1, from1 + s * (m1 - from1))
+        x, y = printed(model, a, b)
+        aside, along = aside_and_along(curve, x, y, t + s * (end - t))
+        off_aside = aside / (aside_most + (1.0 - s) * spare_aside)
+        off_along = along / (ALONG_PER_ASIDE * model.head.chord + (1.0 - s) * spare_along)
+        worst = max(worst, off_aside, off_along)
+    return worst
+
+
+@inner(error_model="numpy", _nrt=False)
+def _longest(model, curve, state, mode0, mode1, t, whole, bound, shortest):
+    """Return the length, in t, of the longest admissible chord, by growing and shrinking a guess from the curvature."""
+    x, y = printed(model, middle(state, 0), middle(state, 1))
+    aside, along = aside_and_along(curve, x, y, t)
+    step = whole
+    if bound > 0.0:
+        step = min(whole, max(shortest, 2.0 * whole * np.sqrt(8.0 * model.head.chord / bound)))
+    good = 0.0
+    for _ in range(24):
+        m0, m1 = along_curve(model, curve, state, mode0, mode1, t + step)
+        score = _score(model, curve, state, mode0, mode1, t, t + step, m0, m1, aside + along, aside + along)
+        if score <= 1.0:
+            good = step
+            if step >= whole or score > 0.7:
+                break
+            step = min(whole, step * min(3.0, 0.97 / np.sqrt(max(score, 1e-3))))
+        else:
+            if good > 0.0 or step <= shortest:
+                break
+            step = max(shortest, step * max(0.15, 0.93 / np.sqrt(score)))
+    step = good if good > 0.0 else step
+    rest = whole - step
+    if rest <= 0.0 or (rest < shortest and whole < 2.0 * shortest):
+        return whole
+    return whole / 2 if rest < step else step  # two equal chords instead of one and a rest
+
+
+@inner(error_model="numpy", _nrt=False)
+def _look_mm(model, way0, way1, m0, m1, most, even):
+    """Return how densely a line must be looked at from motors (m0, m1) on, whose way a mm of path is (way0, way1)."""
+    bend0 = sharpest(model, 0, m0, m0 + LOOK_AHEAD_MM * way0) * way0 * way0
+    bend1 = sharpest(model, 1, m1, m1 + LOOK_AHEAD_MM * way1) * way1 * way1
+    bend = norm(bend0, bend1)
+    look = UNEVEN / (4.0 * bend) if even and bend > 0.0 else LOOK_AHEAD_MM
+    if is_framed(model):
+        bend += model.head.frame_bend
+    look = min(look, np.sqrt(16.0 * most / max(bend, 1e-12)) / LOOKS_A_CHORD)
+    return min(max(look, CLOSEST_LOOK_MM), LOOK_AHEAD_MM)
+
+
+# Long, for its looks along the line are one loop; its many parameters are the line, where the motors are on it, and
+# how far the command may stray.
+@inner(error_model="numpy", _nrt=False)
+def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most, even):
+    """Return (end, m0, m1): where the longest straight command from t ends that stays near a line's exact command.
+
+    The exact command at each place leaves an interval of directions to the one that may pass it at ``aside_most``; the
+    command is as long as these have a direction in common. So its ends lie on the outer side of a bend and its middle
+    on the inner one, and it goes straight through ripples that are smaller. Along the line its ends are exact. Where it
+    is to be ``even``, the exact command is nowhere much faster or slower. It ends at ``stop`` exactly, where the belts
+    are wanted at (u0, u1), or at ``limit`` at the latest.
+    """
+    length = curve.length
+    to0, to1 = motor_along(model, state, 0, mode0, u0, stop), motor_along(model, state, 1, mode1, u1, stop)
+    from0, from1 = state.mended.m[0], state.mended.m[1]
+    x, y = from_motors(model, to0 - from0, to1 - from1)
+    long = norm(x, y)
+    if not long > 0.0:
+        return stop, to0, to1
+    tx, ty = x / long, y / long
+    way0, way1 = (to0 - from0) / ((stop - t) * length), (to1 - from1) / ((stop - t) * length)
+    m0, m1 = along_curve(model, curve, state, mode0, mode1, t)
+    x, y = from_motors(model, m0 - from0, m1 - from1)
+    along_most = max(ALONG_PER_ASIDE * model.head.chord, abs(x * tx + y * ty))
+    near = max(aside_most, abs(tx * y - ty * x))
+    low, high, slow, fast = -np.inf, np.inf, -np.inf, np.inf
+    last, slowest, fastest = x * tx + y * ty, -np.inf, np.inf
+    end, aside, along, least, most = t, 0.0, 0.0, 0.0, 0.0
+    at, seen, step = t, t, 0.0
+    while at < limit:
+        if at >= seen:
+            step = _look_mm(model, way0, way1, m0, m1, aside_most, even) / length
+            seen = at + LOOK_AHEAD_MM / length
+        before, at = at, limit if limit - at < 1.5 * step else at + step
+        if at == stop:
+            m0, m1 = to0, to1
+        else:
+            m0, m1 = along_curve(model, curve, state, mode0, mode1, at)
+        x, y = from_motors(model, m0 - from0, m1 - from1)
+        a, p, q = x * tx + y * ty, tx * y - ty * x, at - t
+        room = 0.0 if at == stop else aside_most
+        from_p, to_p = max(p - room, low * q), min(p + room, high * q)
+        if even:  # what one command draws with one speed must not differ much in its wanted speed
+            pace = (a - last) / (at - before)
+            slowest, fastest = max(slowest, pace - UNEVEN * length), min(fastest, pace + UNEVEN * length)
+            last = a
+            if q * length > SHORTEST_EVEN_MM:
+                slow, fast = max(slow, slowest), min(fast, fastest)
+        if from_p <= to_p and slow * q <= a <= fast * q:
+            end, aside, along, least, most = at, p, a, from_p, to_p
+        low, high = max(low, (p - near) / q), min(high, (p + near) / q)
+        slow, fast = max(slow, (a - along_most) / q), min(fast, (a + along_most) / q)
+        if low > high or slow > fast:
+            break
+    if end in (t, stop):
+        return end, to0, to1
+    if end == limit:  # a middle: as straight on to the end as may be
+        x, y = from_motors(model, to0 - from0, to1 - from1)
+        p = min(max((tx * y - ty * x) * (limit - t) / (stop - t), least), most)
+    else:
+        p = most if p / q > aside / (end - t) else least
+    x, y = along * tx - p * ty, along * ty + p * tx
+    d0, d1 = to_motors(model, x, y)
+    if mode0 == 0:  # it stands, or crosses its slack
+        d0 = motor_along(model, state, 0, mode0, u0, end) - from0
+    elif mode0 * d0 < 0.0 and mode0 != 2:
+        d0 = 0.0
+    if mode1 == 0:
+        d1 = motor_along(model, state, 1, mode1, u1, end) - from1
+    elif mode1 * d1 < 0.0 and mode1 != 2:
+        d1 = 0.0
+    return end, from0 + d0, from1 + d1
+
+
+@inner(error_model="numpy", _nrt=False)
+def _is_even(model, curve):
+    """Say whether a line's width shows, and goes with the speed of one axis: an outer wall along an axis."""
+    x, y = abs(curve.x1 - curve.x0), abs(curve.y1 - curve.y0)
+    return model.head.even != 0.0 and min(x, y) <= ALONG_AN_AXIS * max(x, y)
+
+
+# As `_reach`.
+@inner(error_model="numpy", _nrt=False)
+def _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest):
+    """Return (end, m0, m1): where the longest admissible chord of a line ends; t where that is a short one.
+
+    Belts that lag, or that are not yet driven, do not follow the exact command: then the chord is none.
+    """
+    most, even = model.head.chord, _is_even(model, curve)
+    end, m0, m1 = _reach(model, curve, state, mode0, mode1, t, stop, stop, u0, u1, most, even)
+    if end < stop and (end - t < shortest or (not even and (end - t) * curve.length < SHORT_MM)):
+        return t, m0, m1
+    if 0.0 < stop - end < REST_SHARE * (end - t):  # two of a length instead of one and a rest
+        half, h0, h1 = _reach(model, curve, state, mode0, mode1, t, (t + stop) / 2.0, stop, u0, u1, most, even)
+        if half - t >= shortest:
+            end, m0, m1 = half, h0, h1
+    x, y = printed(model, middle(state, 0), middle(state, 1))
+    aside, along = aside_and_along(curve, x, y, t)
+    aside, along = max(aside - most, 0.0), max(along - ALONG_PER_ASIDE * most, 0.0)
+    if _score(model, curve, state, mode0, mode1, t, end, m0, m1, aside, along) > MOST_SCORE:
+        return t, m0, m1
+    return end, m0, m1
+
+
+@inner(error_model="numpy", _nrt=False)
+def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
+    """Return (end, m0, m1): where the longest admissible chord from t ends, and the motors there.
+
+    It ends at ``stop``, where the belts are wanted at (u0, u1), or before.
+    """
+    length = curve.length
+    shortest = curve.least / length
+    m0, m1 = motor_along(model, state, 0, mode0, u0, stop), motor_along(model, state, 1, mode1, u1, stop)
+    if curve.arc != 0.0 and not is_flat_arc(curve):  # what is looked at below is only seen from above
+        step = np.sqrt(8.0 * model.head.chord / max(curve.r0, model.head.chord)) / abs(curve.sweep)
+        stop = min(stop, t + max(step, shortest))
+        m0, m1 = along_curve(model, curve, state, mode0, mode1, stop)
+    whole = stop - t
+    from0, from1 = state.mended.m[0], state.mended.m[1]
+    # What crosses its slack moves no belt: nothing bends.
+    d0 = 0.0 if mode0 == 0 else abs(m0 - from0)
+    d1 = 0.0 if mode1 == 0 else abs(m1 - from1)
+    far0, far1 = min(d0, _FAR_MM) * np.sign(m0 - from0), min(d1, _FAR_MM) * np.sign(m1 - from1)
+    bend0, bend1 = sharpest(model, 0, from0, from0 + far0), sharpest(model, 1, from1, from1 + far1)
+    bound = norm(bend0 * d0 * d0, bend1 * d1 * d1)  # 8 times the sagitta, at the most
+    if is_flat_arc(curve):
+        bound += whole * whole * abs(curve.sweep) * length
+    elif is_framed(model):
+        bound += model.head.frame_bend * whole * whole * length * length
+    step = whole
+    if bound > 8.0 * _bulge(model, whole * length) or ((d0 > _FAR_MM or d1 > _FAR_MM) and model.head.bent != 0.0):
+        end = t
+        bends = bound * SHORT_MM * SHORT_MM > 64.0 * model.head.chord * whole * whole * length * length  # all are short
+        crosses = max(abs(state.crossing[0]), abs(state.crossing[1])) > GENTLY * length
+        if curve.arc == 0.0 and not crosses and not bends:
+            end, n0, n1 = _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest)
+        step = end - t
+        if end > t:
+            m0, m1 = n0, n1
+        else:
+            step = _longest(model, curve, state, mode0, mode1, t, whole, bound, shortest)
+            if step < whole:
+                m0, m1 = along_curve(model, curve, state, mode0, mode1, t + step)
+    part = step * advance
+    if part > TINY_ADVANCE_MM and advance * FILAMENT_AREA_MM2 <= MAX_AREA_MM2 * length:
+        # Klipper refuses more than MAX_AREA_MM2 of plastic a millimetre, except in the shortest of moves.
+        x, y = from_motors(model, m0 - from0, m1 - from1)
+        if part * FILAMENT_AREA_MM2 > MAX_AREA_MM2 * norm(x, y):
+            step = min(max(TINY_ADVANCE_MM / advance, shortest), step)
+            m0, m1 = along_curve(model, curve, state, mode0, mode1, t + step)
+    if whole - step < 1e-12:
+        return stop, m0, m1
+    return t + step, m0, m1
