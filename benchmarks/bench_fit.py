@@ -28,7 +28,7 @@ def fit_case(seed, folder):
     rng = np.random.default_rng(seed)
     outline, foot, hole = rng.uniform(-0.05, 0.12), rng.uniform(0.0, 0.3), rng.uniform(0.0, 0.2)
     shrinks = rng.uniform(0.0, 0.008, 2)
-    shape, holes = foreign.part(rng)
+    shape, _ = foreign.part(rng)
     (folder / "part.gcode").write_text(foreign.gcode(shape))
     upper = foreign.printed(shape, outline, hole, -shrinks, rng)
     lower = foreign.printed(shape, outline + foot, hole + foot, -shrinks, rng)
@@ -48,9 +48,9 @@ def fit_case(seed, folder):
         "hole": (above.hole_mm - hole, above.hole_sd_mm),
         "width": (2 * above.outline_mm - 2 * outline, 2 * above.outline_sd_mm),
     }
-    true = {round(d): d * (1 - shrinks.mean()) - 2 * hole for _, d in holes}
     for one in above.rounds:
-        rows[f"hole of {one.at.diameter_mm:.0f} mm"] = (one.diameter_mm - true[round(one.at.diameter_mm)], one.sd_mm)
+        true_mm = foreign.came_out(upper, (one.at.x_mm, one.at.y_mm), shape)
+        rows[f"hole of {one.at.diameter_mm:.0f} mm"] = (one.diameter_mm - true_mm, one.sd_mm)
     for axis in range(2):
         rows[f"shrinkage {'XY'[axis]} [%]"] = 100 * (-found.scale[axis] - shrinks[axis]), 100 * found.scale_sd[axis]
     return rows

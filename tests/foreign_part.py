@@ -15,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFilter
 
 WIDTH_MM, HEIGHT_MM, FILAMENT_MM, LAYERS = 0.45, 0.2, 1.75, 12
 DIAMETERS_MM = (4.0, 6.0, 8.0, 12.0)
+TOUCHED_PIXELS = 0.3  # Pillow fills pixels that an edge touches, too: circles of 2 to 14 mm are drawn so much larger
 
 
 def part(rng, centre=(110.0, 110.0), sizes=(28, 40)):
@@ -82,6 +83,13 @@ def printed(shape, outline_mm, hole_mm, scale, rng):
     return [(rough(ring, rng) - middle) * (1 + np.array(scale)) for ring in rings]
 
 
+def came_out(rings, at, shape):
+    """The diameter of the round hole that came out where ``shape`` has one at ``at`` [2], by its area."""
+    where = shapely.Point(np.subtract(at, shape.centroid.coords[0]))
+    hole = min((shapely.Polygon(ring) for ring in rings[1:]), key=lambda one: one.centroid.distance(where))
+    return 2 * math.sqrt(hole.area / math.pi)
+
+
 def scan(levels, rng, *, below, dpi=600, stretch=(0.0, 0.0)):
     """A scan of rings in ``levels``: (rings, how dark, how blurred in mm), the farthest from the glass first."""
     angle = rng.uniform(-6, 6)
@@ -98,7 +106,8 @@ def scan(levels, rng, *, below, dpi=600, stretch=(0.0, 0.0)):
         mask = Image.new("L", (width * fine, height * fine), 0)
         pen = ImageDraw.Draw(mask)
         for number, ring in enumerate(rings):
-            pen.polygon([tuple(v) for v in (ring - low) * dpi / 25.4 * fine - 0.5], fill=0 if number else 255)
+            drawn = shapely.Polygon((ring - low) * dpi / 25.4 * fine - 0.5).buffer(-TOUCHED_PIXELS)
+            pen.polygon(list(drawn.exterior.coords), fill=0 if number else 255)
         small = mask.resize((width, height), Image.Resampling.BOX).filter(ImageFilter.GaussianBlur(blur * dpi / 25.4))
         share = np.maximum(share, dark * np.asarray(small, float) / 255)
     light = 1 + 0.05 * np.linspace(-1, 1, width)[None, :]
