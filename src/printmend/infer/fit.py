@@ -16,7 +16,7 @@ from printmend.machine import Contacts, Mechanism, contacts_of
 from printmend.path import Trace
 from printmend.units import SIGMA_PER_MEDIAN
 
-DEGREES = 5.0  # of freedom of Student's t, by which rows are weighed: one wrong row in twenty is nothing unusual
+DEGREES = 5.0  # of freedom of the Student's t whose tails noise has: one wrong row in twenty is nothing unusual
 LEAST_BESIDE = -9.0  # of the score that a block adds, below which it is left out of the last fit
 CHUNK_ROWS = 2048  # that are summed at once
 MOST_MARKS = 1200  # marks that are looked at: more take time and say the same
@@ -185,8 +185,7 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
         part = rows.some(slice(at, at + CHUNK_ROWS))
         some = _columns_of(kept, fit.places, part, fit.scene)
         left_mm = part.error_mm - some[:, known] @ fit.state.mean_mm
-        away = left_mm * np.sqrt(part.weight) / fit.state.sigma_mm
-        one = gram_of(some, part, part.weight * (DEGREES + 1) / (DEGREES + away**2))
+        one = gram_of(some, part, _by_distance(part, left_mm, fit.state.sigma_mm))
         whole = Gram(
             whole.matrix + one.matrix, whole.slope + one.slope, whole.square + one.square, whole.count + one.count
         )
@@ -305,10 +304,18 @@ def left_of(rows: Rows, dictionary: Dictionary, state: State) -> np.ndarray:
 
 
 def weighed(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
-    """Return the weights [M] that Student's t gives to what is left, its scale taken from the median."""
+    """Return the weights [M] of rows by what is left of them, its scale taken from the median."""
     away = np.abs(left_mm) * np.sqrt(rows.weight)
-    scale = max(SIGMA_PER_MEDIAN * float(np.median(away)), LEAST_SIGMA_MM)
-    return np.asarray(rows.weight * (DEGREES + 1) / (DEGREES + (away / scale) ** 2))
+    return _by_distance(rows, left_mm, max(SIGMA_PER_MEDIAN * float(np.median(away)), LEAST_SIGMA_MM))
+
+
+def _by_distance(rows: Rows, left_mm: np.ndarray, scale_mm: float) -> np.ndarray:
+    """Return the weights [M] of noise that is normal, but for tails as Student's t has them.
+
+    Weights that fall inside, too, as the t's own do, would take normal noise for less than it is.
+    """
+    away2 = rows.weight * (left_mm / scale_mm) ** 2
+    return np.asarray(rows.weight * (DEGREES + 1) / np.maximum(DEGREES + 1, away2))
 
 
 def shared(rows: Rows, left_mm: np.ndarray) -> Rows:
