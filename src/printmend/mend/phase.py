@@ -37,8 +37,8 @@ def refitted(model: SavedModel, motors: Sequence[str]) -> SavedModel:
         raise InputError(
             "--refitted", wanted=say("motor-of-this-printer", ", ".join(names)), came=unknown[0], todo=say("correct")
         )
-    named = " and ".join(name.upper() for name in names if name in {motor.lower() for motor in motors})
-    words = say("belt-pulley-worked-errors-elsewhere-now", named)
+    named = [name.upper() for name in names if name in {motor.lower() for motor in motors}]
+    words = say("belt-pulley-worked-errors-elsewhere-now", named[0] if len(named) == 1 else say("and", *named))
     found = [one for one in _found(model) if one.get("kind") != REFITTED]
     refusal = {"kind": REFITTED, "severity": REFUSAL, "size_mm": 0.0, "evidence": 0.0, "words": words}
     misfit = {"misfit": {"found": [refusal, *found]}}

@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from printmend.corruption.cause import Cause, named_keys, offered
-from printmend.corruption.listing import listing
+from printmend.corruption.listing import said, typical_shape
 from printmend.effects import EFFECTS
 from printmend.effects.effect import Effect, Term
 from printmend.effects.keys import AXES, limits_of
@@ -38,15 +38,15 @@ def offered_effects(printer: Printer) -> list[dict[str, Any]]:
     ``possible`` says whether ``printer`` can have it.
     """
     scene = scene_of_printer(printer)
-    return [_card(name, line) | {"possible": bool(terms_of(EFFECTS[name], scene))} for name, line, _ in listing()]
+    return [_card(effect) | {"possible": bool(terms_of(effect, scene))} for effect in EFFECTS.values()]
 
 
-def _card(name: str, line: str) -> dict[str, Any]:
-    effect, own = EFFECTS[name], name.replace("_", "-")
+def _card(effect: Effect) -> dict[str, Any]:
+    name, own = effect.name, effect.name.replace("_", "-")
     terms = offered(effect)
     places = sorted({term.where for term in terms})
     return {
-        "name": name, "title": say(f"effect-{own}") if f"effect-{own}" in catalogue() else line,
+        "name": name, "title": say(f"effect-{own}") if f"effect-{own}" in catalogue() else said(effect),
         "of": say(_OF[effect.of.value]), "on": ["x", "y"] if len(places) > 1 else [],
         "sliders": _sliders(effect, [term for term in terms if term.where == places[0]]) if terms else [],
     }  # fmt: skip
@@ -55,8 +55,7 @@ def _card(name: str, line: str) -> dict[str, Any]:
 def _sliders(effect: Effect, terms: list[Term]) -> list[dict[str, Any]]:
     keys = named_keys(effect)
     of_shape: tuple[str, ...] = getattr(keys, "shape", ())
-    typical = terms[len(terms) // 4].shape
-    shape, sliders, first = dict(zip(of_shape, typical, strict=False)), [], True
+    shape, sliders, first = typical_shape(keys, terms), [], True
     for name in keys.names:
         row: dict[str, Any] = {"key": name, "label": say(_LABELS[name]) if name in _LABELS else name.replace("_", " "),
                "unit": _unit(name), "choices": []}  # fmt: skip
