@@ -1,12 +1,13 @@
 """Measure the studio as a person meets it: from the drop of a file to its picture, mended and shown; start; memory.
 
-    .venv/bin/python benchmarks/bench_studio.py [--only start trial small large half huge uploads]
+    .venv/bin/python benchmarks/bench_studio.py [--only start idle trial small large half huge vast uploads]
 
-`trial` goes on where `start` ends, the shortest way from broken to mended: *Mend it* is clicked as soon as it is there.
-`small` is a sliced gear of 5 MB, `large` one of 300 000 moves, `half` a vase of half a million segments, `huge` six
-gears of 9 MB in one file of more than 50 MB, of which the page shows 600 000 points. Each is dropped on the page in
-Debian's Chromium, which draws in software. Wall time is what one waits; processor time is that of server, workers and
-browser together, and does not depend on who else uses the machine.
+`idle` is what server and workers hold once they have rehearsed. `trial` is the shortest way from broken to mended:
+*Mend it* is clicked as soon as it is there. `small` is a sliced gear of 5 MB, `large` one of 300 000 moves, `half` a
+vase of half a million segments. `huge` is six gears of 9 MB in one file of more than 50 MB, of which the page shows
+600 000 points, `vast` sixteen of them, 150 MB. Each is dropped on the page in Debian's Chromium, which draws in
+software. Wall time is what one waits; processor time is that of server, workers and browser together, and does not
+depend on who else uses the machine.
 """
 
 import argparse
@@ -14,6 +15,7 @@ import gzip
 import os
 import sys
 import tempfile
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -40,14 +42,15 @@ PARTS = {
     "large": lambda: gear_gcode(62.0, 36.0),
     "half": vase_gcode,
     "huge": lambda: 6 * gear_gcode(58.0, 26.0),
+    "vast": lambda: 16 * gear_gcode(58.0, 26.0),
 }
 LONGEST_MS = 600_000
 QUIET_S = 0.06  # of processor time in a second: nothing is at work
 TURNS = 10
 
 
-def processor_s() -> float:
-    """Return the processor time of this process and of all that it started and that still runs, s."""
+def processor_s(of: int | None = None) -> float:
+    """Return the processor time [s] of a process, this one unless told, and of all that it started and that runs."""
     rows = {}
     for place in Path("/proc").glob("[0-9]*"):
         try:
@@ -55,7 +58,7 @@ def processor_s() -> float:
         except OSError:
             continue
         rows[int(place.name)] = (int(fields[1]), sum(map(int, fields[11:15])))
-    mine = {os.getpid()}
+    mine = {of or os.getpid()}
     while more := {pid for pid, (parent, _) in rows.items() if parent in mine} - mine:
         mine |= more
     return sum(rows[pid][1] for pid in mine if pid in rows) / os.sysconf("SC_CLK_TCK")
@@ -70,6 +73,26 @@ class Watch:
     def __str__(self) -> str:
         wall_s, used_s = time.monotonic() - self._wall_s, processor_s() - self._processor_s
         return f"{wall_s:.1f} s (processor {used_s:.1f} s)"
+
+
+class Most:
+    """The most memory that a server and its workers hold while a block runs."""
+
+    def __init__(self, server: Server) -> None:
+        self._server, self.bytes, self._over = server, 0, threading.Event()
+
+    def __enter__(self) -> "Most":
+        self._looking = threading.Thread(target=self._look)
+        self._looking.start()
+        return self
+
+    def _look(self) -> None:
+        while not self._over.wait(0.05):
+            self.bytes = max(self.bytes, self._server.memory_bytes())
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._looking.join()
 
 
 def settle() -> None:
@@ -100,14 +123,15 @@ def drop(browser: Browser, server: Server, key: str, name: str, folder: Path) ->
     page.wait_for_selector("input[type=file]", state="attached")
     settle()
     watch = Watch()
-    page.set_input_files("input[type=file][accept*=gcode]", path)
-    page.wait_for_selector("canvas[data-frame]")
-    shown = str(watch)
-    page.wait_for_selector("text=Download mended")
-    page.wait_for_selector("button:has-text('mended')")
-    mended = str(watch)
-    page.wait_for_selector("canvas[data-fine=true]")
-    fine = str(watch)
+    with Most(server) as most:
+        page.set_input_files("input[type=file][accept*=gcode]", path)
+        page.wait_for_selector("canvas[data-frame]")
+        shown = str(watch)
+        page.wait_for_selector("text=Download mended")
+        page.wait_for_selector("button:has-text('mended')")
+        mended = str(watch)
+        page.wait_for_selector("canvas[data-fine=true]")
+        fine = str(watch)
     canvas = page.locator("canvas")
     canvas.focus()
     watch, before = Watch(), int(canvas.get_attribute("data-pictures") or 0)
@@ -121,6 +145,7 @@ def drop(browser: Browser, server: Server, key: str, name: str, folder: Path) ->
     after = job["result"]["prediction"]
     print(f"{name}: {len(text) / 1e6:.1f} MB, {after['moves']} moves; shown {shown}; mended and shown {mended}; "
           f"finely {fine}; {TURNS} pictures while it turns {turned}, then finely {watch}; "
+          f"held {most.bytes / 1e6:.0f} MB at most, afterwards {server.memory_bytes() / 1e6:.0f} MB; "
           f"error {after['before']['rms_mm']:.3f} -> {after['after']['rms_mm']:.3f} mm; "
           f"the page holds {page.evaluate('performance.memory.usedJSHeapSize') / 1e6:.0f} MB", flush=True)  # fmt: skip
     page.context.close()
@@ -128,7 +153,7 @@ def drop(browser: Browser, server: Server, key: str, name: str, folder: Path) ->
 
 def uploads(server: Server, key: str, folder: Path) -> None:
     """Send and mend fifty files at once; print time and the most memory of the server and its workers."""
-    studio, watch, most = Studio(server.address), Watch(), 0
+    studio, watch = Studio(server.address), Watch()
     for number in range(50):
         (folder / f"{number}.gcode").write_bytes(part(1).replace(b"G28", b"; part %d\nG28" % number, 1))
 
@@ -136,18 +161,16 @@ def uploads(server: Server, key: str, folder: Path) -> None:
         sent = studio.upload(folder / f"{number}.gcode")
         return str(studio.post(f"/printers/{key}/mend", {"upload": sent, "scene": False})["id"])
 
-    with ThreadPoolExecutor(50) as many:
-        jobs = list(many.map(send, range(50)))
-    for job in jobs:
-        assert studio.wait(job)["prediction"]["after"]["rms_mm"] < 0.01
-        most = max(most, server.memory_bytes())
-    print(f"uploads: 50 at once, all mended in {watch}; at most {most / 1e9:.2f} GB of memory", flush=True)
+    with Most(server) as most, ThreadPoolExecutor(50) as many:
+        for job in list(many.map(send, range(50))):
+            assert studio.wait(job)["prediction"]["after"]["rms_mm"] < 0.01
+    print(f"uploads: 50 at once, all mended in {watch}; at most {most.bytes / 1e9:.2f} GB of memory", flush=True)
 
 
 def main() -> None:
     """Measure what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    names = ["start", "trial", *PARTS, "uploads"]
+    names = ["start", "idle", "trial", *PARTS, "uploads"]
     parser.add_argument("--only", nargs="+", choices=names, default=names)
     only = parser.parse_args().only
     loaded = [path for path in PAGE.iterdir() if path.suffix in (".html", ".css", ".svg", ".js")]
@@ -162,7 +185,13 @@ def main() -> None:
             page.goto(server.address)
             page.wait_for_selector("#drawing", timeout=LONGEST_MS)
             if "start" in only:
-                print(f"start: the play screen is drawn after {watch}", flush=True)
+                print(
+                    f"start: drawn after {watch}, of which the server {processor_s(server.process.pid):.1f} s",
+                    flush=True,
+                )
+            if "idle" in only:
+                settle()
+                print(f"idle: ready after {watch}; held {server.memory_bytes() / 1e6:.0f} MB", flush=True)
             if "trial" in only:
                 page.get_by_role("button", name="Mend it").click(timeout=LONGEST_MS)
                 page.wait_for_selector("text=times better", timeout=LONGEST_MS)

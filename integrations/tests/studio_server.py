@@ -63,14 +63,14 @@ class Server:
                 self.kill()
 
     def memory_bytes(self) -> int:
-        """Return what it and its workers hold in memory."""
+        """Return what it and its workers hold in memory; what several of them share counts once (PSS)."""
         total = 0
         for place in Path("/proc").glob("[0-9]*"):
             try:
                 if os.getsid(int(place.name)) == self.process.pid:
-                    pages = int((place / "statm").read_text().split()[1])
-                    total += pages * os.sysconf("SC_PAGE_SIZE")
-            except (OSError, IndexError):
+                    found = re.search(r"^Pss: +(\d+) kB", (place / "smaps_rollup").read_text(), re.MULTILINE)
+                    total += 1024 * int(found[1]) if found else 0
+            except OSError:
                 continue
         return total
 

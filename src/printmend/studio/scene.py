@@ -130,8 +130,10 @@ class Tap:
         return noticed
 
     def kept(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return how many pieces each motion became [R], and the pieces."""
-        return np.concatenate(self._counts), np.concatenate(self._pieces)
+        """Return how many pieces each motion became [R], and the pieces, and keep them no longer."""
+        kept = np.concatenate(self._counts), np.concatenate(self._pieces)
+        self._counts, self._pieces = [kept[0][:0]], [kept[1][:0]]
+        return kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,20 +290,23 @@ def as_mended(
     counts, pieces = tap.kept()
     lines, feed = drawing.motion.lines, drawing.motion.records["feed"]
     told = _given_lines(lines, counts, pieces)
+    paces = busiest(lines.end_mm - lines.start_mm, feed / 60), _busiest_told(told, feed, counts, pieces)
     given, given_at = _points(told, np.where(told.turn != 0, drawing.pitch_mm / 4, drawing.pitch_mm))
+    del told, counts, pieces  # of a large file they are as much as what follows
     result = _printed_mm(truth, given, along)
     # slack is taken up between two lines: before a bead begins, after one ends
     look = drawing.at + np.where(drawing.bead_end, -_BESIDE_END_SHARE, _BESIDE_END_SHARE)
     off = _off_mm(np.column_stack([np.interp(look, given_at, column) for column in result.T]), drawing, aligned)
     error = _distance(scene.wanted_mm, scene.wanted_mm[:, :2] + off, drawing.joined)
-    raw_busiest = busiest(lines.end_mm - lines.start_mm, feed / 60)
-    feed = np.repeat(feed, np.maximum(counts, 1))
-    of_piece = np.repeat(counts > 0, np.maximum(counts, 1))
+    return replace(scene, mended_mm=off, mended_error_mm=error, raw_busiest=paces[0], mended_busiest=paces[1])
+
+
+def _busiest_told(told: Lines, feed_mm_min: np.ndarray, counts: np.ndarray, pieces: np.ndarray) -> int:
+    """Return the moves of the busiest second where pieces [K], ``counts`` [L] a line, replace lines at feeds [L]."""
+    rows = np.maximum(counts, 1)
+    feed, of_piece = np.repeat(feed_mm_min, rows), np.repeat(counts > 0, rows)
     feed[of_piece] = np.where(pieces["feed"] > 0, pieces["feed"], feed[of_piece])
-    way = told.end_mm - told.start_mm
-    return replace(
-        scene, mended_mm=off, mended_error_mm=error, raw_busiest=raw_busiest, mended_busiest=busiest(way, feed / 60)
-    )
+    return busiest(told.end_mm - told.start_mm, feed / 60)
 
 
 def _motion(records: np.ndarray) -> np.ndarray:
