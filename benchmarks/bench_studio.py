@@ -196,6 +196,7 @@ def main() -> None:
                 page.get_by_role("button", name="Mend it").click(timeout=LONGEST_MS)
                 page.wait_for_selector("text=times better", timeout=LONGEST_MS)
                 page.wait_for_selector("canvas[data-frame]", timeout=LONGEST_MS)
+                page.wait_for_selector(".number b[data-still=true]", timeout=LONGEST_MS)
                 off = page.locator(".number b").all_inner_texts()
                 print(f"trial: from the command to the mended part, one click, {watch}; {off}", flush=True)
             page.close()

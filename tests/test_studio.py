@@ -570,10 +570,10 @@ def _german(text: str) -> str | None:
 
 _REFUSING = """studio.api studio.api_printers studio.host studio.jobs studio.store studio.work measure.distance
 measure.dots measure.join measure.plan measure.scan measure.table measure.image measure.page measure.ruler
-repair.meant repair.mend repair.update repair.verify gcode.arcs gcode.bgcode gcode.container gcode.read gcode.threemf
+mend.meant mend.mend mend.update mend.verify gcode.arcs gcode.bgcode gcode.container gcode.read gcode.threemf
 printer.convert printer.klipper printer.slicer printer.toml probe.layout probe.start probe.tower measure.callipers
-measure.follows saved.model files promise.misfit_rows measure.whose filament.material
-repair.filament repair.part fit.estimate measure.lie measure.walls measure.width measure.silhouette"""
+measure.follows model.model files promise.misfit_rows measure.whose filament.material
+mend.filament mend.part fit.estimate measure.lie measure.walls measure.width measure.silhouette"""
 
 
 def test_why_something_did_not_work_is_said_in_the_pages_own_words() -> None:

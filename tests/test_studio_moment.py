@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from starlette.testclient import TestClient
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
@@ -23,7 +24,8 @@ from printmend.studio.jobs import Jobs
 from printmend.studio.play import Faults, Side, play_layer, preview
 from printmend.studio.scene import Scene, Tap, as_mended, as_printed, read_drawing
 from printmend.studio.store import Store
-from printmend.studio.thumb import write_thumb
+from printmend.studio.thumb import write_photo, write_thumb
+from printmend.studio.work import THUMB
 from printmend.twin import Twin
 
 HERE = "http://127.0.0.1:8765"
@@ -114,6 +116,20 @@ def _ended(store: Store, kind: str, params: dict, size: int) -> str:
     return key
 
 
+def test_a_photo_is_shown_small_and_upright_and_no_other_file(tmp_path: Path) -> None:
+    photo, small = Image.new("RGB", (1200, 800), "red"), tmp_path / "small.jpg"
+    (exif := Image.Exif())[274] = 6  # taken with the camera turned
+    photo.save(tmp_path / "photo.jpg", exif=exif)
+    assert write_photo(small, tmp_path / "photo.jpg")
+    with Image.open(small) as seen:
+        assert seen.height == 320 > seen.width > 200
+    small.unlink()
+    (tmp_path / "table.csv").write_text("x_mm,y_mm\n1,2\n")
+    (tmp_path / "cut.jpg").write_bytes((tmp_path / "photo.jpg").read_bytes()[:600])
+    assert not any(write_photo(small, tmp_path / name) for name in ("table.csv", "cut.jpg"))
+    assert not list(tmp_path.glob("small*"))
+
+
 def test_what_is_freed_is_gone_and_all_else_stays(folder: Path) -> None:
     folder.mkdir()
     store = Store(folder)
@@ -121,7 +137,8 @@ def test_what_is_freed_is_gone_and_all_else_stays(folder: Path) -> None:
     for key, size in ((given, 700), (spare, 300)):
         store.path("upload", key).write_bytes(bytes(size))
         store.add_upload(key, "a.gcode", size)
-    mended = _ended(store, "mend", {"upload": given}, 5000)
+    mended = _ended(store, "mend", {"upload": given}, 4993)
+    (store.path("job", mended) / THUMB).write_text("picture")
     played, learned = _ended(store, "play", {}, 2000), _ended(store, "learn", {}, 1000)
     store.close()
     with TestClient(create_app(folder, workers=1), base_url=HERE) as client:
@@ -131,6 +148,8 @@ def test_what_is_freed_is_gone_and_all_else_stays(folder: Path) -> None:
             return {one["part"]: (one["count"], one["bytes"]) for one in found["parts"]}
 
         assert kept() == {"mended": (1, 5000), "play": (1, 2000), "measured": (0, 0), "unused": (1, 300)}
+        shown = {one["part"]: one["shown"] for one in client.get("/api/storage").json()["parts"]}
+        assert shown == {"mended": [f"/api/jobs/{mended}/files/{THUMB}"], "play": [], "measured": [], "unused": []}
         assert client.delete("/api/storage/mended").status_code == 200
         assert kept() == {"mended": (0, 0), "play": (1, 2000), "measured": (0, 0), "unused": (1, 300)}
         assert [path.name for path in (folder / "uploads").iterdir()] == [spare]  # the mended file's own went with it

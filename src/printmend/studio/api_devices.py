@@ -6,6 +6,7 @@ from fastapi import APIRouter, Request
 from fastapi import Path as Where
 
 from printmend.errors import RefusedError
+from printmend.messages import say
 from printmend.studio.api import PROBLEMS
 from printmend.studio.devices import LONGEST_NAME, Devices
 from printmend.studio.guard import USER
@@ -19,13 +20,13 @@ def _devices(request: Request) -> Devices:
     devices: Devices | None = request.app.state.devices
     if devices is None:
         raise RefusedError(
-            "this studio", wanted="one that others reach", came="one for this computer alone",
-            todo="start it so that other computers reach it",
+            say("this-studio"), wanted=say("studio-for-others"), came=say("studio-for-this-computer"),
+            todo=say("start-for-others"),
         )  # fmt: skip
     if request.scope.get(USER):
         raise RefusedError(
-            "this device", wanted="one that sees everything", came="the device of a user",
-            todo="ask whoever runs the studio",
+            say("this-device"), wanted=say("device-of-no-user"), came=say("device-of-user"),
+            todo=say("ask-who-runs-studio"),
         )  # fmt: skip
     return devices
 

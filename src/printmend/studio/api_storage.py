@@ -12,6 +12,7 @@ from printmend.studio.api import PROBLEMS, Here
 from printmend.studio.jobs import StudioState
 from printmend.studio.shapes import Storage, StoragePart
 from printmend.studio.store import DONE, NotThereError, bytes_in
+from printmend.studio.work import PHOTO, THUMB
 
 Part = Literal["mended", "play", "measured", "unused"]
 _KINDS: dict[str, Part] = {
@@ -19,20 +20,26 @@ _KINDS: dict[str, Part] = {
     "play": "play",
     "measure": "measured",
     "check": "measured",
+    "fit": "measured",
     "send": "measured",
 }
+_PICTURES = (THUMB, PHOTO.format(1))
+_MOST_SHOWN = 8  # small pictures of a part
 router = APIRouter(prefix="/api/storage", responses=PROBLEMS, tags=["storage"])
 
 
 @router.get("", name="list")
 def storage(here: Here) -> Storage:
     """Say what the studio keeps and how much of the disk is free."""
-    found = {part: [0, 0] for part in get_args(Part)}
-    for part, path in _freed(here):
-        found[part][0] += 1
-        found[part][1] += bytes_in(path)
-    kept = bytes_in(here.store.folder) - sum(size for _, size in found.values())
-    parts = [StoragePart(part=part, count=count, bytes=size) for part, (count, size) in found.items()]
+    found = {part: StoragePart(part=part, count=0, bytes=0) for part in get_args(Part)}
+    for name, path in _freed(here):
+        part = found[name]
+        part.count += 1
+        part.bytes += bytes_in(path)
+        if len(part.shown) < _MOST_SHOWN and (picture := next((p for p in _PICTURES if (path / p).is_file()), None)):
+            part.shown.append(f"/api/jobs/{path.name}/files/{picture}")
+    parts = list(found.values())
+    kept = bytes_in(here.store.folder) - sum(part.bytes for part in parts)
     free = shutil.disk_usage(here.store.folder).free
     return Storage(parts=parts, kept_bytes=max(kept, 0), free_bytes=free, most_bytes=here.most_bytes)
 

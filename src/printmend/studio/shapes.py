@@ -88,6 +88,7 @@ class StoragePart(BaseModel):
     part: Literal["mended", "play", "measured", "unused"]
     count: int
     bytes: int
+    shown: list[str] = Field(default_factory=list, description="addresses of small pictures of the newest")
 
 
 class Storage(BaseModel):

@@ -1,5 +1,6 @@
-"""A small picture of a part for lists: its widest layer from above, as lines."""
+"""Small pictures for lists: of a part its widest layer from above, as lines; of a scan or photo a smaller one."""
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from printmend.files import replacing
 from printmend.studio.scene import Scene
 
 _MOST_POINTS = 1500
+_PHOTO_PX = 320  # longer side of a small picture of a photo
 _SVG = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" fill="none" stroke="#0f9d90" stroke-width="1.3" '
     'stroke-linejoin="round"><path vector-effect="non-scaling-stroke" d="{path}"/></svg>\n'
@@ -30,6 +32,26 @@ def write_thumb(path: Path, scene: Scene) -> None:
     drawn = "".join(f"{'M' if begins else 'L'}{x:.1f} {-y:.1f}" for (x, y), begins in zip(points, begun, strict=True))
     with replacing(path) as file:
         file.write(_SVG.format(box=box, path=drawn))
+
+
+def write_photo(path: Path, source: Path) -> bool:
+    """Write a scan or photo smaller, upright; return False of what is no image, or is too large to be one."""
+    from PIL import Image, ImageOps
+
+    from printmend.measure.image import MOST_PIXELS
+
+    with (
+        contextlib.suppress(OSError, SyntaxError, ValueError, Image.DecompressionBombError),
+        Image.open(source) as image,
+    ):
+        if image.width * image.height <= MOST_PIXELS:
+            image.draft("RGB", (_PHOTO_PX, _PHOTO_PX))  # JPEG is then unpacked smaller
+            small = ImageOps.exif_transpose(image).convert("RGB")
+            small.thumbnail((_PHOTO_PX, _PHOTO_PX))
+            with replacing(path, "wb") as file:
+                small.save(file, "JPEG", quality=80)
+            return True
+    return False
 
 
 def _thinned(points: np.ndarray, joined: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -27,7 +27,8 @@ Params = dict[str, Any]
 PROGRESS = "progress.json"
 MODEL, PRINTER, PLAN, PROBE = "printer.mend.json", "printer.toml", "probe.json", "probe.gcode"
 TOWER, TOWER_TABLE = "tower.gcode", "tower.csv"
-COARSE, WANTED, MENDED, THUMB = "coarse.bin", "printed.bin", "mended.bin", "thumb.svg"
+COARSE, WANTED, MENDED = "coarse.bin", "printed.bin", "mended.bin"
+THUMB, PHOTO, SEEN = "thumb.svg", "photo-{}.jpg", "seen.jpg"
 _SMALL_PART = "G28\nG90\nM83\nG1 Z0.2 F3000\nG1 X60 Y60\nG1 X110 Y60 E2\nG2 X110 Y100 I0 J20 E3\nG1 X60 Y95 E2\n"
 _NICENESS = 5  # of a worker, below the server and the browser of the same computer
 _PLAY_DPI = 300.0  # of the scan that one plays with
@@ -257,11 +258,16 @@ def _named(job: Job, upload: str, name: str) -> Path:
 
 
 def _scans(job: Job) -> list[Path]:
-    """Return the uploaded scans or photos under their own names; two of one name are counted."""
+    """Return the uploaded scans or photos under their own names, two of one name counted; and show them, smaller."""
+    from printmend.studio.thumb import write_photo
+
     names = [one["name"] for one in job.params["scans"]]
     several = len({*names}) < len(names)
     shown = [f"{i + 1}-{name}" if several else name for i, name in enumerate(names)]
-    return [_named(job, one["upload"], name) for one, name in zip(job.params["scans"], shown, strict=True)]
+    paths = [_named(job, one["upload"], name) for one, name in zip(job.params["scans"], shown, strict=True)]
+    job.files += [photo for i, path in enumerate(paths)
+                  if write_photo(job.folder / (photo := PHOTO.format(i + 1)), path)]  # fmt: skip
+    return paths
 
 
 def _measure(job: Job) -> dict[str, Any]:
@@ -275,7 +281,7 @@ def _measure(job: Job) -> dict[str, Any]:
     seen: dict[str, Any] = {}
 
     def look(reading: Any) -> None:
-        factor = _write_seen(job.file("seen.jpg"), reading.image)
+        factor = _write_seen(job.file(SEEN), reading.image)
         px = np.full((len(plan), 2), np.nan)
         found = reading.marks.found
         px[found] = (reading.dots.centre_px[reading.marks.match.dot[found]] + 0.5) * factor
@@ -440,6 +446,7 @@ def _play(job: Job) -> dict[str, Any]:
     from printmend.studio.play import faults_of, play_printer, tower_trace
     from printmend.studio.said import said
     from printmend.studio.scene import Tap, as_mended, as_printed, read_drawing, write_mended, write_wanted
+    from printmend.studio.thumb import write_thumb
     from printmend.twin import Twin
     from printmend.twin.scanner import DEFAULT, scan_trace
 
@@ -457,6 +464,7 @@ def _play(job: Job) -> dict[str, Any]:
     drawing, tap = read_drawing(part, printer), Tap()
     along = twin.printed_along
     scene = as_printed(drawing, truth, aligned=True, along=along)
+    write_thumb(job.file(THUMB), scene)
     write_wanted(job.folder / WANTED, scene)
     job.file(WANTED)
     printed = twin.seen(plan.waypoints_mm)
@@ -464,7 +472,7 @@ def _play(job: Job) -> dict[str, Any]:
     rng = np.random.default_rng(job.params.get("seed", 0))
     scan = scan_trace(Trace(plan.waypoints_mm, printed), plan, dpi=_PLAY_DPI, degradations=DEFAULT, rng=rng)
     write_image(job.folder / "scan.png", scan.image, dpi=_PLAY_DPI)
-    _write_seen(job.file("seen.jpg"), scan.image)
+    _write_seen(job.file(SEEN), scan.image)
     job.tell(0.3, "measure")
     measurement = measure_scans([job.folder / "scan.png"], plan)
     job.tell(0.5, "learn")

@@ -2,7 +2,7 @@
 import { html, useEffect, useState } from "./vendor.js";
 import { ended, fileOf, post } from "./api.js";
 import { Drop } from "./drop.js";
-import { Problem, Progress, Sending, useEarlier, useJob, useSending } from "./job.js";
+import { Photos, Problem, Progress, Sending, useEarlier, useJob, useSending } from "./job.js";
 import { asked, number, t } from "./words.js";
 
 // Which filament: those that the printer knows, and any other whose name begins with its polymer.
@@ -37,6 +37,7 @@ export function Fit({ printer, learn, learning }) {
   const result = job?.state === "done" ? job.result : null, going = Boolean(now) || Boolean(key && !ended(job)), ready = given.upload && given.uploads.length > 0;
   return html`<${Problem} error=${error} /><${Sending} now=${now} />
     ${key && !ended(job) && html`<section class="card"><${Progress} job=${job ?? { id: key, state: "queued", share: 0 }} steps=${["measure", "compare"]} /></section>`}
+    <${Photos} job=${job} />
     ${result && html`<${Sizes} job=${job} learn=${learn} learning=${learning} />`}
     <${Drop} multiple accept="image/*,.gcode,.g,.gco,.bgcode,.3mf" onFiles=${take} disabled=${going}><p><b>${t("drop_part")}</b></p><p class="faint">${t(ready ? "part_ready" : given.upload ? "part_scans" : given.uploads.length ? "part_file" : "part_tip")}</p></${Drop}>
     <div class="grid" style=${{ alignItems: "end" }}><${Filament} printer=${printer} value=${filament} set=${setFilament} />

@@ -1,6 +1,6 @@
 // A job as one sees it: what it is doing, how long it may take, and a way to stop it.
 import { html, useEffect, useState } from "./vendor.js";
-import { ended, follow, get, post, upload } from "./api.js";
+import { ended, fileOf, follow, get, post, upload } from "./api.js";
 import { seconds, t, why } from "./words.js";
 
 // Follow the job `key`; null without one.
@@ -47,5 +47,8 @@ export function useSending() {
 
 export const Sending = ({ now }) => now && html`<section class="card stack" role="status"><progress max="1" value=${now.share} aria-label=${t("sending")}></progress>
     <div class="row between"><span class="faint">${t("sending")} ${seconds(now.left_s)}</span><button class="quiet" onClick=${now.stop}>${t("cancel")}</button></div></section>`;
+
+// The scans or photos that a job was given, as small pictures.
+export const Photos = ({ job }) => job?.params.scans?.length > 0 && html`<div class="row thumbs">${job.params.scans.map(({ name }, i) => job.files.includes(`photo-${i + 1}.jpg`) && html`<img class="photo" src=${fileOf(job, `photo-${i + 1}.jpg`)} alt=${name} title=${name} />`)}</div>`;
 
 export const Problem = ({ error }) => error && html`<p class="problem" role="alert">${["gone", "stopped"].includes(error) ? t(error) : why(error)}</p>`;

@@ -5,7 +5,7 @@ import { ask } from "./ask.js";
 import { Plate, Save } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { Filament, Fit } from "./fit.js";
-import { Problem, Progress, Sending, useEarlier, useJob, useSending } from "./job.js";
+import { Photos, Problem, Progress, Sending, useEarlier, useJob, useSending } from "./job.js";
 import { useLook, Zoom } from "./look.js";
 import { Send } from "./send.js";
 import { asked, mm, number, said, sentence, t, typed } from "./words.js";
@@ -76,6 +76,7 @@ function Scan({ printer, learned, tell }) {
   return html`<${Problem} error=${error ?? (busy ? null : failed)} />
     <${Sending} now=${now} />
     ${key && !ended(job) && html`<section class="card"><${Progress} job=${job ?? { id: key, state: "queued", share: 0 }} steps=${["measure"]} /></section>`}
+    <${Photos} job=${job} />
     ${result && html`<section class="card stack"><div class="row between"><h2>${t("marks_found", { found: result.marks - result.missing.length, marks: result.marks })}</h2>
         <button class="primary" disabled=${Boolean(learning)} onClick=${() => learn({ measurement: job.id, exclude: [...out] })}>${t(learning ? "learning" : "learn")}</button></div>
       <${Progress} job=${learning} /><${Marks} job=${job} out=${out} toggle=${toggle} /><p class="faint">${t("click_mark")}</p>

@@ -93,7 +93,7 @@ export function Play() {
       ${done ? html`<button class="big" onClick=${() => setKey(null)}>${t("change")}</button>`
         : html`<button class="primary big" disabled=${running || !mendable(faults)} onClick=${start}>${running ? t("mending") : t("mend_it")}</button>`}</div>
     <${Problem} error=${error ?? lost} />${STATIC && html`<p class="note">${t(beforehand(faults) ? "static_now" : "static_own")}</p>`}
-    <div class="split first">
+    <div class="split ${running ? "" : "first"}">
       <div class="stack">
         ${result ? html`<${Result} result=${result} played=${key} />` : running ? html`<section class="card"><${Progress} job=${job ?? { state: "queued", share: 0, id: key }} steps=${faults.screw_mm ? TOWER : STEPS} /></section>` : html`
           <div class="chips" role="group" aria-label=${t("play_title")}>${Object.entries(PRESETS).map(([name, preset]) => html`<button class="chip" aria-pressed=${same(faults, preset)} onClick=${() => change(preset)}>${t(`preset_${name}`)}</button>`)}</div>

@@ -35,7 +35,7 @@ function List() {
 }
 
 // What a card will look like, where there is none yet.
-const Ghost = () => html`<div class="card pcard ghost"><div class="row between"><h2>${t("ghost_name")}</h2></div><div class="pthumb"><${Machine} id="ghost" machine=${{ kinematics: "cartesian", bed_mm: [0, 0, 220, 220] }} label=${t("ghost_name")} faults=${["x"]} small /><div class="number"><b>0.31 <small>mm</small></b><span>${t("before_model")}</span></div></div><p class="soft">${t("ghost_says")}</p></div>`;
+const Ghost = () => html`<div class="card pcard ghost"><div class="row between"><h2>${t("ghost_name")}</h2></div><div class="pthumb"><${Machine} id="ghost" machine=${{ kinematics: "cartesian", bed_mm: [0, 0, 220, 220] }} label=${t("ghost_name")} faults=${["x"]} small /><div class="number"><b>${mm(0.31)} <small>mm</small></b><span>${t("before_model")}</span></div></div><p class="soft">${t("ghost_says")}</p></div>`;
 
 function Trend({ values }) {
   if (values.length < 2) return null;

@@ -3,7 +3,7 @@ import { html, useEffect, useState } from "./vendor.js";
 import { ended, fileOf, get, post } from "./api.js";
 import { Number_, Save, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
-import { Problem, Progress, Sending, useEarlier, useJob, useSending } from "./job.js";
+import { Photos, Problem, Progress, Sending, useEarlier, useJob, useSending } from "./job.js";
 import { Send } from "./send.js";
 import { asked, day, mm, number, sentence, t } from "./words.js";
 
@@ -34,7 +34,7 @@ export function Prove({ printer, changed }) {
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <section class="card stack"><h2>${t("prove_print")}</h2>${checked?.state === "done" ? html`<a class="button primary" href=${fileOf(checked, "check.mended.gcode")} download>${t("download_check")}</a><${Send} printer=${printer} changed=${changed} file=${{ job: checked.id, name: "check.mended.gcode" }} />` : looked && html`<p class="soft">${t("check_what")}</p><button class="primary" disabled=${check && !ended(checked)} onClick=${make}>${t("make_check")}</button>`}<${Progress} job=${checked} /></section>
       <section class="card stack"><h2>${t("prove_scan")}</h2><${Drop} multiple accept="image/*,.csv" onFiles=${take}><p><b>${t("drop_check")}</b></p></${Drop}><${Sending} now=${now} />
-        <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label><${Progress} job=${job} steps=${["measure", "compare"]} /></section></div>
+        <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label><${Photos} job=${job} /><${Progress} job=${job} steps=${["measure", "compare"]} /></section></div>
     <div class="stack">${verdict && html`<section class="card stack"><h2>${t(VERDICTS[verdict.result])}</h2><div class="numbers"><${Number_} value=${mm(verdict.before_mm)}>${t("was")}</${Number_}><${Number_} value=${verdict.now_at_most_mm == null ? mm(verdict.now_mm) : `< ${mm(verdict.now_at_most_mm)}`}>${t("measured_now")}</${Number_}><${Number_} value=${`${mm(verdict.promised_low_mm)} – ${mm(verdict.promised_high_mm)}`}>${t("promised")}</${Number_}></div>${verdict.result === "cannot tell" && html`<p class="note">${t("cannot_tell_why")} ${mm(verdict.shows_from_mm)}.</p>`}
         ${job.result.newer.split("\n").map((line) => html`<p class="faint">${sentence(line)}</p>`)}${job.result.asked?.map((line) => html`<p class="faint">${sentence(line)}</p>`)}${taken ? html`<p class="note">${t("taken")}</p>` : html`<div><button onClick=${over}>${t("take_over")}</button></div>`}</section>`}
       <section class="card stack"><div class="row between"><h2>${t("history")}</h2>${known?.history.length > 0 && html`<${Save} id="history" name="history" />`}</div>${known?.history.length ? html`<${History} events=${known.history} /><div class="row"><span class="key kp">${t("was")}</span><span class="key kb">${t("promised")}</span><span class="key km">${t("history_after")}</span></div>` : html`<p class="soft">${known ? t("history_none") : "…"}</p>${known && html`<${Ghost} />`}`}</section></div></div>`;

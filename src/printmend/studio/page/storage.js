@@ -18,6 +18,6 @@ export function Storage() {
   };
   const whole = kept ? kept.kept_bytes + kept.parts.reduce((sum, one) => sum + one.bytes, 0) : 0;
   return html`<div class="head"><div><h1>${t("storage")}</h1><p class="now">${kept ? t("storage_now", { size: bytes(whole), most: bytes(kept.most_bytes), free: bytes(kept.free_bytes) }) : t("drawing")}</p></div></div><${Problem} error=${error} />
-    ${kept && html`<section class="card stack">${kept.parts.map((one) => html`<div class="stored"><div><h2>${t(`stored_${one.part}`)}</h2><p class="faint">${t(`stored_${one.part}_why`)}</p></div><b>${bytes(one.bytes)}</b><button disabled=${!one.count || busy === one.part} onClick=${() => free(one)}>${t("free_this")}</button></div>`)}
+    ${kept && html`<section class="card stack">${kept.parts.map((one) => html`<div class="stored"><div><h2>${t(`stored_${one.part}`)}</h2><p class="faint">${t(`stored_${one.part}_why`)}</p>${one.shown.length > 0 && html`<div class="row thumbs">${one.shown.map((address) => html`<img class="thumb" src=${address} alt="" loading="lazy" />`)}</div>`}</div><b>${bytes(one.bytes)}</b><button disabled=${!one.count || busy === one.part} onClick=${() => free(one)}>${t("free_this")}</button></div>`)}
       <div class="stored"><div><h2>${t("stored_kept")}</h2><p class="faint">${t("stored_kept_why")}</p></div><b>${bytes(kept.kept_bytes)}</b><span class="tag">${t("stays")}</span></div></section>`}`;
 }

@@ -298,14 +298,14 @@ export class View {
   }
 
   // Pictures of the part as it prints and mended, seen as now.
-  async shots() {
-    const { wipe, uniforms: { morph } } = this, kept = morph.value, found = [];
-    this.wipe = null;
-    for (const value of [1, 2]) { morph.value = value; found.push(await this.picture()); }
-    Object.assign(this, { wipe });
+  shots() {
+    const { wipe, uniforms: { morph } } = this, kept = morph.value;
+    this.wipe = null; // until both are drawn nothing else may run: the wipe may still be moving
+    const found = [1, 2].map((value) => { morph.value = value; return this.picture(); });
+    this.wipe = wipe;
     morph.value = kept;
     this.draw();
-    return found;
+    return Promise.all(found);
   }
 
   resize() {
