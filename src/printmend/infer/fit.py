@@ -26,6 +26,7 @@ SETTLED_MM = 0.02  # belts that move less from pass to pass change no column wor
 WEIGHINGS = 2  # of rows in each pass
 NEIGHBOURS = 8  # of a wall's place whose errors may be alike
 NEWS, LEAST_NEWS, MOST_NEWS = 0.25, 0.08, 0.99  # share of a wall's place that is news: at first, least, and most
+FEWEST_READ = 4  # marks, below which nobody can say that a coordinate was never measured
 HOME_SD_MM = 0.1  # of an end stop's place: switches scatter by as much
 BEGUN_WITH = ("place", "scale")  # a search from nothing may explain a pulley's size by a skewed frame, bit by bit
 MOST_LOST_SHARE = 0.5  # of the numbers of one pass that the next must still see
@@ -346,7 +347,10 @@ def rows_of(
     scene: Scene,
     most: int = MOST_MARKS,
 ) -> Rows:
-    """Return the measured numbers of a trace: two for each mark that both belts had touched before, one for a wall."""
+    """Return the measured numbers of a trace: two for each mark that both belts had touched before, one for a wall.
+
+    One for a mark, too, where one coordinate was read: an instrument of one axis leaves the other as commanded.
+    """
     touched = (contacts.row >= 0).all(axis=1)
     nominal = np.asarray(scene.printer.from_motor(places.motor_mm))  # where healthy belts would be
     off = trace.measured_mm - nominal
@@ -357,14 +361,23 @@ def rows_of(
     walls = np.flatnonzero(trace.wall_rows & touched)
     dots = np.flatnonzero(trace.measured_rows & ~trace.wall_rows & touched)
     dots = dots[thinned(len(dots), most)]
-    mark = np.concatenate([dots, dots, walls])
-    x, y = np.tile([1.0, 0.0], (len(dots), 1)), np.tile([0.0, 1.0], (len(dots), 1))
+    read = [dots if _was_read(trace, dots, k) else dots[:1] for k in range(2)]
+    mark = np.concatenate([*read, walls])
     normal = trace.normal[walls] if trace.normal is not None else np.zeros((0, 2))
     offset = np.zeros(0)
     if trace.offset_mm is not None:
         ahead = (trace.commanded_mm - nominal)[walls]
         offset = trace.offset_mm[walls] + (normal * ahead).sum(axis=1)
-    error = np.concatenate([off[dots, 0], off[dots, 1], offset])
-    along, weight = np.concatenate([x, y, normal]), weight[mark]
-    share = np.where(np.arange(len(mark)) < 2 * len(dots), 1.0, NEWS)
+    error = np.concatenate([off[read[0], 0], off[read[1], 1], offset])
+    along = np.concatenate(
+        [*(np.tile(axis, (len(some), 1)) for axis, some in zip(np.eye(2), read, strict=True)), normal]
+    )
+    share = np.concatenate([np.ones(len(mark) - len(walls)), np.full(len(walls), NEWS)])
+    weight = weight[mark]
     return Rows(mark, along, error, weight, share)
+
+
+def _was_read(trace: Trace, dots: np.ndarray, axis: int) -> bool:
+    """Tell whether an instrument looked along an axis: else that neither moved nor differs at any of these marks, and
+    one of them tells where it stood."""
+    return len(dots) < FEWEST_READ or any(np.ptp(mm[dots, axis]) > 0 for mm in (trace.commanded_mm, trace.measured_mm))

@@ -35,6 +35,7 @@ MOST_ROWS_MAPPED = 20_000  # measured rows that a rough map looks at
 LEAST_SCALE_MM = 0.05  # smallest standard deviation that is assumed of what a rough map leaves
 MOST_NATS_A_PLACE = 12.0  # one place costs no more, however far it is off: an outlier decides nothing
 CHANGE_NATS = 30.0  # nats for each change of the shift
+MOST_CHANGES = 12  # of the shift in one table: cells slip a few times, a machine's error along a fine path everywhere
 LEAST_NATS_SAVED = 60.0  # nats that a history of shifts must save
 HISTORY_ROUNDS = 3  # rounds of finding shifts: the first under a rough map, the others under the drives learned then
 BETTER_SHARE = 0.5  # rows put right must leave less than this share of what the rows as they came leave
@@ -194,7 +195,7 @@ def _undone(trace: Trace, seen: np.ndarray, places_mm: np.ndarray) -> Iterator[t
         at = np.searchsorted(places, seen)  # the number of each measured row among the places
         measured = np.clip(trace.measured_mm[seen], -FARTHEST_MM, FARTHEST_MM)
         history, saved = _history(places_mm[places], at, measured)
-        if saved > LEAST_NATS_SAVED and history.any():
+        if saved > LEAST_NATS_SAVED and history.any() and np.count_nonzero(np.diff(history)) <= MOST_CHANGES:
             found.append((saved, places, at, history))
     if not found:
         return
