@@ -40,7 +40,7 @@ SEED = 33033  # drawn from only for the page; develop with others
 FAMILIES = ("pulley", "play", "pulley-play", "pulley-loose", "frame", "smooth")
 BUDGETS, NOISES_MM = (30, 100, 300, 1000, 3000), (0.0, 0.05, 0.2)
 COMMON_MM, COMMON_POINTS = 0.05, 300  # the noise of every budget, the budget of every noise
-OURS = ("greybox", "hybrid", "meta")
+OURS = ("printmend", "greybox", "hybrid", "meta")
 PEERS = (
     "affine", "backlash", "bilateral", "prandtl-ishlinskii", "bouc-wen", "gaussian-process",
     "printmend_lab.peers.narx:NARX", "printmend_lab.peers.network:TCN", "printmend_lab.peers.network:ENSEMBLE",
@@ -263,7 +263,7 @@ def draw(path: Path, runs: Sequence[Run]) -> None:
         elif name == "naive":
             style = {"color": INK, "linewidth": 1.2, "linestyle": ":"}
         else:
-            style = {"color": PALETTE[3 + plain % 4], "linewidth": 1.1, "marker": "svD^<>x+*"[plain % 9],
+            style = {"color": PALETTE[4 + plain % 3], "linewidth": 1.1, "marker": "svD^<>x+*"[plain % 9],
                      "linestyle": "-" if plain < 4 else "--" if plain < 8 else "-."}  # fmt: skip
             plain += 1
         axes.plot(BUDGETS, values, label=name, markersize=5, **style)  # type: ignore[arg-type]

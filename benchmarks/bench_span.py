@@ -33,7 +33,7 @@ ROWS, ASKED = 400, 200
 
 
 def main() -> None:
-    options = options_of(__doc__, seed=SEED, learners="naive,greybox,meta", machines=3)
+    options = options_of(__doc__, seed=SEED, learners="naive,printmend,greybox,meta", machines=3)
     names = options.learners.split(",")
     print(f"| noise, mm | span of X, mm | {' | '.join(names)} |")
     print("|---:|---:|" + "---:|" * len(names))

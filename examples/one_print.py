@@ -17,7 +17,8 @@ from printmend_lab.env import SCENES, learning_agent, one_naive_agent, score_age
 def scores(family: str, severity: str, *, scenes: int = 32) -> dict[str, np.ndarray]:
     """Return each agent's score on each scene."""
     printer = read_printer("ender5")
-    agents = {"Naive": one_naive_agent} | {name: learning_agent(name, printer) for name in ("greybox", "meta")}
+    learners = ("printmend", "greybox", "meta")
+    agents = {"Naive": one_naive_agent} | {name: learning_agent(name, printer) for name in learners}
     return {name: score_agent(agent, family, severity, scenes=scenes) for name, agent in agents.items()}
 
 

@@ -12,7 +12,7 @@ WAVE_MM, TURN_MM, PLAY_MM, NOISE_MM = 2.2, 44.6, 1.5, 0.02
 
 
 def traverse() -> Trace:
-    """Return a way out and back along X in steps of 0.6 mm; a pulley of another size bends it, and its belt has play."""
+    """Return a way out and back along X in steps of 0.6 mm: a pulley of another size bends it, and its belt plays."""
     out = np.arange(20.0, 200.0, 0.6)
     x = np.concatenate([[15.0], out, out[::-1]])
     back = np.arange(len(x)) > len(out)

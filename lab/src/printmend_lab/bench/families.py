@@ -34,7 +34,7 @@ TEST_SEED = 20261121
 COVERAGES = (0.5, 1.0, 2.5)  # turns of a motor that a body is across
 TURN_MM = 40.0  # of the presets' motors; a body's size is a multiple of it
 NAIVE = "naive+greedy"
-ROWS = (NAIVE, "greybox+greedy", "greybox+optimal", "oracle+greedy", OPTIMUM)
+ROWS = (NAIVE, "printmend+optimal", "greybox+greedy", "greybox+optimal", "oracle+greedy", OPTIMUM)
 SEVERITIES: tuple[Severity, ...] = ("damaged", "realistic")
 
 # The purposes for which a case's generator is seeded; part of the meaning of a seed.

@@ -20,7 +20,9 @@ from printmend.twin import Twin
 from printmend_lab.control.registry import controller
 
 OPTIMUM = "optimum"
-PAPER_ROWS = ("naive", "lightgbm", "lightgbm-axis", "forest", "forest-axis", "greybox", "oracle", OPTIMUM)
+PAPER_ROWS = (
+    "naive", "lightgbm", "lightgbm-axis", "forest", "forest-axis", "printmend", "greybox", "oracle", OPTIMUM,
+)  # fmt: skip
 _LIBRARIES = {"lightgbm": "lightgbm", "forest": "sklearn", "knn": "sklearn", "linear": "sklearn"}  # by learner's name
 MAX_NOISE_MM = 10.0  # of a coordinate, standard deviation
 

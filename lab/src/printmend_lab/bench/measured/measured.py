@@ -29,7 +29,7 @@ _PARTS, _OFF_ROUND = 1e6, 0.3717  # of a span, in a digest; away from round numb
 ROWS = (
     NAIVE, "affine", "backlash", "bilateral", "prandtl-ishlinskii", "bouc-wen", "gaussian-process",
     "printmend_lab.peers.narx:NARX", "printmend_lab.peers.network:TCN", "printmend_lab.peers.network:ENSEMBLE",
-    "linear-axis", "knn-axis", "lightgbm-axis", "forest-axis", "greybox", "prior", "hybrid", "meta",
+    "linear-axis", "knn-axis", "lightgbm-axis", "forest-axis", "printmend", "greybox", "prior", "hybrid", "meta",
 )  # fmt: skip
 
 
