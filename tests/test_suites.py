@@ -143,7 +143,7 @@ def seen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Suite:
     write_clone(data / "noncircular_pulleys_mocap", np.random.default_rng(0))
     write_encoder(data / "stepper_encoder_lut" / "made_lookup.csv")
     whole = SUITES["printmend/Measured-v1"]
-    found = replace(whole, count=2, checksum=checksum(whole.draw(data)))
+    found = replace(whole, count=2, checksum=checksum(whole.draw(data), measured=True))
     monkeypatch.setitem(SUITES, found.name, found)
     return found
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from printmend.errors import InputError, TraceError, reason
 from printmend.files import read_text
+from printmend_lab.bench.matlab import signals
 from printmend_lab.bench.measured.specimens import COLUMNS, measured_specimen
 from printmend_lab.bench.measured.tracks import MeasuredSet, Track
 from printmend_lab.bench.real.mocap import read_runs
@@ -127,12 +128,10 @@ def read_tanks(path: Path) -> list[MeasuredSet]:
 
 def read_bouc_wen(folder: Path) -> list[MeasuredSet]:
     """Return the set of the hysteretic benchmark: a folder of uval_multisine.mat and its three fellows."""
-    signals = {
-        name: Track(_signal(folder, f"uval_{name}"), _signal(folder, f"yval_{name}"))
-        for name in ("multisine", "sinesweep")
-    }
-    multisine = signals["multisine"]
-    judged = (multisine.part(0.5, 1), signals["sinesweep"])
+    multisine, sinesweep = (
+        Track(_signal(folder, f"uval_{name}"), _signal(folder, f"yval_{name}")) for name in ("multisine", "sinesweep")
+    )
+    judged = (multisine.part(0.5, 1), sinesweep)
     return [MeasuredSet("Bouc-Wen benchmark", (multisine.part(0, 0.5),), judged)]
 
 
@@ -191,20 +190,11 @@ def _signal(folder: Path, name: str) -> np.ndarray:
 
 
 def _matlab(path: Path, names: Sequence[str]) -> list[np.ndarray]:
-    """Return signals of a MATLAB file [N], all of one length."""
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    try:
-        found = loadmat(path, variable_names=names)
-    except (OSError, ValueError, NotImplementedError, TypeError, MatReadError) as error:
-        raise _wrong(path, "a MATLAB file before version 7.3", reason(error)) from None
-    if missing := [name for name in names if name not in found]:
-        raise _wrong(path, f"a variable {missing[0]}", "none of that name")
-    signals = [np.asarray(found[name]).reshape(-1) for name in names]
-    if any(s.dtype.kind not in "fiu" or len(s) < _FEWEST or not np.isfinite(s).all() for s in signals):
+    """Return signals of a MATLAB file [N] without gaps."""
+    found = signals(path, names)
+    if any(len(signal) < _FEWEST or not np.isfinite(signal).all() for signal in found):
         raise _wrong(path, f"{_FEWEST} finite numbers or more a signal", "others")
-    return signals
+    return found
 
 
 def _wrong(path: Path, wanted: str, came: str) -> InputError:

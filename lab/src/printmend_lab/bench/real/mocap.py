@@ -8,12 +8,14 @@ speed, then nine at the speed in its name; the rapid ways between are left out.
 
 import hashlib
 import re
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from printmend.errors import TraceError, reason
+from printmend.errors import TraceError
+from printmend_lab.bench.matlab import signals
 from printmend_lab.bench.real.traverse import Traverse, detrended, read_traverses
 from printmend_lab.dataset.bodies import digest
 
@@ -50,12 +52,18 @@ def read_captures(folder: Path) -> list[Traverse]:
             folder, wanted="files SmoothPlot_SHAPE_allspeeds/dudt_SHAPE_SPEED.mat", came="none",
             todo="clone RenzoCab/Non-Circular-Pulleys there",
         )  # fmt: skip
-    found = []
-    for path in files:
+    return list(_cut_all(tuple((path, path.stat().st_mtime_ns) for path in files)))
+
+
+@lru_cache(maxsize=2)
+def _cut_all(files: tuple[tuple[Path, int], ...]) -> tuple[Traverse, ...]:
+    """Return the traverses of files, each with when it was changed; kept, because every case asks for them."""
+    found: list[Traverse] = []
+    for path, _ in files:
         name = _NAME.search(path.as_posix())
         assert name is not None
         found += cut(_speeds(path), name[1], float(name[2]))
-    return found
+    return tuple(found)
 
 
 def cut(speed_mm: np.ndarray, shape: str, speed_mm_s: float) -> list[Traverse]:
@@ -89,15 +97,7 @@ def cut(speed_mm: np.ndarray, shape: str, speed_mm_s: float) -> list[Traverse]:
 
 def _speeds(path: Path) -> np.ndarray:
     """Return the only signal of a file [N]."""
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    try:
-        signals = [np.ravel(value) for name, value in loadmat(path).items() if not name.startswith("__")]
-    except (OSError, ValueError, NotImplementedError, TypeError, MatReadError) as error:
-        raise TraceError(
-            path, wanted="a MATLAB file before version 7.3", came=reason(error), todo="fetch it again"
-        ) from None
-    if len(signals) != 1 or signals[0].dtype.kind != "f" or np.isfinite(signals[0]).sum() < _FEWEST_FRAMES:
-        raise TraceError(path, wanted="one signal of speeds a frame", came="something else", todo="fetch it again")
-    return signals[0]
+    (speeds,) = signals(path)
+    if np.isfinite(speeds).sum() < _FEWEST_FRAMES:
+        raise TraceError(path, wanted=f"{_FEWEST_FRAMES} speeds a frame", came="fewer", todo="fetch it again")
+    return speeds
