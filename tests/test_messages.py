@@ -70,6 +70,38 @@ def test_every_id_that_is_said_is_in_the_catalogue_and_the_other_way_round() -> 
     assert not unused, f"nothing says {sorted(unused)}"
 
 
+def plain_words_of_errors(tree: ast.AST) -> Iterator[ast.expr]:
+    """Yield what an error expects, found or advises where that is words without an id; numbers need none."""
+    given = {
+        (word.arg, word.value)
+        for call in ast.walk(tree) if isinstance(call, ast.Call)
+        for word in call.keywords if word.arg in ("wanted", "came", "todo")
+    }  # fmt: skip
+    named = {value.id for _, value in given if isinstance(value, ast.Name)}
+    told = [value for _, value in given]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id in named:
+            told.append(node.value)
+    for value in told:
+        for each in (value.body, value.orelse) if isinstance(value, ast.IfExp) else (value,):
+            parts = each.values if isinstance(each, ast.JoinedStr) else [each]
+            texts = [part.value for part in parts if isinstance(part, ast.Constant) and isinstance(part.value, str)]
+            if re.search(r"[a-z]{2} |[a-z]{4}", " ".join(texts)):
+                yield each
+
+
+def test_the_words_of_every_error_have_an_id() -> None:
+    for path in SOURCES.rglob("*.py"):
+        for found in plain_words_of_errors(ast.parse(path.read_text(encoding="utf-8"))):
+            raise AssertionError(f"{path.relative_to(SOURCES)}:{found.lineno} says {ast.unparse(found)} without an id")
+
+
+@pytest.mark.parametrize("words", ['"a file"', 'f"{n} files"', '"none" if n else say("none")', "came"])
+def test_words_without_an_id_are_seen(words: str) -> None:
+    source = f'came = "some words"\nraise InputError(path, wanted={words}, came=say("none"), todo=say("rename"))'
+    assert list(plain_words_of_errors(ast.parse(source)))
+
+
 def test_the_page_names_no_option_of_the_command_line() -> None:
     for name, texts in page_messages().items():
         assert name.startswith("terminal-") or not OPTION.search(texts["en"].replace("`", "")), name

@@ -41,7 +41,7 @@ class Studio:
 
     def __init__(self, address: str = "http://127.0.0.1:8765", *, token: str | None = None) -> None:
         if urllib.parse.urlsplit(address).scheme not in ("http", "https"):
-            raise InputError(address, wanted=say("http-https-host"), came="another address", todo="check it")
+            raise InputError(address, wanted=say("http-https-host"), came=say("another-address"), todo=say("check"))
         self._address, self._token = address.rstrip("/"), token
 
     def get(self, path: str) -> Any:
@@ -62,7 +62,7 @@ class Studio:
                 return str(self._ask("POST", f"/uploads?{query}", file, "application/octet-stream", size=size)["id"])
         except OSError as error:
             came = reason(error)
-            raise InputError(path, wanted="a file that can be read", came=came, todo=say("check-path")) from None
+            raise InputError(path, wanted=say("file-can-read"), came=came, todo=say("check-path")) from None
 
     def wait(self, job: str, told: Callable[[dict[str, Any]], None] = lambda job: None) -> dict[str, Any]:
         """Wait for a job and return its result; ``told`` hears how far it is. Raises `StudioError` where it failed."""
@@ -89,7 +89,7 @@ class Studio:
             if name in (one["id"], one["name"]):
                 return str(one["id"])
         came = ", ".join(one["name"] for one in printers) or "none"
-        raise InputError(name, wanted="a printer of the studio", came=came, todo="add it in the studio")
+        raise InputError(name, wanted=say("printer-studio"), came=came, todo=say("add-studio"))
 
     def mend(self, source: str | Path, *, printer: str, output: str | Path) -> dict[str, Any]:
         """Mend a G-code file for a printer of the studio into ``output``; return the prediction with its ``summary``.
@@ -100,8 +100,8 @@ class Studio:
         job = self.post(f"/printers/{key}/mend", {"upload": self.upload(source), "scene": False})["id"]
         result = self.wait(job)
         if result["refused"]:
-            raise RefusedError(source, wanted="a file that mending helps", came=result["refused"],
-                               todo="print the original")  # fmt: skip
+            raise RefusedError(source, wanted=say("file-mending-helps"), came=result["refused"],
+                               todo=say("print-original"))  # fmt: skip
         self.fetch(job, result["output"], output)
         return result
 
@@ -178,8 +178,8 @@ def update(model: Path) -> bool:
         kept = json.loads(pair_file(model).read_text(encoding="utf-8"))
         address, token = str(kept["address"]), str(kept["token"])
     except (OSError, ValueError, KeyError, TypeError):
-        raise InputError(pair_file(model), wanted="a model that is paired with a studio", came=say("none"),
-                         todo="pair it first: printmend pair ADDRESS CODE -m MODEL") from None  # fmt: skip
+        raise InputError(pair_file(model), wanted=say("model-paired-studio"), came=say("none"),
+                         todo=say("terminal-pair-first-printmend-pair-address-code")) from None  # fmt: skip
     try:
         have = provenance.read_model(str(model)).digest
     except provenance.NoModelError:

@@ -143,9 +143,9 @@ class Cluster:
                     except KilledWorker:
                         value = WorkerDied()
                     except CancelledError:
-                        todo = "start it again; then the same command goes on"
+                        todo = say("start-again-then-same-command-goes")
                         raise InputError(
-                            "--cluster", wanted=f"a scheduler at {self.address}", came="one that has gone", todo=todo
+                            "--cluster", wanted=say("scheduler", self.address), came=say("has-gone"), todo=todo
                         ) from None
                     yield item, value
 
@@ -169,9 +169,9 @@ class Cluster:
         others = {place: said for place, said in found.items() if said != mine}
         if others:
             place, said = next(iter(others.items()))
-            came = f"{len(others)} of {len(found)} with another, {place} with {said}"
-            todo = "install the same there, and start its workers again"
-            raise InputError("--cluster", wanted=f"workers with printmend {mine}", came=came, todo=todo)
+            came = say("another-2", len(others), len(found), place, said)
+            todo = say("install-same-there-start-workers-again")
+            raise InputError("--cluster", wanted=say("workers-printmend", mine), came=came, todo=todo)
 
     @contextlib.contextmanager
     def client(self) -> Iterator[Any]:
@@ -210,8 +210,8 @@ class Cluster:
             return Client(self.address, timeout=_CONNECT_S)
         except (OSError, ValueError, TimeoutError) as error:
             came = f"{type(error).__name__}: {error}"
-            todo = "start `dask scheduler`, or correct the address"
-            raise InputError("--cluster", wanted=f"a scheduler at {self.address}", came=came, todo=todo) from None
+            todo = say("start-dask-scheduler-correct-address")
+            raise InputError("--cluster", wanted=say("scheduler", self.address), came=came, todo=todo) from None
 
 
 @cache
@@ -251,7 +251,7 @@ def executor(workers: int, cluster: str | None = None) -> Executor:
         kind, _, rest = cluster.partition(":")
         whole = rest.isascii() and rest.isdigit() and int(rest) > 0
         if not (whole if kind == "local" else kind in ("tcp", "tls") and rest.startswith("//")):
-            raise InputError("--cluster", wanted="tcp://HOST:PORT or local:N", came=repr(cluster), todo=say("correct"))
+            raise InputError("--cluster", wanted=say("tcp-host-port-local-n"), came=repr(cluster), todo=say("correct"))
         return Cluster(cluster)
     return Serial() if workers == 1 else Processes(workers or os.cpu_count() or 1)
 

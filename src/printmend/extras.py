@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from importlib.util import find_spec
 
 from printmend.errors import MissingToolError
+from printmend.messages import say
 
 # pyproject.toml and lab/pyproject.toml say what each extra installs.
 _EXTRAS = {
@@ -53,7 +54,7 @@ def require(subject: str, *modules: str) -> None:
     """
     if missing := [module for module in modules if not is_installed(module)]:
         raise MissingToolError(
-            subject, wanted=", ".join(missing), came="an installation without them", todo=install_command(missing)
+            subject, wanted=", ".join(missing), came=say("installation-without-them"), todo=install_command(missing)
         )
 
 
@@ -64,6 +65,6 @@ def missing_extra(error: ImportError) -> MissingToolError | None:
         return None
     whose = "printmend-lab" if _EXTRAS[module] in _LAB else "printmend"
     return MissingToolError(
-        module, wanted=f"the extra {_EXTRAS[module]!r} of {whose}", came="an installation without it",
+        module, wanted=say("extra", repr(_EXTRAS[module]), whose), came=say("installation-without"),
         todo=install_command([module]),
     )  # fmt: skip

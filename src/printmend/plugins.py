@@ -46,14 +46,14 @@ def load_plugin(group: str, name: str, *, wanted: str, has: tuple[str, ...]) -> 
         found = getattr(module, attribute)
     except AttributeError:
         raise ConfigError(
-            name, wanted=say("key-in-section", wanted, module_name), came="no such name", todo=say("correct")
+            name, wanted=say("key-in-section", wanted, module_name), came=say("no-such-name"), todo=say("correct")
         ) from None
     if isinstance(found, dict):
         found = found.get(name)
     missing = [key for key in has if not hasattr(found, key)]
     if missing or isinstance(found, type):
-        came = f"a class: {attribute}() would be one" if isinstance(found, type) else f"one without {missing[0]}"
-        raise ConfigError(name, wanted=wanted, came=came, todo="see `printmend.protocols`")
+        came = say("class-would", attribute) if isinstance(found, type) else say("without", missing[0])
+        raise ConfigError(name, wanted=wanted, came=came, todo=say("see-printmend-protocols"))
     return found
 
 
@@ -94,6 +94,6 @@ def _imported(module: str, name: str) -> Any:
         return importlib.import_module(module)
     except Exception as error:  # a plug-in may raise anything
         raise ConfigError(
-            name, wanted=f"a module {module!r} that can be imported", came=f"{type(error).__name__}: {error}",
-            todo="correct it, install it, or run this where it lies",
+            name, wanted=say("module-can-imported", repr(module)), came=f"{type(error).__name__}: {error}",
+            todo=say("correct-install-run-where-lies"),
         ) from None  # fmt: skip

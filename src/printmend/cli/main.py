@@ -16,6 +16,7 @@ from printmend.cli.plain import in_plain_words
 from printmend.cli.terminal import LANGUAGES, Terminal, usual_language
 from printmend.errors import MissingToolError, PrintmendError, reason
 from printmend.extras import missing_extra
+from printmend.messages import say
 
 # Who needs it → command → one line of help. The module printmend.cli.NAME holds a click command called `command`; it
 # is imported only when that command runs, so that `printmend --help` stays instant.
@@ -75,8 +76,8 @@ class LazyGroup(click.Group):
         if (home := home_of(cmd_name)) is None:
             if cmd_name in LAB:
                 raise MissingToolError(
-                    f"printmend {cmd_name}", wanted="the package printmend-lab", came="an installation without it",
-                    todo="pip install printmend-lab",
+                    f"printmend {cmd_name}", wanted=say("package-printmend-lab"), came=say("installation-without"),
+                    todo=say("pip-install-printmend-lab"),
                 )  # fmt: skip
             return None
         return importlib.import_module(f"{home}.cli.{cmd_name.replace('-', '_')}").command

@@ -116,7 +116,7 @@ def _mend_many(
     single = len(files) == 1 and not sources[0].is_dir()
     if output is not None and not (single and not output.is_dir()):
         if output.is_file():
-            raise InputError(output, wanted="a folder for several files", came=say("file"), todo="name a folder")
+            raise InputError(output, wanted=say("folder-several-files"), came=say("file"), todo=say("name-folder"))
         targets = [output / place for place in files.values()]
         for target in targets:
             target.parent.mkdir(parents=True, exist_ok=True)

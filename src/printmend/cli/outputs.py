@@ -5,6 +5,7 @@ from pathlib import Path
 
 from printmend.errors import InputError
 from printmend.files import check_place
+from printmend.messages import say
 
 
 def spare(outputs: tuple[Path | None, ...], inputs: tuple[Path | None, ...]) -> None:
@@ -16,8 +17,8 @@ def spare(outputs: tuple[Path | None, ...], inputs: tuple[Path | None, ...]) -> 
         for other in (*wanted[:i], *(item for item in inputs if item is not None and str(item) != "-")):
             if _same(path, other):
                 raise InputError(
-                    path, wanted="a file of its own to write", came="one that this command reads or writes already",
-                    todo="choose another name",
+                    path, wanted=say("file-own-write"), came=say("command-reads-writes-already"),
+                    todo=say("choose-another-name"),
                 )  # fmt: skip
 
 

@@ -32,7 +32,5 @@ def command(address: str | None, code: str | None, model: Path, name: str, newer
     if address is None or code is None:
         raise click.UsageError("wanted ADDRESS and CODE as the studio shows them; or --update")
     if len(code) != 6 or not code.isascii() or not code.isdigit():
-        raise InputError(
-            code, wanted="six digits", came=say("something-else"), todo="copy the code that the studio shows"
-        )
+        raise InputError(code, wanted=say("six-digits"), came=say("something-else"), todo=say("copy-code-studio-shows"))
     click.echo(f"{model} comes from {pair(model, address, code, name[:60])!r} at {address} from now on")

@@ -42,8 +42,8 @@ def settings_of(
             options = {} if found is None else _options(found)
             if key not in options:
                 raise ConfigError(
-                    path, wanted=f"options of {name}: {', '.join(sorted(options))}", came=f"{key!r} in [{name}]",
-                    todo="correct or remove it",
+                    path, wanted=say("options", name, ', '.join(sorted(options))), came=say("in", repr(key), name),
+                    todo=say("correct-remove"),
                 )  # fmt: skip
             _check(path, f"{key} in [{name}]", options[key], value)
             values[options[key].name or ""] = value
@@ -57,11 +57,11 @@ def _section(path: Path, names: Callable[[], list[str]], name: str) -> dict[str,
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:
-        raise ConfigError(path, wanted="settings in TOML", came=str(error), todo=say("correct")) from None
+        raise ConfigError(path, wanted=say("settings-toml"), came=str(error), todo=say("correct")) from None
     for section, values in table.items():
         if section not in names() or not isinstance(values, dict):
             raise ConfigError(
-                path, wanted="sections that are commands, like [mend]", came=repr(section), todo="correct or remove it"
+                path, wanted=say("sections-commands-like-mend"), came=repr(section), todo=say("correct-remove")
             )
     return dict(table.get(name, {}))
 
@@ -74,7 +74,7 @@ def _check(path: Path, place: str, option: click.Option, value: Any) -> None:
         option.type_cast_value(click.Context(click.Command(None)), value)
     except click.BadParameter as error:
         came = in_plain_words(error.message)
-        raise ConfigError(path, wanted=f"a value for {place}", came=came, todo=say("correct")) from None
+        raise ConfigError(path, wanted=say("value-2", place), came=came, todo=say("correct")) from None
 
 
 def _options(command: click.Command) -> dict[str, click.Option]:

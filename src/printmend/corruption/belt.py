@@ -10,6 +10,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from printmend.corruption.check import in_range, refuse
+from printmend.messages import say
 
 
 class Belt(Protocol):
@@ -46,8 +47,8 @@ class LooseBelt:
         if tightest < -1e-9:
             refuse(
                 self,
-                f"slack1_mm + slack2_mm of at least {self.slack1_mm + self.slack2_mm - tightest:.3f} with this pulley",
-                f"{self.slack1_mm + self.slack2_mm:.3f}, a negative play of {tightest:.3f} mm",
+                say("slack1-mm-slack2-mm-least-pulley", f"{self.slack1_mm + self.slack2_mm - tightest:.3f}"),
+                say("negative-play-mm", f"{self.slack1_mm + self.slack2_mm:.3f}", f"{tightest:.3f}"),
             )
         return lower, np.maximum(lower, upper)
 

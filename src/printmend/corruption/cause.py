@@ -22,13 +22,14 @@ from printmend.effects.sample import drawn_term, terms_of
 from printmend.effects.sized import Sized, belts_mm, scene_of_printer
 from printmend.errors import ConfigError
 from printmend.machine import healthy_transmission
+from printmend.messages import say
 from printmend.printer import Printer, read_printer
 
 STEEPEST = -0.95  # slope of a belt's error: at −1 it would stand still
 REALISTIC_SHARE = 0.12  # sizes on a well-kept machine, as a share of those on a damaged one
 _MOTORS, _BED_AXES = {"x": 0, "y": 1, "a": 0, "b": 1}, {"x": 2, "y": 3}
 _LISTED = ("ender3", "corexy")  # printers between them have every effect
-_TODO = "`printmend twin --list` shows every effect with its keys"
+_TODO = say("terminal-printmend-twin-list-shows-every-effect")
 
 
 @dataclass(frozen=True)
@@ -46,33 +47,33 @@ class Cause:
         if self.effect not in EFFECTS:
             near = get_close_matches(self.effect, EFFECTS, 3)
             raise ConfigError(
-                f"effect {self.effect!r}", wanted="the name of an effect", came="no such name",
-                todo=f"did you mean {' or '.join(near)}? Else {_TODO}" if near else _TODO,
+                f"effect {self.effect!r}", wanted=say("name-effect"), came=say("no-such-name"),
+                todo=say("did-you-mean-else", ' or '.join(near), _TODO) if near else _TODO,
             )  # fmt: skip
         if self.on is not None and not (isinstance(self.on, str) and self.on in _MOTORS):
-            self._refuse("on as x, y, a or b", repr(self.on))
+            self._refuse(say("x-y-b"), repr(self.on))
         if not isinstance(self.seed, int) or isinstance(self.seed, bool) or self.seed < 0:
-            self._refuse("seed as a whole number from 0", repr(self.seed))
+            self._refuse(say("seed-whole-number-from-0"), repr(self.seed))
         if self.severity not in ("damaged", "realistic"):
-            self._refuse("severity damaged or realistic", repr(self.severity))
+            self._refuse(say("severity-damaged-realistic"), repr(self.severity))
         object.__setattr__(self, "values", tuple(sorted(self.values)))
         keys = named_keys(EFFECTS[self.effect])
         for name, value in self.values:
             if name not in keys.names:
-                self._refuse(f"keys out of on, {', '.join(keys.names)}, seed, severity", repr(name))
+                self._refuse(say("keys-out-seed-severity", ", ".join(keys.names)), repr(name))
             self._check(keys, name, value)
 
     def _check(self, keys: Keys, name: str, value: object) -> None:
         if name == "axis":
             if value not in tuple(AXES):
-                self._refuse("axis as x or y", repr(value))
+                self._refuse(say("axis-x-y"), repr(value))
             return
         low, high, _ = limits_of(name)
         number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
         if not number or not low <= float(value) <= high:  # type: ignore[arg-type]
-            self._refuse(f"{name} within {low:g} to {high:g}", repr(value))
+            self._refuse(say("within", name, f"{low:g}", f"{high:g}"), repr(value))
         if name == "harmonic" and value not in getattr(keys, "harmonics", ()):
-            self._refuse(f"harmonic out of {', '.join(map(str, keys.harmonics))}", repr(value))  # type: ignore[attr-defined]
+            self._refuse(say("harmonic-out", ", ".join(map(str, keys.harmonics))), repr(value))  # type: ignore[attr-defined]
 
     def part(self, printer: Printer) -> Sized:
         """Return it with its shape and sizes on that printer. Raise `ConfigError` where the two do not fit."""
@@ -91,18 +92,18 @@ class Cause:
         keys = keys_of(effect, len(term.shape), len(sizes))
         part = keys.filled(given, drawn, effect, scene)
         if term.positive and part.sizes_mm.min() < 0:
-            self._refuse("sizes of 0 or more: it has no other side", f"{part.sizes_mm.min():g}")
+            self._refuse(say("sizes-0-more-has-no-other"), f"{part.sizes_mm.min():g}")
         steepest = _steepest(part, scene)
         if steepest < STEEPEST:
             if given.keys() - set(getattr(keys, "shape", ())):
-                self._refuse("a size with which the belt still moves forwards", f"a slope of {steepest:.2f}")
+                self._refuse(say("size-which-belt-still-moves-forwards"), say("slope", f"{steepest:.2f}"))
             part = part.of(sizes_mm=part.sizes_mm * STEEPEST / steepest)
         return part
 
     def _terms(self, terms: list[Term], printer: Printer) -> list[Term]:
         """Return the terms where this is, all of them where that is not said."""
         if not terms:
-            self._refuse(f"an effect that {printer.name} can have", "one that it cannot have")
+            self._refuse(say("effect-can-have", printer.name), say("cannot-have"))
         if self.on is None:
             return terms
         where = {term.where for term in terms}
@@ -110,7 +111,7 @@ class Cause:
         wanted = bed if bed in where else _MOTORS[self.on]
         found = [term for term in terms if term.where == wanted]
         if not found or len(where) == 1:
-            self._refuse("no `on`: this effect is of the whole machine", repr(self.on))
+            self._refuse(say("no-effect-whole-machine"), repr(self.on))
         return found
 
     def _refuse(self, wanted: str, came: str) -> NoReturn:
@@ -135,9 +136,11 @@ def cause_of(text: str, *, seed: int = 0) -> Cause:
     for item in filter(None, rest.split(",")):
         key, equals, value = item.partition("=")
         if not equals:
-            raise ConfigError(text, wanted="keys as key=value, with commas between", came=repr(item), todo=_TODO)
+            raise ConfigError(text, wanted=say("keys-key-value-commas-between"), came=repr(item), todo=_TODO)
         if key.strip() in table.keys() - {"seed"}:
-            raise ConfigError(text, wanted="each key once", came=f"{key.strip()} twice", todo="remove one of them")
+            raise ConfigError(
+                text, wanted=say("each-key-once"), came=say("twice", key.strip()), todo=say("remove-one-them")
+            )
         table[key.strip()] = _plain(value.strip())
     return cause_from(name.strip(), table)
 

@@ -4,12 +4,13 @@ import math
 from typing import NoReturn
 
 from printmend.errors import ConfigError
+from printmend.messages import say
 
 
 def refuse(value: object, wanted: str, came: str) -> NoReturn:
     """Raise a `ConfigError` that names the corruption's kind."""
     kind = getattr(value, "kind", type(value).__name__)
-    raise ConfigError(f"corruption {kind!r}", wanted=wanted, came=came, todo="correct the value")
+    raise ConfigError(f"corruption {kind!r}", wanted=wanted, came=came, todo=say("correct-value"))
 
 
 def in_range(value: object, **limits: tuple[float, float]) -> None:
@@ -24,7 +25,7 @@ def in_range(value: object, **limits: tuple[float, float]) -> None:
         for item in items:
             number = isinstance(item, int | float) and not isinstance(item, bool)
             if not number or not low <= item <= high or not math.isfinite(item):
-                refuse(value, f"{name} within {low:g} to {high:g}", repr(item))
+                refuse(value, say("within", name, f"{low:g}", f"{high:g}"), repr(item))
 
 
 def whole_in_range(value: object, **limits: tuple[int, int]) -> None:
@@ -32,4 +33,4 @@ def whole_in_range(value: object, **limits: tuple[int, int]) -> None:
     for name, (low, high) in limits.items():
         field = getattr(value, name)
         if not isinstance(field, int) or isinstance(field, bool) or not low <= field <= high:
-            refuse(value, f"{name} as a whole number from {low} to {high}", repr(field))
+            refuse(value, say("whole-number-from", name, low, high), repr(field))

@@ -17,6 +17,7 @@ from printmend.corruption.warp import Warp
 from printmend.effects.sized import Sized, with_effects
 from printmend.errors import ConfigError
 from printmend.machine import Frame, GainMechanism, Mechanism, Transmission, healthy_transmission
+from printmend.messages import say
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
@@ -75,8 +76,8 @@ class Drive:
 def _rising(branch_mm: np.ndarray) -> np.ndarray:
     if np.diff(branch_mm).min() < -1e-9:
         raise ConfigError(
-            "corruption 'warp'", wanted="a warp under which this drive still moves forwards",
-            came="one that turns it back", todo="make the bumps smaller, or wider",
+            "corruption 'warp'", wanted=say("warp-under-which-drive-still-moves"),
+            came=say("turns-back"), todo=say("make-bumps-smaller-wider"),
         )  # fmt: skip
     return np.maximum.accumulate(branch_mm)
 
@@ -125,9 +126,9 @@ class Corruption:
         if not all(tables) or mixed or others:
             raise ConfigError(
                 "corruption 'gain-table'",
-                wanted="gain tables on both axes and nothing else (they are the published simulator's own world)",
-                came="a mixture",
-                todo="remove the other sections, or the gain tables",
+                wanted=say("gain-tables-both-axes-nothing-else"),
+                came=say("mixture"),
+                todo=say("remove-other-sections-gain-tables"),
             )
 
     @property

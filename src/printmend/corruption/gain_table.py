@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from printmend.corruption.check import in_range, refuse
+from printmend.messages import say
 
 
 @dataclass(frozen=True)
@@ -19,4 +20,4 @@ class GainTable:
     def __post_init__(self) -> None:
         in_range(self, gains=(-100.0, 100.0))
         if not 2 <= len(self.gains) <= 100_000:
-            refuse(self, "2 to 100 000 gains (the published tables have 1100)", f"{len(self.gains)}")
+            refuse(self, say("2-100-000-gains-published-tables"), f"{len(self.gains)}")

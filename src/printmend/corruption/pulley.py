@@ -15,6 +15,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from printmend.corruption.check import in_range, refuse
+from printmend.messages import say
 
 
 class Pulley(Protocol):
@@ -53,7 +54,7 @@ class EccentricBore:
     def __post_init__(self) -> None:
         in_range(self, eccentricity_mm=(0.0, 1000.0), phase_rad=(-1e3, 1e3), radius_mm=(0.1, 1000.0))
         if self.radius_mm is not None and self.eccentricity_mm >= self.radius_mm:
-            refuse(self, "an eccentricity below the radius", f"{self.eccentricity_mm} of {self.radius_mm} mm")
+            refuse(self, say("eccentricity-below-radius"), say("mm-3", self.eccentricity_mm, self.radius_mm))
 
     def support_mm(self, phi_rad: np.ndarray, radius_mm: float) -> np.ndarray:
         radius = radius_mm if self.radius_mm is None else self.radius_mm
@@ -88,7 +89,7 @@ class Polygon:
     def __post_init__(self) -> None:
         in_range(self, radii_mm=(0.1, 1000.0), phase_rad=(-1e3, 1e3))
         if len(self.radii_mm) < 3:
-            refuse(self, "at least three corners", f"{len(self.radii_mm)}")
+            refuse(self, say("least-three-corners"), f"{len(self.radii_mm)}")
 
     def support_mm(self, phi_rad: np.ndarray, radius_mm: float) -> np.ndarray:
         corners = self.phase_rad + 2 * np.pi * np.arange(len(self.radii_mm)) / len(self.radii_mm)
@@ -108,7 +109,7 @@ class FlatSpot:
     def __post_init__(self) -> None:
         in_range(self, depth_mm=(0.0, 1000.0), phase_rad=(-1e3, 1e3), radius_mm=(0.1, 1000.0))
         if self.radius_mm is not None and self.depth_mm >= self.radius_mm:
-            refuse(self, "a flat shallower than the radius", f"{self.depth_mm} of {self.radius_mm} mm")
+            refuse(self, say("flat-shallower-radius"), say("mm-3", self.depth_mm, self.radius_mm))
 
     def support_mm(self, phi_rad: np.ndarray, radius_mm: float) -> np.ndarray:
         radius = radius_mm if self.radius_mm is None else self.radius_mm
@@ -129,17 +130,17 @@ class FourierHull:
     def __post_init__(self) -> None:
         in_range(self, radius_mm=(0.1, 1000.0), cos_mm=(-1000.0, 1000.0), sin_mm=(-1000.0, 1000.0))
         if len(self.cos_mm) != len(self.sin_mm) or len(self.cos_mm) > 256:
-            refuse(self, "as many cos_mm as sin_mm, 256 at most", f"{len(self.cos_mm)} and {len(self.sin_mm)}")
+            refuse(self, say("many-cos-mm-sin-mm-256"), say("and", len(self.cos_mm), len(self.sin_mm)))
         phi = np.linspace(0, 2 * np.pi, 4096, endpoint=False)
         if self.support_mm(phi, 1.0).min() <= 0:
-            refuse(self, "a hull around the shaft (h > 0)", "coefficients that leave the shaft outside")
+            refuse(self, say("hull-around-shaft-h-0"), say("coefficients-leave-shaft-outside"))
         k = np.arange(1, len(self.cos_mm) + 1)
         curvature = self.radius_mm + _series(phi, (1 - k**2) * self.cos_mm, (1 - k**2) * self.sin_mm)
         if curvature.min() < -1e-9 * self.radius_mm:
             refuse(
                 self,
-                "a convex hull (h + h″ ≥ 0)",
-                f"a smallest radius of curvature of {curvature.min():.3g} mm",
+                say("convex-hull-h-h-0"),
+                say("smallest-radius-curvature-mm", f"{curvature.min():.3g}"),
             )
 
     def support_mm(self, phi_rad: np.ndarray, radius_mm: float) -> np.ndarray:
@@ -157,12 +158,12 @@ class TabulatedHull:
         in_range(self, heights_mm=(1e-6, 1000.0))
         n = len(self.heights_mm)
         if not 16 <= n <= 100_000:
-            refuse(self, "16 to 100 000 heights", f"{n}")
+            refuse(self, say("16-100-000-heights"), f"{n}")
         h = np.array(self.heights_mm)
         # Three neighbouring support lines of a convex hull obey h(φ−δ) + h(φ+δ) ≥ 2 cos δ h(φ), exactly.
         excess = np.roll(h, 1) + np.roll(h, -1) - 2 * math.cos(2 * math.pi / n) * h
         if excess.min() < -1e-6 * h.mean():
-            refuse(self, "a convex hull", f"a dent near {360 * int(excess.argmin()) / n:.0f}°")
+            refuse(self, say("convex-hull"), say("dent-near", f"{360 * int(excess.argmin()) / n:.0f}"))
 
     def support_mm(self, phi_rad: np.ndarray, radius_mm: float) -> np.ndarray:
         h = np.array(self.heights_mm)
@@ -181,7 +182,7 @@ class PublishedHull:
     def __post_init__(self) -> None:
         in_range(self, phase_rad=(-1e3, 1e3))
         if self.name not in published_names():
-            refuse(self, f"a name out of {', '.join(published_names())}", repr(self.name))
+            refuse(self, say("name-out", ", ".join(published_names())), repr(self.name))
 
     def support_mm(self, phi_rad: np.ndarray, radius_mm: float) -> np.ndarray:
         series = _published()[self.name]

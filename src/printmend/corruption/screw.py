@@ -7,6 +7,7 @@ import numpy as np
 
 from printmend.corruption.check import in_range, refuse
 from printmend.machine import ScrewDrive, Transmission, z_grid_mm
+from printmend.messages import say
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
@@ -44,7 +45,7 @@ class Screw:
         if self.periodic_mm * TURN_RAD / axis.mm_per_turn > 1 + self.lead_error:
             limit_mm = (1 + self.lead_error) * axis.mm_per_turn / TURN_RAD
             refuse(
-                self, f"periodic_mm up to {limit_mm:.3g} on a lead of {axis.mm_per_turn:g} mm", f"{self.periodic_mm}"
+                self, say("periodic-mm-up-lead-mm", f"{limit_mm:.3g}", f"{axis.mm_per_turn:g}"), f"{self.periodic_mm}"
             )
         motor_mm, first_mm, pitch_mm = z_grid_mm(printer)
         angle = motor_mm * (TURN_RAD / axis.mm_per_turn)

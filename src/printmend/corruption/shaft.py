@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from printmend.corruption.check import in_range, refuse
+from printmend.messages import say
 
 
 @dataclass(frozen=True)
@@ -38,10 +39,10 @@ class Ripple:
     def __post_init__(self) -> None:
         in_range(self, amplitude_steps=(0.0, 2.0), period_steps=(0.1, 1000.0), phase_rad=(-1e3, 1e3))
         if not len(self.amplitude_steps) == len(self.period_steps) == len(self.phase_rad):
-            refuse(self, "as many amplitudes as periods and phases", "lists of different lengths")
+            refuse(self, say("many-amplitudes-periods-phases"), say("lists-different-lengths"))
         slope = sum(a * 2 * math.pi / p for a, p in zip(self.amplitude_steps, self.period_steps, strict=True))
         if slope > 1:
-            refuse(self, "a ripple that never turns the motor back (Σ 2π a/p ≤ 1)", f"{slope:.2f}")
+            refuse(self, say("ripple-never-turns-motor-back-2"), f"{slope:.2f}")
 
     def lead_steps(self, steps: np.ndarray) -> np.ndarray:
         """Return by how many full steps the rotor leads at commanded positions [full steps]."""

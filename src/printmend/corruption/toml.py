@@ -54,12 +54,12 @@ SECTIONS: dict[str, tuple[type, ...]] = {
     "gain_table": (GainTable,),
 }
 _MOTORS = {"x": 0, "y": 1, "a": 0, "b": 1}
-_TODO = "see docs/corruptions.md for every section and key"
+_TODO = say("see-docs-corruptions-md-every-section")
 
 
 def read_corruption(path: str | Path) -> Corruption:
     """Read a corruption from a TOML file."""
-    text = read_text(path, wanted="a corruption in TOML", todo=_TODO, error=ConfigError)
+    text = read_text(path, wanted=say("corruption-toml"), todo=_TODO, error=ConfigError)
     return parse_corruption(text, subject=str(path))
 
 
@@ -70,9 +70,7 @@ def corruption_of(texts: Sequence[str], *, seed: int = 0) -> Corruption:
     """
     files = [text for text in texts if text.endswith(".toml") or "/" in text or isfile(text)]
     if len(files) > 1:
-        raise ConfigError(
-            files[1], wanted="one TOML file of a corruption", came="a second one", todo="put both in one file"
-        )
+        raise ConfigError(files[1], wanted=say("toml-file-corruption"), came=say("second"), todo=say("put-both-file"))
     whole = read_corruption(files[0]) if files else Corruption()
     named = tuple(cause_of(text, seed=seed) for text in texts if text not in files)
     return dataclasses.replace(whole, causes=whole.causes + named)
@@ -83,19 +81,21 @@ def parse_corruption(text: str, *, subject: str) -> Corruption:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ConfigError(subject, wanted="a corruption in TOML", came=say("broken-toml", error), todo=_TODO) from None
+        raise ConfigError(subject, wanted=say("corruption-toml"), came=say("broken-toml", error), todo=_TODO) from None
     refuse_unknown(table, {*_MOTORS, "frame", "z", "effect"}, subject, "the top level")
     drives = [Drive(), Drive()]
     for name in table.keys() & _MOTORS.keys():
         if drives[_MOTORS[name]] != Drive():
-            raise ConfigError(subject, wanted="x and y, or a and b", came="both namings", todo="name each motor once")
+            raise ConfigError(
+                subject, wanted=say("x-y-b-2"), came=say("both-namings"), todo=say("name-each-motor-once")
+            )
         drives[_MOTORS[name]] = _drive(table[name], name, subject)
     frame = table.get("frame")
     crooked = None if frame is None else _value(frame, (CrookedFrame,), "[frame]", subject)
     screw = None
     if "z" in table:
         if not isinstance(table["z"], dict):
-            raise ConfigError(subject, wanted="a section [z.screw]", came=repr(table["z"]), todo=_TODO)
+            raise ConfigError(subject, wanted=say("section-z-screw"), came=repr(table["z"]), todo=_TODO)
         refuse_unknown(table["z"], {"screw"}, subject, "[z]")
         if "screw" in table["z"]:
             screw = _value(table["z"]["screw"], (Screw,), "[z.screw]", subject)
@@ -104,12 +104,12 @@ def parse_corruption(text: str, *, subject: str) -> Corruption:
 
 def _causes(tables: Any, subject: str) -> tuple[Cause, ...]:
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise ConfigError(subject, wanted="sections [[effect]]", came=repr(tables)[:60], todo=_TODO)
+        raise ConfigError(subject, wanted=say("sections-effect"), came=repr(tables)[:60], todo=_TODO)
     causes = []
     for table in tables:
         name = table.get("name")
         if not isinstance(name, str):
-            raise ConfigError(subject, wanted="name in [[effect]]", came=repr(name), todo=_TODO)
+            raise ConfigError(subject, wanted=say("name-effect-2"), came=repr(name), todo=_TODO)
         try:
             causes.append(cause_from(name, {key: value for key, value in table.items() if key != "name"}))
         except ConfigError as error:
@@ -121,18 +121,18 @@ def _causes(tables: Any, subject: str) -> tuple[Cause, ...]:
 
 def _drive(table: Any, name: str, subject: str) -> Drive:
     if not isinstance(table, dict):
-        raise ConfigError(subject, wanted=f"sections like [{name}.pulley]", came=repr(table), todo=_TODO)
+        raise ConfigError(subject, wanted=say("sections-like-pulley", name), came=repr(table), todo=_TODO)
     refuse_unknown(table, set(SECTIONS), subject, f"[{name}]")
     return Drive(**{key: _value(part, SECTIONS[key], f"[{name}.{key}]", subject) for key, part in table.items()})
 
 
 def _value(table: Any, types: tuple[type, ...], section: str, subject: str) -> Any:
     if not isinstance(table, dict):
-        raise ConfigError(subject, wanted=f"a section {section}", came=repr(table), todo=_TODO)
+        raise ConfigError(subject, wanted=say("section-2", section), came=repr(table), todo=_TODO)
     kinds = {kind.kind: kind for kind in types}  # type: ignore[attr-defined]
     kind = table.get("kind", next(iter(kinds)) if len(kinds) == 1 else None)
     if kind not in kinds:
-        raise ConfigError(subject, wanted=f"{section} kind out of {', '.join(kinds)}", came=repr(kind), todo=_TODO)
+        raise ConfigError(subject, wanted=say("kind-out", section, ", ".join(kinds)), came=repr(kind), todo=_TODO)
     fields = {item.name: item for item in dataclasses.fields(kinds[kind])}
     refuse_unknown(table, {*fields, "kind"}, subject, section)
     required = [name for name, item in fields.items() if item.default is dataclasses.MISSING]
@@ -141,7 +141,7 @@ def _value(table: Any, types: tuple[type, ...], section: str, subject: str) -> A
     for name, value in table.items():
         if fields.get(name) is not None and isinstance(value, list) != ("tuple" in str(fields[name].type)):
             raise ConfigError(
-                subject, wanted=f"{section} {name} as {fields[name].type}", came=repr(value)[:60], todo=_TODO
+                subject, wanted=say("as", section, name, fields[name].type), came=repr(value)[:60], todo=_TODO
             )
     try:
         return kinds[kind](**{name: value for name, value in table.items() if name != "kind"})

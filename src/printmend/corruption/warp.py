@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from printmend.corruption.check import in_range, refuse
+from printmend.messages import say
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Warp:
     def __post_init__(self) -> None:
         in_range(self, bumps_mm=(-100.0, 100.0), spacing_mm=(1.0, 10_000.0), first_mm=(-10_000.0, 10_000.0))
         if not 1 <= len(self.bumps_mm) <= 10_000:
-            refuse(self, "1 to 10 000 bumps", f"{len(self.bumps_mm)}")
+            refuse(self, say("1-10-000-bumps"), f"{len(self.bumps_mm)}")
         low_mm, high_mm = (
             self.first_mm - 4 * self.spacing_mm,
             self.first_mm + (len(self.bumps_mm) + 3) * self.spacing_mm,
@@ -32,7 +33,7 @@ class Warp:
         places = np.linspace(low_mm, high_mm, 20 * (len(self.bumps_mm) + 7) + 1)
         steepest = float(np.gradient(self.error_mm(places), places).min())
         if steepest < -0.9:
-            refuse(self, "bumps with slopes above −0.9 everywhere", f"{steepest:.2f}")
+            refuse(self, say("bumps-slopes-above-0-9-everywhere"), f"{steepest:.2f}")
 
     def error_mm(self, motor_mm: np.ndarray) -> np.ndarray:
         """Return e [mm] at nominal places [N] mm."""

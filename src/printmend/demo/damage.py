@@ -6,6 +6,7 @@ import numpy as np
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import InputError
+from printmend.messages import say
 from printmend.units import TURN_RAD
 
 
@@ -31,4 +32,4 @@ def _mm(value: float) -> float:
 def check_out(out: Path) -> None:
     """Raise `InputError` where ``out`` cannot be a folder, before the work begins."""
     if out.exists() and not out.is_dir():
-        raise InputError(out, wanted="a folder for the pictures", came="a file", todo="name another --out")
+        raise InputError(out, wanted=say("folder-pictures"), came=say("file"), todo=say("terminal-name-another-out"))

@@ -50,6 +50,7 @@ from printmend.effects.wander import Wander
 from printmend.effects.warmth import Warmth
 from printmend.effects.wear import Wear
 from printmend.errors import ConfigError
+from printmend.messages import say
 from printmend.plugins import EFFECTS as GROUP
 from printmend.plugins import load_plugin, plugin_names
 
@@ -67,10 +68,10 @@ def _of_others() -> dict[str, Effect]:
     ours = {effect.name for effect in _ALL}
     found: dict[str, Effect] = {}
     for point in plugin_names(GROUP):
-        effect = load_plugin(GROUP, point, wanted="an effect", has=_NEEDS)
+        effect = load_plugin(GROUP, point, wanted=say("effect-2"), has=_NEEDS)
         if effect.name in ours or effect.name in found:
             raise ConfigError(
-                point, wanted="an effect with a name of its own", came=f"{effect.name!r}", todo="give it another name"
+                point, wanted=say("effect-name-own"), came=f"{effect.name!r}", todo=say("give-another-name")
             )
         found[effect.name] = effect
     return found
@@ -86,11 +87,9 @@ def registered(name: str) -> str:
     """
     if ":" not in name:
         return name
-    effect: Effect = load_plugin(GROUP, name, wanted="an effect", has=_NEEDS)
+    effect: Effect = load_plugin(GROUP, name, wanted=say("effect-2"), has=_NEEDS)
     if EFFECTS.setdefault(effect.name, effect) is not effect:
-        raise ConfigError(
-            name, wanted="an effect with a name of its own", came=f"{effect.name!r}", todo="give it another name"
-        )
+        raise ConfigError(name, wanted=say("effect-name-own"), came=f"{effect.name!r}", todo=say("give-another-name"))
     return effect.name
 
 

@@ -10,6 +10,7 @@ from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.errors import ConfigError
 from printmend.machine import Frame, Mechanism, Transmission
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
+from printmend.messages import say
 from printmend.path import FLATBED
 from printmend.printer import Printer
 
@@ -137,8 +138,8 @@ def _beside(table: Transmission, printer: Printer, motor: int, parts: list[Sized
     lower, upper = np.where(lower > upper, middle, lower), np.where(lower > upper, middle, upper)
     if min(np.diff(lower).min(), np.diff(upper).min()) < -1e-9:
         raise ConfigError(
-            f"effects of motor {printer.motors[motor]}", wanted="effects under which this drive still moves forwards",
-            came="some that turn it back together", todo="make one of them smaller",
+            f"effects of motor {printer.motors[motor]}", wanted=say("effects-under-which-drive-still-moves"),
+            came=say("some-turn-back-together"), todo=say("make-them-smaller"),
         )  # fmt: skip
     return replace(table, lower_mm=np.maximum.accumulate(lower), upper_mm=np.maximum.accumulate(upper))
 

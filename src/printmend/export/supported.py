@@ -42,7 +42,7 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
     """
     if said := refusals(model.document):
         raise RefusedError(
-            "export", wanted=say("model-fits-own-measurement"), came=said[0], todo="measure again and learn"
+            "export", wanted=say("model-fits-own-measurement"), came=said[0], todo=say("measure-again-learn")
         )
     mechanism, belief = model.mechanism, parse_belief(model)
     make, every = EXPORTS[firmware], _settings(model, belief)
@@ -81,10 +81,9 @@ def _judged(
     if not names:
         came = "; ".join(left_out) or "its settings change nothing of what was learned"
         raise RefusedError(
-            model.printer.name, wanted="a fault that this firmware can hold", came=f"none ({came})",
-            todo="leave its settings as they are" + (
-                ": there is nothing to mend" if model.is_healthy else ": `printmend mend` mends the files instead"
-            ),
+            model.printer.name, wanted=say("fault-firmware-can-hold"), came=say("none-3", came),
+            todo=say("leave-settings-they-there-nothing-mend") if model.is_healthy
+            else say("terminal-leave-settings-they-printmend-mend-mends"),
         )  # fmt: skip
     doubt_mm2 = sum(each.doubt_mm**2 for each in _settings(model, belief)) + _beside_mm2(belief)
     doubt_mm = float(np.hypot(SURE_SIGMAS * np.sqrt(doubt_mm2), UNSHOWN_MOST_MM))

@@ -8,6 +8,7 @@ import numpy as np
 
 import printmend
 from printmend.errors import GcodeError
+from printmend.messages import say
 from printmend.provenance import FORGED, MARK, MENDED, TEST_PRINT, TEST_PRINT_MARK, claimed_test_print
 
 # Headers that must stay first; the mark follows the line that ends them.
@@ -54,8 +55,8 @@ def is_test_print(path: Path) -> bool:
     claim = claimed_test_print(str(path))
     if claim == FORGED:
         raise GcodeError(
-            path, wanted="a test print as `printmend probe` wrote it", came="one that was changed since",
-            todo="write it again, or take out the comment that says it is a test print",
+            path, wanted=say("terminal-test-print-printmend-probe-wrote"), came=say("was-changed-since"),
+            todo=say("write-again-take-out-comment-says"),
         )  # fmt: skip
     return claim == TEST_PRINT
 

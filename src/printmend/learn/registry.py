@@ -37,10 +37,10 @@ def learner(name: str) -> Learner:
     if name in _MODULES:
         found: Learner = importlib.import_module(_MODULES[name]).LEARNERS[name]
     elif is_plugin(LEARNERS, name):
-        found = load_plugin(LEARNERS, name, wanted="a learner, with name and fit", has=("name", "fit"))
+        found = load_plugin(LEARNERS, name, wanted=say("learner-name-fit"), has=("name", "fit"))
     else:
         known = ", ".join(learner_names())
-        raise ConfigError("learner", wanted=f"one of {known}, or module:NAME", came=repr(name), todo="correct the name")
+        raise ConfigError("learner", wanted=say("module-name", known), came=repr(name), todo=say("correct-name"))
     return found
 
 
@@ -66,7 +66,7 @@ def fit(
     if name != ORACLE:
         return fitted(learner(name), trace, printer, rng=rng)
     if truth is None:
-        raise ConfigError(ORACLE, wanted="the true mechanism", came=say("none"), todo="use a learner on real prints")
+        raise ConfigError(ORACLE, wanted=say("true-mechanism"), came=say("none"), todo=say("use-learner-real-prints"))
     from printmend.learn.mechanism_model import MechanismModel
 
     return MechanismModel(truth)
@@ -77,7 +77,7 @@ def fitted(chosen: Learner, trace: Trace, printer: Printer, *, rng: np.random.Ge
     model = chosen.fit(trace, printer, rng=rng)
     if not isinstance(model, WorldModel):
         raise ModelError(
-            f"learner {chosen.name}", wanted="a model with printer, start, advance and tabulate",
-            came=type(model).__name__, todo="return one from fit: see `printmend.protocols`",
+            f"learner {chosen.name}", wanted=say("model-printer-start-advance-tabulate"),
+            came=type(model).__name__, todo=say("return-from-fit-see-printmend-protocols"),
         )  # fmt: skip
     return model

@@ -13,6 +13,7 @@ from printmend.machine.bed import BedMap
 from printmend.machine.kernels import run
 from printmend.machine.kernels.lattice import Lattice
 from printmend.machine.mechanism import Mechanism, ScrewDrive, Transmission
+from printmend.messages import say
 from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.printer.printer import Axis
@@ -52,9 +53,9 @@ class LatticeMotor:
         """Return the error of a motor that leaves its tables."""
         return InputError(
             f"motor {self.name}",
-            wanted="controls that stay within a bed's length of the bed" if self.name != "z" else "heights on the axis",
-            came="controls that leave it",
-            todo="check the start and the controls",
+            wanted=say("controls-stay-within-bed-length-bed") if self.name != "z" else say("heights-axis"),
+            came=say("controls-leave"),
+            todo=say("check-start-controls"),
         )
 
 

@@ -98,7 +98,7 @@ def z_grid_mm(printer: Printer) -> tuple[np.ndarray, float, float]:
     places = steps * axis.microsteps
     if places > _MOST_Z_PLACES:
         raise ConfigError(
-            printer.name, wanted=f"[z] at most {_MOST_Z_PLACES} micro-steps long", came=f"{places:.3g}",
+            printer.name, wanted=say("z-most-micro-steps-long", _MOST_Z_PLACES), came=f"{places:.3g}",
             todo=say("check-mm-per-turn-steps-per"),
         )  # fmt: skip
     first_mm, pitch_mm = axis.min_mm - axis.mm_per_turn, axis.mm_per_step / axis.microsteps

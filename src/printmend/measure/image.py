@@ -80,7 +80,7 @@ def with_legend(picture: np.ndarray, items: Sequence[tuple[str, tuple[int, int, 
 
 def _check_size(path: str | Path, size: tuple[int, int]) -> None:
     if size[0] * size[1] > MOST_PIXELS:
-        raise _too_large(path, f"{size[0]} × {size[1]} pixels")
+        raise _too_large(path, say("pixels", size[0], size[1]))
     if min(size) < LEAST_SIDE_PX:
         raise ScanError(
             path,

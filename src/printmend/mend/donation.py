@@ -64,16 +64,16 @@ def donation(
     """
     for path in filter(None, (plan, *scans, trace, model, *checks)):
         if not path.is_file():
-            raise InputError(path, wanted=say("file"), came="none, or no plain one", todo=say("check-path"))
+            raise InputError(path, wanted=say("file"), came=say("none-no-plain"), todo=say("check-path"))
     pictures = [path for path in (*scans, *checks) if path.suffix.lower() != ".csv"]
     if len(pictures) > MOST_PICTURES:
-        todo = "choose those that measure takes"
-        raise InputError("donation", wanted=f"at most {MOST_PICTURES} pictures", came=str(len(pictures)), todo=todo)
+        todo = say("choose-those-measure-takes")
+        raise InputError("donation", wanted=say("most-pictures", MOST_PICTURES), came=str(len(pictures)), todo=todo)
     parts: list[Part] = []
     for part in _parts(plan, scans, trace, model, checks):
         parts.append(part)
         if (size := sum(len(part.data) for part in parts)) > MOST_BYTES:
-            came, todo = f"{size / 1e6:.0f} MB or more", "crop the scans, or give fewer"
+            came, todo = say("mb-more", f"{size / 1000000.0:.0f}"), say("crop-scans-give-fewer")
             raise InputError("donation", wanted=say("most-mb", f"{MOST_BYTES / 1e6:.0f}"), came=came, todo=todo)
     return tuple(parts)
 
@@ -150,7 +150,7 @@ def _table(path: Path, name: str, what: str) -> Part:
         raise TraceError(path, wanted=say("trace-csv"), came=str(error), todo=say("save-csv-utf-8")) from None
     names = [cell.strip() for cell in rows[0]] if rows else []
     if not set(REQUIRED) <= set(names):
-        raise TraceError(path, wanted=f"columns {', '.join(REQUIRED)}", came="others", todo=say("check-path"))
+        raise TraceError(path, wanted=say("columns", ", ".join(REQUIRED)), came=say("others"), todo=say("check-path"))
     places = {key: names.index(key) for key in (*KNOWN, *ORIGIN) if key in names}
     given, whose = [list(places)], None
     for row in rows[1:]:

@@ -40,7 +40,7 @@ LEAST_RUN = 3  # measurements since the last repair; fewer tell no trend
 MOST_DRAWN = 4  # faults in the picture, the worst
 DRAWN_YEARS = 3.0  # how far past the last measurement the picture goes
 CROSSING_DRAWS = 2000  # lines drawn to see when a trend reaches a level: a quantile of 5 % is then known to 0.5 %
-_TODO = "move it away; the model itself does not need it"
+_TODO = say("move-away-model-itself-does-not")
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def remember(
 ) -> Path:
     """Add an event to a model's history; return the file."""
     path = history_of(model_path)
-    past = read_text(path, wanted="a history", todo="move it away", error=ModelError) if path.exists() else ""
+    past = read_text(path, wanted=say("history"), todo=say("move-away"), error=ModelError) if path.exists() else ""
     time = (when or datetime.now(UTC)).isoformat(timespec="seconds")
     line = {"event": event, "time": time, "model": model.digest, **values}
     rounded = {key: round(value, 5) if isinstance(value, float) else value for key, value in line.items()}
@@ -206,11 +206,9 @@ def read_history(model_path: Path) -> tuple[dict[str, Any], ...]:
     """Return the events of a model's history in the order of time. Raises `ModelError` for a file that is none."""
     path = history_of(model_path)
     if not path.exists():
-        raise ModelError(
-            path, wanted="a history", came=say("none"), todo="learn, update or verify this model: each adds to it"
-        )
+        raise ModelError(path, wanted=say("history"), came=say("none"), todo=say("learn-update-verify-model-each-adds"))
     events = []
-    text = read_text(path, wanted="a history", todo=_TODO, error=ModelError)
+    text = read_text(path, wanted=say("history"), todo=_TODO, error=ModelError)
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip():
             continue
@@ -221,7 +219,7 @@ def read_history(model_path: Path) -> tuple[dict[str, Any], ...]:
                 NamedFault(fault["part"], fault["kind"], float(fault["value"]), float(fault["sd"]), fault["unit"], "")
         except (ValueError, KeyError, TypeError, RecursionError):
             raise ModelError(
-                path, wanted="a JSON object with a time in every line", came=f"another in line {number}", todo=_TODO
+                path, wanted=say("json-object-time-every-line"), came=say("another-line", number), todo=_TODO
             ) from None
         events.append(event)
     return tuple(sorted(events, key=lambda event: event["seconds"]))

@@ -183,9 +183,9 @@ def _learned_without_parts(
     if not isinstance(mechanism, Mechanism):
         raise ConfigError(
             f"--learner {name}",
-            wanted="a learner whose model is a machine: motors, belts and a frame",
-            came="one that only predicts steps on the lattice",
-            todo="use --learner auto, or lightgbm-axis on a cartesian printer",
+            wanted=say("learner-whose-model-machine-motors-belts"),
+            came=say("only-predicts-steps-lattice"),
+            todo=say("terminal-use-learner-auto-lightgbm-axis-cartesian"),
         )
     known = trace.measured_rows
     noise = float(np.sqrt(np.mean(np.square((trace.measured_mm - trace.commanded_mm)[known]))))

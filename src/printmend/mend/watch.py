@@ -41,11 +41,11 @@ class Watch:
     def __post_init__(self) -> None:
         if not self.source.is_dir():
             raise InputError(
-                self.source, wanted="a folder that files come into", came=say("none"), todo="make it, or check the path"
+                self.source, wanted=say("folder-files-come-into"), came=say("none"), todo=say("make-check-path")
             )
         self.target.mkdir(parents=True, exist_ok=True)
         if self.source.resolve() == self.target.resolve():
-            raise InputError(self.target, wanted="a folder apart from IN", came="the same", todo="name another")
+            raise InputError(self.target, wanted=say("folder-apart-from"), came=say("same"), todo=say("name-another"))
         for seen, code in self._journal():
             if code is not None:
                 self.done[seen[0]] = seen

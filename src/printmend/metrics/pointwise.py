@@ -25,7 +25,7 @@ def abrmse(body_rmses: Iterable[float]) -> float:
     """Return the paper's Average Body RMSE: the plain mean of the bodies' RMSE, whatever their size."""
     values = np.asarray(list(body_rmses), float)
     if not len(values):
-        raise TraceError("ABRMSE", wanted="at least one body", came=say("none"), todo="give it results")
+        raise TraceError("ABRMSE", wanted=say("least-body"), came=say("none"), todo=say("give-results"))
     return float(values.mean())
 
 
@@ -54,12 +54,15 @@ def paired(target: np.ndarray, printed: np.ndarray) -> tuple[np.ndarray, np.ndar
     if target.shape != printed.shape or target.ndim != 2 or target.shape[1:] != (2,) or not len(target):
         raise TraceError(
             "a metric of paired points",
-            wanted="two equal shapes [T, 2] with T ≥ 1",
-            came=f"{target.shape} and {printed.shape}",
-            todo="compare a print with its own target",
+            wanted=say("two-equal-shapes-t-2-t"),
+            came=say("and", target.shape, printed.shape),
+            todo=say("compare-print-own-target"),
         )
     if not (np.isfinite(target).all() and np.isfinite(printed).all()):
         raise TraceError(
-            "a metric of paired points", wanted="finite points", came="NaN or infinity", todo="drop unmeasured rows"
+            "a metric of paired points",
+            wanted=say("finite-points"),
+            came=say("nan-infinity"),
+            todo=say("drop-unmeasured-rows"),
         )
     return target, printed

@@ -159,7 +159,7 @@ def read_model(path: str | Path) -> SavedModel:
 def parse_model(text: str, *, subject: str) -> SavedModel:
     """Build a model from JSON text; ``subject`` names the source in errors."""
     try:
-        document = json.loads(text, parse_constant=lambda name: refuse(subject, "finite numbers", name))
+        document = json.loads(text, parse_constant=lambda name: refuse(subject, say("finite-numbers"), name))
     except (ValueError, RecursionError) as error:
         came = say("broken-json-at", error) if isinstance(error, ValueError) else say("endless-nesting")
         raise ModelError(subject, wanted=say("printer-mend-json"), came=came, todo=TODO) from None
@@ -169,7 +169,7 @@ def parse_model(text: str, *, subject: str) -> SavedModel:
         )
     version = document.get("version")
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-        refuse(subject, "a version", repr(version))
+        refuse(subject, say("version-2"), repr(version))
     if version > VERSION:
         raise ModelError(
             subject,
@@ -198,7 +198,7 @@ def _read(document: Mapping[str, Any], key: str, subject: str) -> SavedModel:
     printer = _printer(section_of(document, "printer", dict, subject), subject)
     sections = section_of(document, "motors", dict, subject)
     if sorted(sections) != sorted(printer.motors):
-        refuse(subject, f"motors {' and '.join(printer.motors)}", ", ".join(map(str, sections)) or say("none"))
+        refuse(subject, say("motors", " and ".join(printer.motors)), ", ".join(map(str, sections)) or say("none"))
     tables = [_transmission(sections[name], printer, i, f"{subject} [{name}]") for i, name in enumerate(printer.motors)]
     frame = document.get("frame")
     screw = None if document.get("screw") is None else parse_screw(document["screw"], printer, f"{subject} [screw]")
@@ -207,7 +207,7 @@ def _read(document: Mapping[str, Any], key: str, subject: str) -> SavedModel:
     noise_mm = number(document, "noise_mm", subject)
     findings = section_of(document, "findings", list, subject)
     if noise_mm < 0 or not all(isinstance(line, str) for line in findings):
-        refuse(subject, "noise_mm ≥ 0 and findings as text", say("something-else"))
+        refuse(subject, say("noise-mm-0-findings-text"), say("something-else"))
     check_notes(document, subject)
     messages = document.get("messages")
     return SavedModel(mechanism, learner, key, restored(document, messages if isinstance(messages, dict) else {}))
@@ -325,19 +325,19 @@ def _printer(table: dict[str, Any], subject: str) -> Printer:
     except ConfigError as error:
         raise ModelError(error.subject, wanted=error.wanted, came=error.came, todo=TODO) from None
     except (TypeError, ValueError, RecursionError):
-        refuse(f"{subject} [printer]", "a printer", "values of no known kind")
+        refuse(f"{subject} [printer]", say("printer"), say("values-no-known-kind"))
 
 
 def _transmission(section: Any, printer: Printer, motor: int, subject: str) -> Transmission:
     if not isinstance(section, dict):
-        refuse(subject, "a section", repr(section)[:40])
+        refuse(subject, say("section-3"), repr(section)[:40])
     if section.get("kind") != "table":
         return _branches(section, printer, motor, subject).lower(printer, motor)
     lower = numbers(section, "lower_error_mm", subject, MAX_ENTRIES)
     upper = lower if "upper_error_mm" not in section else numbers(section, "upper_error_mm", subject, MAX_ENTRIES)
     first_mm, pitch_mm = number(section, "first_mm", subject), number(section, "pitch_mm", subject)
     if pitch_mm <= 0 or len(lower) != len(upper) or len(lower) < 2:
-        refuse(subject, "a positive pitch_mm and tables of one length", say("something-else"))
+        refuse(subject, say("positive-pitch-mm-tables-length"), say("something-else"))
     healthy = healthy_transmission(printer, motor)
     same = len(lower) == len(healthy.lower_mm) and (first_mm, pitch_mm) == (healthy.first_mm, healthy.pitch_mm)
     grid = healthy.motor_mm if same else first_mm + pitch_mm * np.arange(len(lower))
@@ -352,11 +352,11 @@ def _branches(section: dict[str, Any], printer: Printer, motor: int, subject: st
     if kind == "healthy":
         return Branches(printer.axes[motor].mm_per_turn, (low_mm + high_mm) / 2, (low_mm, high_mm))
     if kind != "series":
-        refuse(subject, "kind healthy, series or table", repr(kind)[:40])
+        refuse(subject, say("kind-healthy-series-table"), repr(kind)[:40])
     reach = numbers(section, "reach_mm", subject, 2)
     period_mm = number(section, "period_mm", subject)
     if len(reach) != 2 or reach[0] > reach[1] or period_mm <= 0:
-        refuse(subject, "a positive period_mm and two reach_mm that rise", say("something-else"))
+        refuse(subject, say("positive-period-mm-two-reach-mm"), say("something-else"))
     waves = {name: _wave(section[name], f"{subject} {name}") for name in ("mean", "play", "elastic") if name in section}
     middle_mm, seen_mm = number(section, "middle_mm", subject), (float(reach[0]), float(reach[1]))
     plain = Branches(
@@ -371,7 +371,7 @@ def _branches(section: dict[str, Any], printer: Printer, motor: int, subject: st
         second = section_of(section, "second", dict, subject)
         second_mm = number(second, "period_mm", f"{subject} second")
         if second_mm <= 0:
-            refuse(f"{subject} second", "a positive period_mm", f"{second_mm:g}")
+            refuse(f"{subject} second", say("positive-period-mm"), f"{second_mm:g}")
         plain = replace(plain, second=_wave(second, f"{subject} second"), second_mm=second_mm)
     if "warp" not in section:
         return plain
@@ -379,36 +379,36 @@ def _branches(section: dict[str, Any], printer: Printer, motor: int, subject: st
     span_mm = (number(warp, "first_mm", subject), number(warp, "last_mm", subject))
     cos_mm = numbers(warp, "cos_mm", subject, MAX_HARMONICS)
     if span_mm[0] >= span_mm[1]:
-        refuse(subject, "a warp with first_mm below last_mm", f"{span_mm[0]:g} and {span_mm[1]:g}")
+        refuse(subject, say("warp-first-mm-below-last-mm"), say("and", f"{span_mm[0]:g}", f"{span_mm[1]:g}"))
     return replace(plain, warp_mm=cos_mm, warp_span_mm=span_mm)
 
 
 def _wave(section: Any, subject: str) -> Wave:
     if not isinstance(section, dict):
-        refuse(subject, "a section", repr(section)[:40])
+        refuse(subject, say("section-3"), repr(section)[:40])
     harmonics = numbers(section, "harmonics", subject, MAX_HARMONICS)
     cos_mm, sin_mm = (numbers(section, name, subject, MAX_HARMONICS) for name in ("cos_mm", "sin_mm"))
     whole = (harmonics == np.rint(harmonics)).all() and (harmonics >= 1).all()
     if not len(harmonics) == len(cos_mm) == len(sin_mm) or not whole:
-        refuse(subject, "positive whole harmonics, as many as cos_mm and sin_mm", say("something-else"))
+        refuse(subject, say("positive-whole-harmonics-many-cos-mm"), say("something-else"))
     return Wave(numbers(section, "powers_mm", subject, 8), harmonics.astype(np.int64), cos_mm, sin_mm)
 
 
 def _frame(section: Any, subject: str) -> Frame:
     if not isinstance(section, dict):
-        refuse(f"{subject} [frame]", "a section", repr(section)[:40])
+        refuse(f"{subject} [frame]", say("section-3"), repr(section)[:40])
     rows = [numbers(section, name, f"{subject} [frame]", 10) for name in ("x_mm", "y_mm")]
     scale_mm = number(section, "scale_mm", f"{subject} [frame]")
     if len(rows[0]) != 10 or len(rows[1]) != 10 or scale_mm <= 0:
-        refuse(f"{subject} [frame]", "ten coefficients a row and a positive scale_mm", say("something-else"))
+        refuse(f"{subject} [frame]", say("ten-coefficients-row-positive-scale-mm"), say("something-else"))
     waves = section.get("waves", [])
     if not isinstance(waves, list) or len(waves) > MOST_WAVES:
-        refuse(f"{subject} [frame]", f"at most {MOST_WAVES} waves", say("something-else"))
+        refuse(f"{subject} [frame]", say("most-waves", MOST_WAVES), say("something-else"))
     each = [numbers({"wave": wave}, "wave", f"{subject} [frame]", WAVE_FIELDS) for wave in waves]
     if any(len(wave) != WAVE_FIELDS or abs(wave[0]) > 1 or wave[1] < LEAST_WAVE_MM for wave in each):
         refuse(
             f"{subject} [frame]",
-            f"waves of a direction, at least {LEAST_WAVE_MM:g} mm and four sizes",
+            say("waves-direction-least-mm-four-sizes", f"{LEAST_WAVE_MM:g}"),
             say("something-else"),
         )
     return Frame(np.array(rows), scale_mm, np.array(each).reshape(-1, WAVE_FIELDS))

@@ -82,11 +82,11 @@ def _check(value: Any, shape: Any, name: str, subject: str) -> None:
     """Raise `ModelError` unless ``value``, which stands under ``name``, is as ``shape`` says."""
     if isinstance(shape, Numbers):
         if not shape.holds(value):
-            refuse(subject, f"{shape.words} for {name}", repr(value)[:40])
+            refuse(subject, say("for", shape.words, name), repr(value)[:40])
         return
     kind: type[Any] = shape if isinstance(shape, type) else type(shape)
     if not isinstance(value, kind):
-        refuse(subject, f"{name} as {kind.__name__}", say("none") if value is None else repr(value)[:40])
+        refuse(subject, say("as-2", name, kind.__name__), say("none") if value is None else repr(value)[:40])
     if isinstance(shape, list):
         for each in value:
             _check(each, shape[0], f"an entry of {name}", subject)

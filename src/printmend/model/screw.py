@@ -38,16 +38,16 @@ def screw_section(screw: ScrewDrive | ScrewSeries) -> dict[str, Any]:
 def parse_screw(section: Any, printer: Printer, subject: str) -> ScrewDrive:
     """Build Z from its section. Raise `ModelError` for anything that is not one of ours."""
     if not isinstance(section, dict):
-        refuse(subject, "a section", repr(section)[:40])
+        refuse(subject, say("section-3"), repr(section)[:40])
     if section.get("kind") == "series":
         return parse_series(section, subject).lower(printer)
     if section.get("kind") != "table":
-        refuse(subject, "kind series or table", repr(section.get("kind"))[:40])
+        refuse(subject, say("kind-series-table"), repr(section.get("kind"))[:40])
     grid, first_mm, pitch_mm = z_grid_mm(printer)
     names = ["lower_error_mm", "push_x_mm", "push_y_mm", *(["upper_error_mm"] if "upper_error_mm" in section else [])]
     columns = {name: numbers(section, name, subject, len(grid)) for name in names}
     if any(len(column) != len(grid) or np.abs(column).max() > _MOST_MM for column in columns.values()):
-        refuse(subject, f"tables of {len(grid)} errors up to {_MOST_MM:g} mm", "others")
+        refuse(subject, say("tables-errors-up-mm", len(grid), f"{_MOST_MM:g}"), say("others"))
     lower = columns["lower_error_mm"]
     lower_mm, upper_mm = rising(grid + lower, grid + columns.get("upper_error_mm", lower), subject)
     push_mm = np.stack([columns["push_x_mm"], columns["push_y_mm"]], axis=1)
@@ -62,8 +62,8 @@ def parse_series(section: dict[str, Any], subject: str) -> ScrewSeries:
     lead_mm, backlash_mm = number(section, "lead_mm", subject), number(section, "backlash_mm", subject)
     lead_error = number(section, "lead_error", subject)
     if lead_mm < _LEAST_LEAD_MM or not 0 <= backlash_mm <= _MOST_MM or not -0.9 <= lead_error <= 9.0:
-        refuse(subject, f"a lead of {_LEAST_LEAD_MM:g} mm or more, a backlash and a lead_error of a screw", "others")
+        refuse(subject, say("lead-mm-more-backlash-lead-error", f"{_LEAST_LEAD_MM:g}"), say("others"))
     if any(len(wave) != 2 * HARMONICS or np.abs(wave).max() > _MOST_MM for wave in waves):
-        refuse(subject, f"sines and cosines of {HARMONICS} harmonics up to {_MOST_MM:g} mm", say("something-else"))
+        refuse(subject, say("sines-cosines-harmonics-up-mm", HARMONICS, f"{_MOST_MM:g}"), say("something-else"))
     push_sd_mm = np.stack(waves[3:], axis=1) if len(waves) == 5 else np.zeros((2 * HARMONICS, 2))
     return ScrewSeries(lead_mm, lead_error, backlash_mm, waves[0], np.stack(waves[1:3], axis=1), push_sd_mm)

@@ -19,7 +19,7 @@ def rising(lower_mm: np.ndarray, upper_mm: np.ndarray, subject: str) -> tuple[np
     """
     falling = min(np.diff(lower_mm).min(), np.diff(upper_mm).min()) < -3e-9
     if falling or (upper_mm - lower_mm).min() < -3e-9:
-        refuse(subject, "tables that never fall, lower ≤ upper", "others")
+        refuse(subject, say("tables-never-fall-lower-upper"), say("others"))
     lower = np.maximum.accumulate(lower_mm)
     return lower, np.maximum(np.maximum.accumulate(upper_mm), lower)
 
@@ -32,7 +32,7 @@ def rounded(value: Any) -> Any:
 def section_of(document: Mapping[str, Any], key: str, kind: type, subject: str) -> Any:
     """Return a value of a kind; refuse another."""
     if not isinstance(value := document.get(key), kind):
-        refuse(subject, f"{key} as {kind.__name__}", say("none") if value is None else repr(value)[:40])
+        refuse(subject, say("as-2", key, kind.__name__), say("none") if value is None else repr(value)[:40])
     return value
 
 
@@ -51,13 +51,13 @@ def numbers(section: Mapping[str, Any], key: str, subject: str, most: int) -> np
     if not isinstance(values, list) or len(values) > most:
         refuse(
             subject,
-            f"a list of {most} numbers at the most for {key}",
+            say("list-numbers-most", most, key),
             say("none") if values is None else say("something-else"),
         )
     if not set(map(type, values)) <= {int, float}:
-        refuse(subject, f"numbers in {key}", say("something-else"))
+        refuse(subject, say("numbers", key), say("something-else"))
     if values and not -LARGEST <= min(values) <= max(values) <= LARGEST:  # JSON's integers may be beyond any float
-        refuse(subject, f"numbers up to {LARGEST:g} in {key}", "others")
+        refuse(subject, say("numbers-up", f"{LARGEST:g}", key), say("others"))
     return np.array(values, float)
 
 

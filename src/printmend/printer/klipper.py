@@ -31,7 +31,7 @@ def parse_klipper(text: str, *, name: str, subject: str) -> Printer:
         raise ConfigError(subject, wanted=say("printer-cfg"), came=came, todo=_TODO) from None
     kinematics = config.get("printer", "kinematics", fallback="none")
     if kinematics not in ("cartesian", "corexy"):
-        todo = "other machines than cartesian and CoreXY ones cannot be learned yet"
+        todo = say("use-cartesian-corexy-printer-no-other")
         raise ConfigError(subject, wanted=say("kinematics-cartesian-corexy"), came=kinematics, todo=todo)
     x, y, z = (_axis(config, axis, subject) for axis in "xyz")
     return Printer(

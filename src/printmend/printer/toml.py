@@ -86,11 +86,11 @@ def parse_printer(text: str, *, subject: str) -> Printer:
     if extruder not in _EXTRUDERS:
         raise ConfigError(subject, wanted=say("extruder-bowden-direct"), came=repr(extruder), todo=_TODO)
     if not isinstance(start_gcode, str) or len(start_gcode) > _MOST_START_GCODE:
-        wanted = f"start_gcode as text of at most {_MOST_START_GCODE} characters"
+        wanted = say("start-gcode-text-most-characters", _MOST_START_GCODE)
         raise ConfigError(subject, wanted=wanted, came=repr(start_gcode)[:40], todo=_TODO)
     pause_gcode = table.get("pause_gcode", PAUSE)
     if not isinstance(pause_gcode, str) or _COMMAND.fullmatch(pause_gcode) is None:
-        wanted = f'pause_gcode = "{PAUSE}", "{KLIPPER_PAUSE}" or another command on one line'
+        wanted = say("pause-gcode-another-command-line", PAUSE, KLIPPER_PAUSE)
         raise ConfigError(subject, wanted=wanted, came=repr(pause_gcode)[:40], todo=_TODO)
     x, y, z = (_axis(table.get(axis), axis, subject) for axis in "xyz")
     if kinematics == "corexy" and (x.mm_per_step, x.microsteps) != (y.mm_per_step, y.microsteps):
@@ -147,7 +147,7 @@ def _axis(table: Any, name: str, subject: str) -> Axis:
     for key in _NUMBERS:
         value = table[key]
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _FAREST_MM:
-            wanted = f"a number up to {_FAREST_MM:g} for {section} {key}"
+            wanted = say("number-up", f"{_FAREST_MM:g}", section, key)
             raise ConfigError(subject, wanted=wanted, came=repr(value), todo=_TODO)
     for key in _COUNTS:
         value = table[key]
@@ -163,7 +163,7 @@ def _axis(table: Any, name: str, subject: str) -> Axis:
             todo=say("give-bed-mm"),
         )
     if not _LEAST_TURN_MM <= table["mm_per_turn"] <= 1000:
-        wanted = f"{section} mm_per_turn in {_LEAST_TURN_MM:g}–1000"
+        wanted = say("mm-per-turn-1000", section, f"{_LEAST_TURN_MM:g}")
         raise ConfigError(subject, wanted=wanted, came=repr(table["mm_per_turn"]), todo=_TODO)
     if not table["min_mm"] - _FAR_MM <= table["home_mm"] <= table["max_mm"] + _FAR_MM:
         came = f"{table['home_mm']:g}"

@@ -8,6 +8,7 @@ from printmend.errors import GcodeError
 from printmend.gcode.container import HINT_BYTES
 from printmend.gcode.mark import find_test_print, with_comment
 from printmend.gcode.read import Program
+from printmend.messages import say
 from printmend.provenance import sealed_test_print
 
 STANDS_IN = "ender3"  # where nobody said which printer: walls do not depend on it, only their history does
@@ -32,13 +33,15 @@ def first_layer(program: Program) -> bytes:
     """
     if (kind := find_test_print(program.text[:HINT_BYTES].tobytes())) is not None:
         raise GcodeError(
-            program.name, wanted="the file of a part", came=f"a test print of ours ({kind})",
-            todo="name the part; a test print is measured as it is",
+            program.name, wanted=say("file-part"), came=say("test-print-ours", kind),
+            todo=say("name-part-test-print-measured"),
         )  # fmt: skip
     moves = program.moves
     printed = moves.extruding & (moves.layer >= 0)
     if not printed.any():
-        raise GcodeError(program.name, wanted="a part that is printed", came="no extruding move", todo="check the file")
+        raise GcodeError(
+            program.name, wanted=say("part-printed"), came=say("no-extruding-move"), todo=say("check-file")
+        )
     first = moves.layer[printed].min()
     last_line = int(moves.line[printed & (moves.layer == first)].max())
     ends = np.flatnonzero(program.text == ord("\n"))

@@ -36,8 +36,8 @@ def with_net(plan: ProbePlan, printer: Printer) -> ProbePlan:
         high - plan.marks_mm.max(axis=0)
     ).min() < LEAST_FRAME_MM:
         raise ConfigError(
-            "--net", wanted=f"{EDGE_MM + LEAST_FRAME_MM:.0f} mm of bed around the dots", came=say("less"),
-            todo="make --size smaller",
+            "--net", wanted=say("mm-bed-around-dots", f"{EDGE_MM + LEAST_FRAME_MM:.0f}"), came=say("less"),
+            todo=say("terminal-make-size-smaller"),
         )  # fmt: skip
     frame = np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])
     threads = _threads(plan, low, high)

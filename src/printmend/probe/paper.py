@@ -72,9 +72,9 @@ def _paper(plan: ProbePlan, printer: Printer, paper_mm: tuple[float, float]) -> 
     ways = [np.array(way) for way in (paper_mm, paper_mm[::-1]) if (needed <= way).all()]
     if not ways:
         raise ConfigError(
-            "the paper", wanted=f"a sheet for dots over {last[0] - first[0]:.0f} × {last[1] - first[1]:.0f} mm",
+            "the paper", wanted=say("sheet-dots-over-mm", f"{last[0] - first[0]:.0f}", f"{last[1] - first[1]:.0f}"),
             came=say("mm", f"{paper_mm[0]:g}", f"{paper_mm[1]:g}"),
-            todo="make --size smaller, or name a larger --scanner",
+            todo=say("terminal-make-size-smaller-name-larger-scanner"),
         )  # fmt: skip
     size = min(ways, key=lambda way: float(np.maximum(way - np.ptp(bed, axis=1), 0.0).sum()))
     low = np.maximum(np.minimum((first + last - size) / 2, bed[:, 1] - size), bed[:, 0])

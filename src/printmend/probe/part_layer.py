@@ -10,6 +10,7 @@ from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan
+from printmend.messages import say
 from printmend.metrics.shape import nearest
 from printmend.printer import Printer
 from printmend.probe.gcode import cost
@@ -33,7 +34,7 @@ def longest_layer_mm(part: Program) -> np.ndarray:
     length = np.where(known & moves.extruding, np.hypot(*(moves.end_mm - moves.start_mm)[:, :2].T), 0.0)
     printed = (moves.layer >= 0) & (length > 0)
     if not printed.any():
-        raise GcodeError(part.name, wanted="a part that is printed", came="no extruding move", todo="check the file")
+        raise GcodeError(part.name, wanted=say("part-printed"), came=say("no-extruding-move"), todo=say("check-file"))
     layer = int(np.argmax(np.bincount(moves.layer[printed], weights=length[printed])))
     rows = np.flatnonzero(known & (moves.layer == layer))
     inside = rows[(rows >= np.flatnonzero(printed & (moves.layer == layer))[0])]
@@ -88,9 +89,9 @@ def _marked(printer: Printer, path_mm: np.ndarray, marks: int) -> ProbePlan:
 def _too_small(marks: int) -> GcodeError:
     return GcodeError(
         "the longest layer",
-        wanted=f"room for {LEAST_MARKS} marks along it",
-        came=f"room for {marks}",
-        todo="use --design optimal or fixed, which go beyond the part",
+        wanted=say("room-marks-along", LEAST_MARKS),
+        came=say("room", marks),
+        todo=say("terminal-use-design-optimal-fixed-which-go"),
     )
 
 

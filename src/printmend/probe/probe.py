@@ -50,7 +50,9 @@ def design_probe(
     """
     if design == "layer":
         if part is None:
-            raise InputError("--design layer", wanted="a part", came=say("none"), todo="name it: --for part.gcode")
+            raise InputError(
+                "--design layer", wanted=say("part"), came=say("none"), todo=say("terminal-name-part-gcode")
+            )
         return layer_plan(printer, longest_layer_mm(part), marks=marks)
     if design == "fixed":
         return walk(printer, lay_out(printer, *_area_mm(printer, size_mm, part, glass_mm), marks=marks))
@@ -106,7 +108,7 @@ def _printed_mm(part: Program) -> np.ndarray:
     """Return the ends [N, 2] of the moves that print the part."""
     rows = part.moves.extruding & part.moves.known[:, :2].all(axis=1)
     if not rows.any():
-        raise GcodeError(part.name, wanted="a part that is printed", came="no extruding move", todo="check the file")
+        raise GcodeError(part.name, wanted=say("part-printed"), came=say("no-extruding-move"), todo=say("check-file"))
     return np.vstack([part.moves.start_mm[rows, :2], part.moves.end_mm[rows, :2]])
 
 

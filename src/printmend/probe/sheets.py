@@ -30,9 +30,9 @@ def sheets_mm(printer: Printer, paper_mm: tuple[float, float], count: int) -> tu
     room = np.array(paper_mm) - 2 * GLASS_EDGE_MM
     if (room < LEAST_AREA_MM).any():
         raise ConfigError(
-            "--scanner", wanted=f"sheets of at least {LEAST_AREA_MM + 2 * GLASS_EDGE_MM:.0f} mm a side",
+            "--scanner", wanted=say("sheets-least-mm-side", f"{LEAST_AREA_MM + 2 * GLASS_EDGE_MM:.0f}"),
             came=say("mm", f"{paper_mm[0]:g}", f"{paper_mm[1]:g}"),
-            todo="give their width and height in mm, as 210x297",
+            todo=say("give-their-width-height-mm-210x297"),
         )  # fmt: skip
     best: tuple[float, np.ndarray, np.ndarray] | None = None
     for sheet in (room, room[::-1]):
@@ -58,8 +58,8 @@ def design_sheets(printer: Printer, paper_mm: tuple[float, float], count: int, *
     needless = sheets_mm(printer, paper_mm, count - 1)
     if np.ptp(np.vstack(needless), axis=0).prod() > 0.999 * np.ptp(np.vstack([low, high]), axis=0).prod():
         raise ConfigError(
-            "--sheets", wanted=f"at most {count - 1} on {printer.name}: {count} show no more of its bed",
-            came=str(count), todo="leave it out for one" if count == 2 else "say fewer",
+            "--sheets", wanted=say("most-show-no-more-bed", count - 1, printer.name, count),
+            came=str(count), todo=say("leave-out") if count == 2 else say("say-fewer"),
         )  # fmt: skip
     whole = lay_out(printer, low.min(axis=0), high.max(axis=0), marks=marks)
     swings = swings_for(len(whole.marks_mm))
@@ -71,8 +71,8 @@ def design_sheets(printer: Printer, paper_mm: tuple[float, float], count: int, *
     if shared < SPARE_RATIO * LEAST_SHARED:
         raise ConfigError(
             "--sheets",
-            wanted=f"at least {SPARE_RATIO * LEAST_SHARED:.0f} dots where two sheets overlap, which join them",
-            came=str(shared), todo="say more --marks, or larger sheets with --scanner",
+            wanted=say("least-dots-where-two-sheets-overlap", f"{SPARE_RATIO * LEAST_SHARED:.0f}"),
+            came=str(shared), todo=say("terminal-say-more-marks-larger-sheets-scanner"),
         )  # fmt: skip
     return sheet_after_sheet(plans)
 

@@ -99,12 +99,12 @@ def parse_belief(model: SavedModel) -> Belief | None:
     if section is None:
         return None
     if not isinstance(section, dict) or section.get("version") != VERSION:
-        refuse(_SUBJECT, f"a section of version {VERSION}", say("another"))
+        refuse(_SUBJECT, say("section-version", VERSION), say("another"))
     spans = {name: _spans(section, name) for name in ("motor_span_mm", "bed_span_mm")}
     turns = numbers(section, "turns_mm", _SUBJECT, 2)
     way_mm = number(section, "way_mm", _SUBJECT, 1e9)
     if len(turns) != 2 or turns.min() <= 0 or way_mm < 0:
-        refuse(_SUBJECT, "two positive turns_mm and a way_mm", say("something-else"))
+        refuse(_SUBJECT, say("two-positive-turns-mm-way-mm"), say("something-else"))
     placed = bool(section.get("placed"))
     scene = Scene(
         model.printer, (float(turns[0]), float(turns[1])), spans["motor_span_mm"], spans["bed_span_mm"], way_mm, placed,
@@ -112,7 +112,7 @@ def parse_belief(model: SavedModel) -> Belief | None:
     )  # fmt: skip
     rows = section_of(section, "parts", list, _SUBJECT)
     if len(rows) > _MOST_PARTS:
-        refuse(_SUBJECT, f"at most {_MOST_PARTS} parts", f"{len(rows)}")
+        refuse(_SUBJECT, say("most-parts", _MOST_PARTS), f"{len(rows)}")
     scatter_mm = abs(number(section, "scatter_mm", _SUBJECT))
     parts = tuple(_part(row, scene) for row in rows)
     if model.filament is not None:
@@ -141,43 +141,43 @@ def _motion(section: dict[str, Any]) -> Motion | None:
         return None
     values = numbers(section, "motion_mm2", _SUBJECT, 2)
     if len(values) != 2 or values[1] <= 0:
-        refuse(_SUBJECT, "motion_mm2 as a square and its deviation above 0", "something else")
+        refuse(_SUBJECT, say("motion-mm2-square-deviation-above-0"), say("something-else"))
     return Motion(float(values[0]), float(values[1]))
 
 
 def _spans(section: dict[str, Any], name: str) -> tuple[tuple[float, float], tuple[float, float]]:
     rows = [numbers({"row": row}, "row", _SUBJECT, 2) for row in section_of(section, name, list, _SUBJECT)]
     if len(rows) != 2 or any(len(row) != 2 or row[0] > row[1] for row in rows):
-        refuse(_SUBJECT, f"{name} as two rising pairs", say("something-else"))
+        refuse(_SUBJECT, say("two-rising-pairs", name), say("something-else"))
     return (float(rows[0][0]), float(rows[0][1])), (float(rows[1][0]), float(rows[1][1]))
 
 
 def _shifts(section: dict[str, Any]) -> tuple[tuple[float, float], ...]:
     rows = [numbers({"row": row}, "row", _SUBJECT, 2) for row in section.get("homed_again_mm", [])[:_MOST_SHIFTS]]
     if any(len(row) != 2 for row in rows):
-        refuse(_SUBJECT, "homed_again_mm as pairs of a shift and its deviation", say("something-else"))
+        refuse(_SUBJECT, say("homed-again-mm-pairs-shift-deviation"), say("something-else"))
     return tuple((float(row[0]), abs(float(row[1]))) for row in rows)
 
 
 def _part(row: Any, scene: Scene) -> Part:
     if not isinstance(row, dict) or row.get("effect") not in EFFECTS:
-        refuse(_SUBJECT, "parts of known effects", say("something-else"))
+        refuse(_SUBJECT, say("parts-known-effects"), say("something-else"))
     where = number(row, "where", _SUBJECT)
     shape = numbers(row, "shape", _SUBJECT, 8)
     acts = numbers(row, "acts", _SUBJECT, _MOST_SIZES)
     drawn = section_of(row, "draws", list, _SUBJECT)
     there = np.arange(DRAWS) if "there" not in row else numbers(row, "there", _SUBJECT, DRAWS).astype(int)
     if where not in (0, 1, 2, 3) or len(drawn) != len(acts) or (there < 0).any() or (there >= DRAWS).any():
-        refuse(_SUBJECT, "parts with a place and sizes for each draw", say("something-else"))
+        refuse(_SUBJECT, say("parts-place-sizes-each-draw"), say("something-else"))
     draws = np.zeros((len(acts), DRAWS))
     for at, each in enumerate(drawn):
         values = numbers({"row": each}, "row", _SUBJECT, DRAWS)
         if len(values) != len(there):
-            refuse(_SUBJECT, f"{len(there)} draws of each size", f"{len(values)}")
+            refuse(_SUBJECT, say("draws-each-size", len(there)), f"{len(values)}")
         draws[at, there] = values
     part = Part(str(row["effect"]), int(where), tuple(shape.tolist()), acts, draws)
     if _width_of(part, scene) != len(acts):
-        refuse(_SUBJECT, f"the sizes of {part.effect}", f"{len(acts)} numbers, or a shape that no printer has")
+        refuse(_SUBJECT, say("sizes", part.effect), say("numbers-shape-no-printer-has", len(acts)))
     return part
 
 

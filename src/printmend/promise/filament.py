@@ -24,10 +24,10 @@ def parse_entries(model: SavedModel) -> tuple[Entry, ...] | None:
     if section is None:
         return None
     if not isinstance(section, dict):
-        refuse(_SUBJECT, "a section", say("something-else"))
+        refuse(_SUBJECT, say("section-3"), say("something-else"))
     rows = section_of(section, "measured", list, _SUBJECT)
     if len(rows) > MOST:
-        refuse(_SUBJECT, f"at most {MOST} measured scales", str(len(rows)))
+        refuse(_SUBJECT, say("most-measured-scales", MOST), str(len(rows)))
     return tuple(_entry(row) for row in rows)
 
 
@@ -43,7 +43,7 @@ def entry_section(entry: Entry) -> dict[str, Any]:
 
 def _entry(row: Any) -> Entry:
     if not isinstance(row, dict) or row.get("kind") not in ("print", "rule"):
-        refuse(_SUBJECT, "measured scales of a print or a rule", say("something-else"))
+        refuse(_SUBJECT, say("measured-scales-print-rule"), say("something-else"))
     filament = row.get("filament")
     if filament is not None:
         _check_name(filament)
@@ -59,7 +59,7 @@ def _check_name(name: Any) -> None:
     try:
         material_of(name if isinstance(name, str) else "")
     except Exception:
-        refuse(_SUBJECT, "names of filaments", repr(name)[:40])
+        refuse(_SUBJECT, say("names-filaments"), repr(name)[:40])
 
 
 def known_filaments(model: SavedModel) -> dict[str, tuple[Part, Part]]:
@@ -69,7 +69,7 @@ def known_filaments(model: SavedModel) -> dict[str, tuple[Part, Part]]:
         return {}
     known = section_of(section if isinstance(section, dict) else {}, "known", dict, _SUBJECT)
     if len(known) > MOST:
-        refuse(_SUBJECT, f"at most {MOST} filaments", str(len(known)))
+        refuse(_SUBJECT, say("most-filaments", MOST), str(len(known)))
     return {str(name): _parts(name, each) for name, each in known.items()}
 
 
@@ -81,7 +81,7 @@ def _parts(name: Any, section: Any) -> tuple[Part, Part]:
         draws = numbers(one, "draws", _SUBJECT, DRAWS)
         acts = number(one, "acts", _SUBJECT, SCALE_MM)
         if len(draws) != DRAWS:
-            refuse(_SUBJECT, f"{DRAWS} draws", str(len(draws)))
+            refuse(_SUBJECT, say("draws", DRAWS), str(len(draws)))
         found.append(Part("shrinkage", "xy".index(axis), (), np.array([acts]), draws[None]))
     return found[0], found[1]
 

@@ -110,7 +110,7 @@ class Examination:
 def check_name(path: Path) -> None:
     """Raise `InputError` for a report that is neither .html nor .pdf, before any work is done."""
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(path, wanted="a report in .html or .pdf", came=repr(path.suffix), todo="change its name")
+        raise InputError(path, wanted=say("report-html-pdf"), came=repr(path.suffix), todo=say("change-name"))
 
 
 def examine(

@@ -11,6 +11,7 @@ from printmend.errors import InputError
 from printmend.extras import require
 from printmend.files import replacing
 from printmend.mend.prediction import Prediction
+from printmend.messages import say
 from printmend.model import SavedModel
 from printmend.printer import Axis
 from printmend.units import counted
@@ -25,7 +26,7 @@ _SAME_S = 1.0  # a printing time that differs by less is the same
 def check_report_name(path: Path | None) -> None:
     """Raise `InputError` for a report that is neither .html nor .json, before any work is done."""
     if path is not None and path.suffix.lower() not in (".html", ".htm", ".json"):
-        raise InputError(path, wanted="a report in .html or .json", came=repr(path.suffix), todo="change its name")
+        raise InputError(path, wanted=say("report-html-json"), came=repr(path.suffix), todo=say("change-name"))
     if path is not None and path.suffix.lower() != ".json":
         require(f"a report in {path.suffix}", "matplotlib")
 

@@ -62,7 +62,7 @@ def model(request: Request, here: Here, have: Annotated[str, Query(pattern="^[0-
     path = folder / MODEL
     if not path.is_file():
         raise InputError(
-            say("this-printer"), wanted="a model", came=say("none-yet"), todo="measure the test print in the studio"
+            say("this-printer"), wanted=say("model-2"), came=say("none-yet"), todo=say("measure-test-print-studio")
         )
     digest = json.loads(path.read_text(encoding="utf-8"))["digest"]
     return Response(status_code=204) if digest == have else FileResponse(path, filename=MODEL)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from printmend.errors import InputError
 from printmend.files import replacing
+from printmend.messages import say
 
 FILE = "devices.json"
 FIRST = "first device"  # the name of the token that a studio makes where it has none
@@ -53,11 +54,11 @@ class Devices:
         name = name.strip()
         user = user.strip()
         if not name or max(len(name), len(user)) > LONGEST_NAME or not (name + user).isprintable():
-            raise InputError("the device", wanted=f"a name of 1 to {LONGEST_NAME} characters", came=repr(name),
-                             todo="name it after what it is: phone, laptop")  # fmt: skip
+            raise InputError("the device", wanted=say("name-1-characters", LONGEST_NAME), came=repr(name),
+                             todo=say("name-after-what-phone-laptop"))  # fmt: skip
         if any(one.name.casefold() == name.casefold() for one in self.known()):
-            raise InputError(name, wanted="a device that is not known yet", came="one of that name",
-                             todo="take another name, or --revoke it first")  # fmt: skip
+            raise InputError(name, wanted=say("device-not-known-yet"), came=say("name-2"),
+                             todo=say("terminal-take-another-name-revoke-first"))  # fmt: skip
         token = secrets.token_urlsafe(24)
         self._write((*self.known(), Device(name, _hash(token), time.time(), user)))
         return token
@@ -67,7 +68,7 @@ class Devices:
         left = tuple(one for one in self.known() if one.name.casefold() != name.strip().casefold())
         if len(left) == len(self.known()):
             came = ", ".join(one.name for one in left) or "none"
-            raise InputError(name, wanted="a device of this studio", came=came, todo="see --devices")
+            raise InputError(name, wanted=say("device-studio"), came=came, todo=say("terminal-see-devices"))
         self._write(left)
 
     def knows(self, token: str) -> bool:
@@ -96,8 +97,8 @@ def _read(path: Path) -> tuple[Device, ...]:
             for row in rows
         )
     except (OSError, ValueError, TypeError, KeyError):
-        raise InputError(path, wanted="the devices of a studio", came="another file",
-                         todo="remove it, and let the devices in again with --device") from None  # fmt: skip
+        raise InputError(path, wanted=say("devices-studio"), came=say("another-file"),
+                         todo=say("terminal-remove-let-devices-again-device")) from None  # fmt: skip
 
 
 def _hash(token: str) -> str:

@@ -60,8 +60,8 @@ class Codes:
             self._wrong += 1
             if self._wrong >= MOST_WRONG:
                 self._waiting = {}
-        raise InputError("the code", wanted="the six digits that the studio shows", came="others, or old ones",
-                         todo="ask the studio for a new code")  # fmt: skip
+        raise InputError("the code", wanted=say("six-digits-studio-shows"), came=say("others-old-ones"),
+                         todo=say("ask-studio-new-code"))  # fmt: skip
 
 
 def pairs(folder: Path) -> tuple[Pair, ...]:
@@ -85,7 +85,7 @@ def part(folder: Path, name: str) -> None:
     left = [one for one in pairs(folder) if one.name != name]
     if len(left) == len(pairs(folder)):
         came = ", ".join(one.name for one in left) or "none"
-        raise InputError(name, wanted="a host that is paired", came=came, todo=say("look-list"))
+        raise InputError(name, wanted=say("host-paired"), came=came, todo=say("look-list"))
     _write(folder, left)
 
 

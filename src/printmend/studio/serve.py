@@ -13,6 +13,7 @@ import uvicorn
 
 from printmend.errors import InputError, reason
 from printmend.executor import Cluster, executor
+from printmend.messages import say
 from printmend.studio.app import MOST_HELD_BYTES, WORKERS, create_app
 from printmend.studio.devices import FIRST, Devices
 from printmend.studio.door import Door
@@ -92,11 +93,11 @@ def _alone(folder: Path) -> sqlite3.Connection:
             held.close()
         if getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_BUSY:
             raise InputError(
-                folder, wanted="a folder of its own for each studio", came="one that a running studio has",
-                todo="use that one, end it, or name another --folder",
+                folder, wanted=say("folder-own-each-studio"), came=say("running-studio-has"),
+                todo=say("terminal-use-end-name-another-folder"),
             ) from None  # fmt: skip
-        todo = "see that the folder can be written, remove that file, or name another --folder"
-        raise InputError(path, wanted="a lock that the studio makes", came=reason(error), todo=todo) from None
+        todo = say("terminal-see-folder-can-written-remove-file")
+        raise InputError(path, wanted=say("lock-studio-makes"), came=reason(error), todo=todo) from None
     return held
 
 
@@ -112,9 +113,9 @@ def _listener(host: str, port: int) -> socket.socket:
         listener.close()
         raise InputError(
             f"{host}:{port}",
-            wanted="a free port of this computer",
+            wanted=say("free-port-computer"),
             came=reason(error),
-            todo="name another --port or --host",
+            todo=say("terminal-name-another-port-host"),
         ) from None
     return listener
 

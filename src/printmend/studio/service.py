@@ -12,6 +12,7 @@ from pathlib import Path
 
 from printmend.errors import InputError
 from printmend.files import replacing
+from printmend.messages import say
 
 NAME = "printmend-studio"
 _LABEL = "org.printmend.studio"
@@ -55,8 +56,8 @@ def service(options: Sequence[str], *, platform: str = sys.platform, home: Path 
     home = home or Path.home()
     command = [sys.executable, "-m", "printmend", "studio", "--no-browser", *options]
     if any(character in word for word in command for character in '\n\r"'):
-        raise InputError("the service", wanted="options without quotes and line ends", came="one with them",
-                         todo="choose other names")  # fmt: skip
+        raise InputError("the service", wanted=say("options-without-quotes-line-ends"), came=say("them"),
+                         todo=say("choose-other-names"))  # fmt: skip
     if platform == "darwin":
         path = home / "Library/LaunchAgents" / f"{_LABEL}.plist"
         text = plistlib.dumps({"Label": _LABEL, "ProgramArguments": command, "RunAtLoad": True, "Nice": 5,

@@ -106,7 +106,9 @@ def print_first_layer(program: Program, twin: Twin) -> list[np.ndarray]:
     printed = printed + twin.misread_mm(wanted)
     drawn = extruding & (layer == layer[extruding & (layer >= 0)].min(initial=np.iinfo(layer.dtype).max))
     if not drawn.any():
-        raise GcodeError(program.name, wanted="a part that is printed", came="no extruding move", todo="check the file")
+        raise GcodeError(
+            program.name, wanted=say("part-printed"), came=say("no-extruding-move"), todo=say("check-file")
+        )
     cuts = np.flatnonzero(np.diff(np.concatenate([[False], drawn, [False]]).astype(int)))
     return [printed[first : last + 1] for first, last in zip(cuts[::2], cuts[1::2], strict=True)]
 
@@ -135,9 +137,9 @@ def print_dots(program: Program, twin: Twin, plan: ProbePlan) -> np.ndarray:
         rests, path = rests[: len(plan)], path[: len(plan)]
     if len(path) != len(plan) or np.abs(path - plan.marks_mm).max() > _MENDED_MM:
         raise InputError(
-            "the printed file", wanted=f"the probe of this plan, with {len(plan)} dots, or what `mend` made of it",
-            came=f"a file with {len(path)} dots, or others",
-            todo="print the G-code that was written together with the probe.json",
+            "the printed file", wanted=say("probe-plan-dots-what-mend-made", len(plan)),
+            came=say("file-dots-others", len(path)),
+            todo=say("terminal-print-g-code-was-written-together"),
         )  # fmt: skip
     commanded = np.concatenate([[twin.printer.home_mm], moves.end_mm[: rests[-1] + 1, :2]])
     known = np.append(True, moves.known[: rests[-1] + 1, :2].all(axis=1))

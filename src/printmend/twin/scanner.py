@@ -12,6 +12,7 @@ import numpy as np
 
 from printmend.errors import InputError
 from printmend.measure.plan import ProbePlan
+from printmend.messages import say
 from printmend.path import Trace
 from printmend.units import A4_MM, MM_PER_INCH
 
@@ -143,9 +144,9 @@ def scan_trace(
     if not same or np.abs(trace.commanded_mm - plan.waypoints_mm).max() > SAME_MM:
         raise InputError(
             "the printed file",
-            wanted=f"the probe of this plan, with {len(plan.waypoints_mm)} way-points",
-            came=f"a file with {len(trace)} other way-points",
-            todo="print the G-code that was written together with the probe.json",
+            wanted=say("probe-plan-way-points", len(plan.waypoints_mm)),
+            came=say("file-other-way-points", len(trace)),
+            todo=say("terminal-print-g-code-was-written-together"),
         )
     line = trace.measured_mm[plan.moving :] if plan.moving else None
     return render_scan(

@@ -25,6 +25,7 @@ from printmend.machine import (
     run_motors,
     run_screw,
 )
+from printmend.messages import say
 from printmend.printer import Printer
 from printmend.twin import kernels
 from printmend.twin.along import moved_mm
@@ -94,9 +95,9 @@ class Twin:
         if controls.ndim != 2 or controls.shape[1] not in (2, 3) or start.shape != controls.shape[1:]:
             raise InputError(
                 "controls",
-                wanted="controls [T, 2] and start [2], or controls [T, 3] and start [3]",
-                came=f"{controls.shape} and {start.shape}",
-                todo="reshape them",
+                wanted=say("controls-t-2-start-2-controls"),
+                came=say("and", controls.shape, start.shape),
+                todo=say("reshape-them"),
             )
         if isinstance(self.mechanism, GainMechanism):
             printed = self._run_gains(self.mechanism, controls, start)
@@ -196,8 +197,8 @@ class Twin:
         if isinstance(self.mechanism, GainMechanism):
             raise InputError(
                 "corruption 'gain-table'",
-                wanted="a conservative corruption for G-code",
-                came="the published lattice simulator",
-                todo="use `bench table1 --protocol paper` for gain tables",
+                wanted=say("conservative-corruption-g-code"),
+                came=say("published-lattice-simulator"),
+                todo=say("terminal-use-bench-table1-protocol-paper-gain"),
             )
         return self.mechanism
