@@ -201,7 +201,7 @@ def test_a_motor_that_rounding_moves_stands_still(rng: np.random.Generator) -> N
 
 
 def test_a_print_of_half_a_turn_promises_by_the_machines_that_it_allows(part: Path) -> None:
-    """Half of a polygon may be half of an oval, of a triangle or of neither. A whole turn tells, half of one does not."""
+    """Half of a polygon may be half of an oval, of a triangle or of neither. A whole turn tells."""
     for seed in range(3):
         rng, out = np.random.default_rng([61, seed]), part.with_name(f"out-{seed}.gcode")
         twin = Twin.of(Corruption((Drive(pulley=Polygon(tuple(rng.uniform(6.2, 7.4, 5)))), Drive())), ENDER3)
