@@ -11,7 +11,6 @@ from functools import partial
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
-from printmend.effects.effect import SCALE_MM
 from printmend.effects.homing import lasting
 from printmend.effects.pulley import shape_words
 from printmend.effects.sample import drawn_places
@@ -94,15 +93,12 @@ def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:
     return sorted(named, key=lambda fault: order.index(fault.part) if fault.part in order else len(order))
 
 
-def misfits_of(
-    parts: Sequence[Part], scene: Scene, nats: Sequence[float] = (), *, turned_rad: float = 0.0
-) -> list[Misfit]:
+def misfits_of(parts: Sequence[Part], scene: Scene, nats: Sequence[float] = ()) -> list[Misfit]:
     """Say what cannot act: of the print, of the measurement, or of the printer but held by no mechanism.
 
-    ``nats`` say how well the first of the parts are supported. ``turned_rad`` is by how much the measurement was turned
-    back before its effects were looked for.
+    ``nats`` say how well the first of the parts are supported.
     """
-    groups = _groups(parts, _with_turn(parts, turned_rad))
+    groups = _groups(parts)
     beside = [each.found for each in groups]
     evidence = {(part.effect, part.where): each for part, each in zip(parts, nats, strict=False)}
     places = drawn_places(scene)
@@ -155,9 +151,9 @@ def unseen(scene: Scene) -> list[Misfit]:
     return [Misfit(UNSEEN, NOTE, 0.0, 0.0, words)]
 
 
-def _groups(parts: Sequence[Part], more: Sequence[Part] = ()) -> list[_Group]:
+def _groups(parts: Sequence[Part]) -> list[_Group]:
     """Return the effects with their alternatives in shape put together; those that act first, as they come."""
-    left = sorted([*parts, *more], key=lambda part: (not part.acts_mm.any(), -part.chance))
+    left = sorted(parts, key=lambda part: (not part.acts_mm.any(), -part.chance))
     left = [part for part in left if part.draws_mm.any() and part.effect in EFFECTS]
     groups: list[_Group] = []
     while left:
@@ -186,14 +182,6 @@ def _is_alternative(first: Part, part: Part) -> bool:
 
 def _apart(first: Part, part: Part) -> float:
     return float(np.abs(np.subtract(part.shape, first.shape)).sum())
-
-
-def _with_turn(parts: Sequence[Part], turned_rad: float) -> list[Part]:
-    """Return the turn that was taken out beforehand as a part, where none is left to be told."""
-    if not turned_rad or any(part.effect == "turn" for part in parts):
-        return []
-    size = np.full((1, parts[0].draws_mm.shape[1] if parts else 1), SCALE_MM * np.tan(turned_rad))
-    return [Part("turn", 0, (), np.zeros(1), size)]
 
 
 def _is_told(found: Found) -> bool:

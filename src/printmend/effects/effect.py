@@ -271,12 +271,13 @@ def carrier(scene: Scene, where: int, moved_mm: np.ndarray) -> np.ndarray:
     return onto_bed(scene, where, moved_mm) if where < 2 else along(where - 2, moved_mm)
 
 
+TIMES_FINER = 4.0  # that a grid about a found shape is
 FINER = np.linspace(-1.0, 1.0, 9)  # places about a found shape, in spacings of its grid
 
 
 def about(value: float, spacing: float, round_: int) -> np.ndarray:
     """Return values about one that a grid of this spacing found; each round is four times as fine."""
-    return value + spacing * FINER[FINER != 0] / 4.0**round_
+    return value + spacing * FINER[FINER != 0] / TIMES_FINER**round_
 
 
 CYCLES = 0.25  # by which two neighbouring periods of a grid differ over the whole span

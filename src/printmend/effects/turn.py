@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from printmend.effects.effect import GONE, SCALE_MM, Acts, Of, Places, Scene, Term, Usual
+from printmend.effects.effect import FAR_MM, GONE, SCALE_MM, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told
@@ -27,7 +27,8 @@ class Turn(Usual):
     keys = Numbers(("angle_deg",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        yield from alternatives(self.name, 0, [()], (1.0,), share=None if scene.placed else ALWAYS)
+        share, sd_mm = (None, None) if scene.placed else (ALWAYS, FAR_MM)
+        yield from alternatives(self.name, 0, [()], (1.0,), share=share, sd_mm=sd_mm)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x, y = ((places.bed_mm - scene.middle_mm) / SCALE_MM).T

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Places, Scene, Term, columns_of, places_of
-from printmend.effects.effect import SCALE_MM
+from printmend.effects.effect import SCALE_MM, TIMES_FINER
 from printmend.effects.sized import Sized
 from printmend.infer.gram import Block, Dictionary, Gram, Rows, dictionary_of, extended, gram_of, narrowed, seen
 from printmend.infer.machine import machine_of
@@ -38,7 +38,8 @@ FINER_ROUNDS = 3  # in which a shape is looked for between its neighbours
 class Fit:
     """A search and where it ended, for the rows of one measurement; ``mechanism`` is the machine of its likeliest set.
 
-    ``turned_rad`` is by how much the measurement was turned back beforehand, about the middle of the bed.
+    ``turned_rad`` is by how much the measurement was turned back, about the middle of the bed: the rows have it as
+    a linear effect again.
     """
 
     scene: Scene
@@ -72,6 +73,7 @@ class Fit:
                 columns = columns_of(block.effect, some, block.where, block.shape, self.scene)
                 every[at : at + CHUNK_ROWS] += columns @ self.state.mean_mm[first : first + columns.shape[2]]
                 first += columns.shape[2]
+        every -= _turned_mm(self.places, self.turned_rad, self.scene)
         return turned(every, self.turned_rad, self.scene)
 
     def left_by_mark_mm(self, trace: Trace) -> np.ndarray:
@@ -98,6 +100,7 @@ def fitted(
     for _ in range(passes):
         trace = turned_back(whole, turned_rad, scene)
         contacts, places, rows = looked(trace, scene, mechanism, most, is_first=fit is None)
+        rows = _with_turn(rows, places, turned_rad, scene)
         if fit is not None and len(rows.mark) < MOST_LOST_SHARE * len(fit.rows.mark):
             break  # with that play hardly a belt would ever touch
         if fit is None:
@@ -115,12 +118,13 @@ def fitted(
             and float(np.abs(places.bed_mm - fit.places.bed_mm).max()) < SETTLED_MM
         )
         fit, mechanism = replace(newer, turned_rad=turned_rad), newer.mechanism
-        more_rad = float(np.arctan(sum(part.sizes_mm[0] for part in fit.parts() if part.effect == "turn") / SCALE_MM))
-        turned_rad += more_rad
-        if again and not more_rad:
+        turns_mm = [] if trace.wall_rows.any() else [p.sizes_mm[0] for p in fit.parts() if p.effect == "turn"]
+        found_rad = math.atan(sum(turns_mm) / SCALE_MM)
+        if again and abs(found_rad - turned_rad) * SCALE_MM < SETTLED_MM:
             break
+        turned_rad = found_rad
     assert fit is not None
-    return fit if quick else _on_all_marks(fit, trace)
+    return fit if quick else _on_all_marks(fit, turned_back(whole, fit.turned_rad, scene))
 
 
 def looked(
@@ -139,6 +143,18 @@ def turned_back(trace: Trace, by_rad: float, scene: Scene) -> Trace:
     if not by_rad or trace.wall_rows.any():
         return trace
     return replace(trace, measured_mm=turned(trace.measured_mm, -by_rad, scene))
+
+
+def _turned_mm(places: Places, by_rad: float, scene: Scene) -> np.ndarray:
+    """Return what a turn does to places [N, 2] as a linear effect."""
+    return np.asarray(SCALE_MM * math.tan(by_rad) * columns_of("turn", places, 0, (), scene)[:, :, 0])
+
+
+def _with_turn(rows: Rows, places: Places, by_rad: float, scene: Scene) -> Rows:
+    """Return rows of a trace that was turned back with the turn as a linear effect: sets without it are rivals."""
+    few, here = narrowed(places, rows)
+    more_mm = np.einsum("mc,mc->m", here.along, _turned_mm(few, by_rad, scene)[here.mark])
+    return replace(rows, error_mm=rows.error_mm + more_mm)
 
 
 def turned(places_mm: np.ndarray, by_rad: float, scene: Scene) -> np.ndarray:
@@ -172,6 +188,7 @@ def _middle_mm(off_mm: np.ndarray) -> np.ndarray:
 def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
     """Return a fit of the likeliest set, and of what may be beside it, to every mark of a long trace."""
     rows = rows_of(trace, fit.contacts, fit.places, fit.scene, most=len(trace))
+    rows = _with_turn(rows, fit.places, fit.turned_rad, fit.scene)
     if len(rows.mark) <= len(fit.rows.mark):
         return fit
     members = [b for b, _ in fit.state.members]
@@ -227,9 +244,12 @@ def _searched(
         dictionary, members = _as_before(dictionary, last, few, here, scene)
         sigma_mm = last.state.sigma_mm
     state: State | None = None
+    begun = [members] if last is None else []
     for _ in range(WEIGHINGS):
         search = Search(dictionary, gram_of(dictionary.columns, rows, weight))
-        state = searched(search, members, sigma_mm)
+        # From the beginning, too: what came in beside a shape that was too coarse need not come beside a finer one.
+        starts = dict.fromkeys([members, *begun])
+        state = max((searched(search, each, sigma_mm) for each in starts), key=lambda each: each.score)
         search, state = _finer(search, state, few, replace(here, share=rows.share), scene, weight)
         dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
         left_mm = left_of(rows, dictionary, state)
@@ -272,11 +292,14 @@ def with_shapes(
 def _finer(
     search: Search, state: State, places: Places, rows: Rows, scene: Scene, weight: np.ndarray
 ) -> tuple[Search, State]:
-    """Return the search and the set with the shapes of its members looked for between the neighbours of each."""
+    """Return the search and the set with the shapes of its members looked for between the neighbours of each.
+
+    A finer shape stands for that much less of what the first one stands for.
+    """
     for round_ in range(FINER_ROUNDS):
         dictionary = search.dictionary
         finer = [
-            (dictionary.blocks[b], shape)
+            (replace(dictionary.blocks[b], log_odds=dictionary.blocks[b].log_odds - math.log(TIMES_FINER)), shape)
             for b, _ in state.members
             for shape in EFFECTS[dictionary.blocks[b].effect].finer(dictionary.blocks[b].shape, round_)
         ]

@@ -136,7 +136,7 @@ def searched_model(
     told = (
         *told,
         *another_printers(left_mm, trace, fit.scene.printer),
-        *misfits_of(posterior.parts, fit.scene, posterior.nats, turned_rad=fit.turned_rad),
+        *misfits_of(posterior.parts, fit.scene, posterior.nats),
         *said_of_rows(posterior, trace, left_mm),
     )
     diagnosis = diagnose(posterior.parts, fit.scene, gaps_of(fit))
