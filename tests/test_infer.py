@@ -156,7 +156,7 @@ def test_sets_are_drawn_by_their_weight(rng: np.random.Generator) -> None:
 
 
 def test_dropping_a_member_is_as_if_it_had_not_been_there(rng: np.random.Generator) -> None:
-    """The gains beside a set whose member was taken out are those of the smaller set."""
+    """The gains beside a set whose member was taken out are those of the smaller set: by how much its score grows."""
     columns = rng.standard_normal((40, 9)) + 0.8 * rng.standard_normal((40, 1))
     widths, first, blocks = (2, 1, 3, 1, 2), 0, []
     for name, width in zip(("scale", "skew", "pulley", "play", "bend"), widths, strict=True):
@@ -166,12 +166,14 @@ def test_dropping_a_member_is_as_if_it_had_not_been_there(rng: np.random.Generat
     one = np.ones(40)
     rows = Rows(np.arange(40), np.ones((40, 2)), columns @ rng.standard_normal(9) + rng.standard_normal(40), one, one)
     search = Search(Dictionary(tuple(blocks), columns), gram_of(columns, rows, one))
-    members, offered = ((2, 1), (0, 0), (3, 0)), np.array([0, 1, 4])
+    members, offered = ((2, 1), (0, 0), (1, 0)), np.array([0, 3, 4])
     state = search.posterior(members, 1.0, rounds=0)
     gains = search.beside(state).without(slice(3, 5)).gains(offered)
-    fewer = search.gains(search.posterior((members[0], members[2]), 1.0, rounds=0), offered)
-    np.testing.assert_array_equal(gains.keys, fewer.keys)
-    np.testing.assert_allclose(gains.values, fewer.values, rtol=1e-9)
+    fewer = (members[0], members[2])
+    without = search.posterior(fewer, 1.0, rounds=0)
+    grown = [search.posterior((*fewer, (b, variant)), 1.0, rounds=0) for b, variant in gains.keys.tolist()]
+    assert sorted(gains.keys.tolist()) == [[b, variant] for b in offered for variant in range(2)]
+    np.testing.assert_allclose(gains.values, [each.score - without.score for each in grown], rtol=1e-9)
 
 
 def test_the_normal_tail_is_that_of_scipy() -> None:

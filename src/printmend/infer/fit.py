@@ -9,7 +9,17 @@ import numpy as np
 from printmend.effects import EFFECTS, Places, Scene, Term, columns_of, places_of
 from printmend.effects.effect import SCALE_MM, TIMES_FINER
 from printmend.effects.sized import Sized
-from printmend.infer.gram import Block, Dictionary, Gram, Rows, dictionary_of, extended, gram_of, narrowed, seen
+from printmend.infer.gram import (
+    Block,
+    Dictionary,
+    Gram,
+    Rows,
+    dictionary_of,
+    gram_of,
+    laid_side_by_side,
+    narrowed,
+    seen,
+)
 from printmend.infer.machine import machine_of
 from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
 from printmend.machine import Contacts, Mechanism, contacts_of
@@ -262,15 +272,13 @@ def _searched(
 def _as_before(dictionary: Dictionary, last: Fit, places: Places, rows: Rows, scene: Scene) -> tuple[Dictionary, Set]:
     """Return the dictionary with the finer shapes of the last pass, and the last set in it."""
     known = {(block.effect, block.where, block.shape): b for b, block in enumerate(dictionary.blocks)}
-    members = []
-    for b, variant in last.state.members:
-        block = last.dictionary.blocks[b]
-        key = (block.effect, block.where, block.shape)
-        if key not in known:
-            dictionary = with_shapes(dictionary, [(block, block.shape)], places, rows, scene)
-            known[key] = len(dictionary.blocks) - 1
-        members.append((known[key], variant))
-    return dictionary, tuple(members)
+    before = [last.dictionary.blocks[b] for b, _ in last.state.members]
+    missed = [block for block in before if (block.effect, block.where, block.shape) not in known]
+    for b, block in enumerate(missed, start=len(dictionary.blocks)):
+        known[block.effect, block.where, block.shape] = b
+    dictionary = with_shapes(dictionary, [(block, block.shape) for block in missed], places, rows, scene)
+    numbers = [known[block.effect, block.where, block.shape] for block in before]
+    return dictionary, tuple((b, variant) for b, (_, variant) in zip(numbers, last.state.members, strict=True))
 
 
 def with_shapes(
@@ -280,13 +288,9 @@ def with_shapes(
     if not more:
         return dictionary
     places, rows = narrowed(places, rows)
-    blocks, columns, first = list(dictionary.blocks), [dictionary.columns], dictionary.columns.shape[1]
-    for like, shape in more:
-        one = seen(like.effect, like.where, shape, places, rows, scene)
-        blocks.append(replace(like, shape=shape, at=slice(first, first + one.shape[1])))
-        columns.append(one)
-        first += one.shape[1]
-    return Dictionary(tuple(blocks), np.hstack(columns))
+    columns = [seen(like.effect, like.where, shape, places, rows, scene) for like, shape in more]
+    blocks = laid_side_by_side((*dictionary.blocks, *(replace(like, shape=shape) for like, shape in more)))
+    return Dictionary(blocks, np.hstack([dictionary.columns, *columns]))
 
 
 def _finer(
@@ -294,23 +298,35 @@ def _finer(
 ) -> tuple[Search, State]:
     """Return the search and the set with the shapes of its members looked for between the neighbours of each.
 
-    A finer shape stands for that much less of what the first one stands for.
+    They are looked for among themselves; then every block may take the place of another again. A finer shape stands for
+    that much less of what the first one stands for.
     """
+    members = [b for b, _ in state.members]
+    among, first = search.narrowed(members), len(state.columns)
+    start: Set = tuple((at, variant) for at, (_, variant) in enumerate(state.members))
+    own, sigma_mm = start, state.sigma_mm
     for round_ in range(FINER_ROUNDS):
-        dictionary = search.dictionary
+        blocks = among.dictionary.blocks
         finer = [
-            (replace(dictionary.blocks[b], log_odds=dictionary.blocks[b].log_odds - math.log(TIMES_FINER)), shape)
-            for b, _ in state.members
-            for shape in EFFECTS[dictionary.blocks[b].effect].finer(dictionary.blocks[b].shape, round_)
+            (replace(blocks[b], log_odds=blocks[b].log_odds - math.log(TIMES_FINER)), shape)
+            for b, _ in own
+            for shape in EFFECTS[blocks[b].effect].finer(blocks[b].shape, round_)
         ]
-        dictionary = with_shapes(dictionary, finer, places, rows, scene)
-        if dictionary is search.dictionary:
+        dictionary = with_shapes(among.dictionary, finer, places, rows, scene)
+        if dictionary is among.dictionary:
             break
-        old = search.dictionary.columns
-        new = dictionary.columns[:, old.shape[1] :]
-        search = Search(dictionary, extended(search.gram, old, new, rows, weight))
-        state = searched(search, state.members, state.sigma_mm)
-    return search, state
+        among = among.with_more(dictionary, rows, weight)
+        found = searched(among, own, sigma_mm)
+        own, sigma_mm = found.members, found.sigma_mm
+    blocks, columns = among.dictionary.blocks[len(members) :], among.dictionary.columns[:, first:]
+    if not blocks:
+        return search, state
+    whole = laid_side_by_side((*search.dictionary.blocks, *blocks))
+    search = search.with_more(Dictionary(whole, np.hstack([search.dictionary.columns, columns])), rows, weight)
+    if own == start:
+        return search, state
+    numbers = [*members, *range(len(whole) - len(blocks), len(whole))]
+    return search, searched(search, tuple((numbers[b], variant) for b, variant in own), sigma_mm)
 
 
 def sized(dictionary: Dictionary, members: Set, sizes_mm: np.ndarray) -> list[Sized]:

@@ -6,19 +6,19 @@ the set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (
 must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard deviation) times as large.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from printmend.effects import EFFECTS
-from printmend.infer.gram import Dictionary, Gram, laid_side_by_side
+from printmend.infer import kernels
+from printmend.infer.gram import Block, Dictionary, Gram, Rows, extended, laid_side_by_side
 from printmend.infer.normal import log_below
 
 LEAST_SIGMA_MM = 1e-3  # tables and G-code are written to this; less beside an open origin loses all digits of a double
 LEAST_BETTER = 1e-6  # of the score: what rounding leaves
-ROUNDING = 1e-12  # relative, of sums of products
 MOST_STEPS = 80  # of the search: more blocks than any printer's
 Set = tuple[tuple[int, int], ...]  # (block, alternative in size) of each member
 
@@ -54,7 +54,9 @@ class Gains:
         return Gains(self.keys[kept], self.values[kept])
 
     def best(self) -> tuple[tuple[int, int], float]:
-        """Return the key that adds most, and how much."""
+        """Return the key that adds most, and how much; none does where there is nothing to add."""
+        if not len(self.values):
+            return (-1, -1), -np.inf
         at = int(np.argmax(self.values))
         return (int(self.keys[at, 0]), int(self.keys[at, 1])), float(self.values[at])
 
@@ -69,9 +71,7 @@ class Search:
     def posterior(self, members: Set, sigma_mm: float, *, rounds: int = 3) -> State:
         """Return the posterior of a set, the noise found by ``rounds`` of expectation and maximisation."""
         blocks = self.dictionary.blocks
-        columns = np.concatenate(
-            [np.arange(blocks[b].at.start, blocks[b].at.stop) for b, _ in members] or [np.zeros(0)]
-        ).astype(int)
+        columns = _columns_of(blocks[b] for b, _ in members)
         sd = np.concatenate([blocks[b].sds_mm[v] for b, v in members] or [np.zeros(0)])
         odds = sum(float(blocks[b].log_odds[v]) for b, v in members)
         matrix, slope = self.gram.matrix[np.ix_(columns, columns)], self.gram.slope[columns]
@@ -112,11 +112,17 @@ class Search:
     def narrowed(self, numbers: Sequence[int]) -> "Search":
         """Return the search among some blocks alone, in this order."""
         blocks = self.dictionary.blocks
-        columns = np.concatenate([np.arange(blocks[b].at.start, blocks[b].at.stop) for b in numbers])
+        columns = _columns_of(blocks[b] for b in numbers)
         gram = replace(self.gram, matrix=self.gram.matrix[np.ix_(columns, columns)], slope=self.gram.slope[columns])
         return Search(
             Dictionary(laid_side_by_side(blocks[b] for b in numbers), self.dictionary.columns[:, columns]), gram
         )
+
+    def with_more(self, dictionary: Dictionary, rows: Rows, weight: np.ndarray) -> "Search":
+        """Return the search in a dictionary whose first columns are this one's, for the rows of these weights."""
+        first = len(self.gram.slope)
+        new = dictionary.columns[:, first:]
+        return Search(dictionary, extended(self.gram, dictionary.columns[:, :first], new, rows, weight))
 
     @cached_property
     def _groups(self) -> list["_Group"]:
@@ -143,13 +149,18 @@ class Search:
 
     def offered(self, members: Set) -> np.ndarray:
         """Return the blocks that a set may take in."""
-        blocks = self.dictionary.blocks
-        taken = {b for b, _ in members}
+        slot, most = self._slots
+        taken = [b for b, _ in members]
+        free = (np.bincount(slot[taken], minlength=len(most)) < most)[slot]
+        free[taken] = False
+        return np.flatnonzero(free)
+
+    @cached_property
+    def _slots(self) -> tuple[np.ndarray, np.ndarray]:
+        """The number of each block's slot, and how many blocks of each slot a set may have."""
         slots: dict[tuple[str, int], int] = {}
-        for b in taken:
-            slots[blocks[b].slot] = slots.get(blocks[b].slot, 0) + 1
-        full = {slot for slot, count in slots.items() if count >= EFFECTS[slot[0]].most}
-        return np.array([b for b, block in enumerate(blocks) if b not in taken and block.slot not in full], np.int64)
+        numbers = [slots.setdefault(block.slot, len(slots)) for block in self.dictionary.blocks]
+        return np.array(numbers, np.int64), np.array([EFFECTS[name].most for name, _ in slots])
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +179,10 @@ class Beside:
     def gains(self, offered: np.ndarray) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the score of the set that has none of them."""
         found: list[tuple[np.ndarray, np.ndarray]] = []
+        chosen = np.zeros(sum(len(group.blocks) for group in self.groups), bool)
+        chosen[offered] = True
         for group, information in zip(self.groups, self.information, strict=True):
-            mine = np.isin(group.blocks, offered, assume_unique=True)
+            mine = chosen[group.blocks]
             if not mine.any():
                 continue
             told, slope, sds = information[mine], self.slope[group.columns[mine]], group.sds_mm[mine]
@@ -193,10 +206,15 @@ class Beside:
         return replace(self, information=information, slope=self.slope + freed.T @ pull)
 
 
+def _columns_of(blocks: Iterable[Block]) -> np.ndarray:
+    """Return the numbers of all columns of some blocks."""
+    return np.concatenate([np.zeros(0, np.int64), *(np.arange(block.at.start, block.at.stop) for block in blocks)])
+
+
 def _products(half: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Return the sums of products [B, P, P] of the columns of each block."""
-    mine = half[:, columns]
-    return np.einsum("abq,abr->bqr", mine, mine, optimize=True)
+    mine = half.T[columns]
+    return mine @ np.swapaxes(mine, 1, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,20 +241,9 @@ def _gains(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.nda
         shrunk = sds[:, :, 0] ** 2
         spread = 1 + shrunk * np.maximum(information[:, :, 0], 0.0)
         return np.asarray(0.5 * shrunk * pull**2 / spread - 0.5 * np.log(spread))
-    # One factor tells both: bordered with the slope, its last row is L⁻¹ slope. The corner takes no part in that row;
-    # twice the slope's square is more than it explains, rounding included.
-    width = sds.shape[2]
-    bordered = np.zeros((*sds.shape[:2], width + 1, width + 1))
-    bordered[..., :width, :width] = information[:, None] * sds[:, :, :, None] * sds[:, :, None, :]
-    slope = sds * pull[:, None]
-    bordered[..., width, :width] = slope
-    np.einsum("bvpp->bvp", bordered)[...] *= 1 + ROUNDING
-    np.einsum("bvpp->bvp", bordered)[...] += 1.0
-    bordered[..., width, width] += 2 * np.square(slope).sum(axis=2)
-    factor = np.linalg.cholesky(bordered)
-    explained = np.square(factor[..., width, :width]).sum(axis=2)
-    log_det = 2 * np.log(np.einsum("bvpp->bvp", factor)[..., :width]).sum(axis=2)
-    return np.asarray(0.5 * explained - 0.5 * log_det)
+    out = np.empty(sds.shape[:2])
+    kernels.gains(information, pull, sds, out)
+    return out
 
 
 def searched(search: Search, start: Set, sigma_mm: float) -> State:
@@ -252,10 +259,7 @@ def searched(search: Search, start: Set, sigma_mm: float) -> State:
 
 
 def _grown(search: Search, state: State, beside: Beside) -> State | None:
-    gains = beside.gains(search.offered(state.members))
-    if not len(gains.values):
-        return None
-    best, gain = gains.best()
+    best, gain = beside.gains(search.offered(state.members)).best()
     if gain <= 0:
         return None
     more = search.posterior((*state.members, best), state.sigma_mm)
