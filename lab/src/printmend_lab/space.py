@@ -5,14 +5,20 @@ three axes is a planar model and a `ScrewDrive`, and each is learned by itself o
 is subtracted.
 """
 
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from printmend.effects import scene_of
+from printmend.effects.sized import Sized, pushed_mm, scene_of_printer
 from printmend.errors import TraceError
-from printmend.infer.screw import first_push_mm, fit_height, fit_push, screw_drive
+from printmend.infer.first import FEW, among
+from printmend.infer.fit import fitted
+from printmend.infer.screw import Height, fit_height
 from printmend.learn.registry import ORACLE, fit
-from printmend.machine import GainMechanism, Mechanism, PlayTables, run_motors
+from printmend.machine import GainMechanism, Mechanism, PlayTables, ScrewDrive, healthy_mechanism, run_motors, z_grid_mm
+from printmend.model.series import ScrewSeries
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import SpaceModel, WorldModel
@@ -41,19 +47,42 @@ def fit_space(
     if name == "naive":
         return SpaceModel(fit(name, trace, printer, rng=rng))
     height = fit_height(trace.z_mm, trace.z_measured_mm, printer)
-    taken_mm, push = first_push_mm(trace, printer), None
+    taken_mm, pushes = _pushed(trace, _pushes(trace, printer, FEW), printer), None
     for _ in range(_MOST_ROUNDS):
         planar = fit(name, _without_push(trace, taken_mm), printer, rng=rng)
         printed_mm = _planar_mm(planar, trace)
         if printed_mm is None:
             return SpaceModel(planar)
-        push = fit_push(trace.z_mm, trace.measured_mm - printed_mm, printer)
-        before_mm, taken_mm = taken_mm, push.at_mm(trace.z_mm)
+        left = replace(trace, measured_mm=trace.measured_mm - printed_mm + trace.commanded_mm)
+        pushes = _pushes(left, printer, ("wobble", "place"))
+        before_mm, taken_mm = taken_mm, _pushed(trace, pushes, printer)
         change_mm = taken_mm - before_mm
         if np.abs(change_mm - change_mm.mean(axis=0)).max() < _SETTLED_PUSH_MM:
             break
-    assert push is not None
-    return SpaceModel(planar, screw_drive(height, push, printer))
+    assert pushes is not None
+    return SpaceModel(planar, _screw(height, pushes, printer))
+
+
+def _pushes(trace: Trace, printer: Printer, effects: Collection[str]) -> list[Sized]:
+    """Return the screw's push as a trace shows it, beside some effects."""
+    scene = scene_of(replace(trace, homed=False), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    fit = fitted(trace, scene, healthy_mechanism(printer), kept=among(effects), quick=True)
+    return [part for part in fit.parts() if part.effect == "wobble"]
+
+
+def _pushed(trace: Trace, pushes: Sequence[Sized], printer: Printer) -> np.ndarray:
+    assert trace.z_mm is not None
+    return pushed_mm(scene_of_printer(printer), pushes, trace.z_mm)
+
+
+def _screw(height: Height, pushes: Sequence[Sized], printer: Printer) -> ScrewDrive:
+    """Return what was learned as tables; homing or the start of a layer decides where their origin lies."""
+    lifts = ScrewSeries(
+        printer.z.mm_per_turn, float(height.terms[0]), height.backlash_mm, height.terms[1:], np.zeros((4, 2))
+    )
+    grid, _, _ = z_grid_mm(printer)
+    wobble_mm = pushed_mm(scene_of_printer(printer), pushes, grid)
+    return replace(lifts.tables(printer), rest_share=height.rest_share, wobble_mm=wobble_mm)
 
 
 def _without_push(trace: Trace, push_mm: np.ndarray) -> Trace:

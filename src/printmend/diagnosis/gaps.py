@@ -1,9 +1,12 @@
 """What a trace could not tell of a motor, and which print would."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from printmend.diagnosis.screw import HEALTHY_SD_MM, too_low
+from printmend.effects.wobble import LEAST_TURNS, turns_of
 from printmend.infer.fit import Fit
 from printmend.messages import say
 
@@ -26,8 +29,8 @@ class Sight:
     backward: int
 
 
-def gaps_of(fit: Fit) -> tuple[str, ...]:
-    """Say what a trace could not tell, motor by motor, a sentence each."""
+def gaps_of(fit: Fit, *, heights: bool = False) -> tuple[str, ...]:
+    """Say what a trace could not tell, motor by motor, a sentence each; with ``heights`` that of Z, too."""
     printer, places = fit.scene.printer, fit.places.at(np.unique(fit.rows.mark))
     plays = {block.where for block in fit.blocks if block.effect in ("play", "breathing", "friction")}
     gaps = []
@@ -38,7 +41,24 @@ def gaps_of(fit: Fit) -> tuple[str, ...]:
     if not _crosses(one, two) and not _crosses(two, one):
         first, second = (name.upper() for name in printer.motors)
         gaps.append(say("moved-together-only-so-crooked-frame", first, second))
-    return tuple(gaps)
+    return (*gaps, *_wobble_gap(fit)) if heights and fit.scene.layers else tuple(gaps)
+
+
+def _wobble_gap(fit: Fit) -> Iterator[str]:
+    """Say how exactly the layers tell a push of Z once a turn, found or not, where that is not enough."""
+    if (turns := turns_of(fit.scene)) < LEAST_TURNS:
+        lead_mm = fit.scene.printer.z.mm_per_turn
+        yield too_low("wobble", turns * lead_mm, lead_mm)
+        return
+    blocks, state = fit.dictionary.blocks, fit.state
+    if not any(block.effect == "wobble" for block in fit.blocks):
+        tried = next(b for b, block in enumerate(blocks) if block.effect == "wobble")
+        state = fit.search.posterior((*state.members, (tried, 0)), state.sigma_mm, rounds=0)
+    sds_mm = np.sqrt(np.diag(state.covariance))
+    own = [sds_mm[at][::2] for (b, _), at in zip(state.members, fit.dictionary.own(state.members), strict=True)
+           if blocks[b].effect == "wobble"]  # fmt: skip
+    if (sd_mm := float(np.sqrt(np.mean(np.square(own))))) > HEALTHY_SD_MM:
+        yield say("z-told-mm-only-measure-more", say("z-wobble"), f"{sd_mm:.2f}")
 
 
 def sight(motor_mm: np.ndarray, side: np.ndarray, turn_mm: float) -> Sight:

@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from printmend.diagnosis.screw import Lift
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.homing import lasting
 from printmend.effects.pulley import shape_words
@@ -57,8 +58,9 @@ class _Group:
         return bool(both <= TOGETHER * fewer)
 
 
-def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = ()) -> Diagnosis:
-    """Return the faults that act in one sentence, motor by motor; ``gaps`` is what the trace could not tell."""
+def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = (), lift: Lift | None = None) -> Diagnosis:
+    """Return the faults that act in one sentence, motor by motor; ``gaps`` is what the trace could not tell, ``lift``
+    what is known of how Z lifts."""
     faults = faults_of(parts, scene)
     said = {name: [fault.words for fault in faults if fault.part == name] for name in (*scene.printer.motors, "frame")}
     motors = [
@@ -66,8 +68,12 @@ def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = ()) -> D
         for name in scene.printer.motors
     ]
     frame = [say("frame-has", together(", ", said["frame"]))] if said["frame"] else []
-    summary = together("; ", [*motors, *frame])
-    return Diagnosis(tuple(faults), summary, tuple(gaps))
+    lifts = lift or Lift()
+    of_z = [*lifts.words, *(fault.words for fault in faults if fault.part == "z" and fault.words)]
+    screw = [say("motor-has", "Z", together(", ", of_z))] if of_z else []
+    screw = screw or ([say("motor-healthy", "Z")] if "lead" in lifts.known else [])
+    summary = together("; ", [*motors, *frame, *screw])
+    return Diagnosis((*faults, *lifts.faults), summary, (*gaps, *lifts.gaps.values()))
 
 
 def kind_words(kind: str) -> str:

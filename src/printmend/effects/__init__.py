@@ -24,6 +24,7 @@ from printmend.effects.halves import Halves
 from printmend.effects.idler import Idler
 from printmend.effects.lag import Lag
 from printmend.effects.lag_wear import LagWear
+from printmend.effects.layer import Layer
 from printmend.effects.origin import Origin
 from printmend.effects.place import Place
 from printmend.effects.play import Play
@@ -49,6 +50,7 @@ from printmend.effects.uneven_play import UnevenPlay
 from printmend.effects.wander import Wander
 from printmend.effects.warmth import Warmth
 from printmend.effects.wear import Wear
+from printmend.effects.wobble import Wobble
 from printmend.errors import ConfigError
 from printmend.messages import say
 from printmend.plugins import EFFECTS as GROUP
@@ -57,7 +59,7 @@ from printmend.plugins import load_plugin, plugin_names
 _ALL: tuple[Effect, ...] = (
     Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Bump(), Rub(),
     Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Crooked(), Distortion(), Racking(), Tilt(), Lag(), LagWear(),
-    Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Skip(), Warmth(), Wear(), Wander(),
+    Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Skip(), Warmth(), Wear(), Wander(), Wobble(), Layer(),
     Origin(), Shift(), Turn(), Stretch(), Carriage(), CarriageWave(), Halves(), Bead(), Shrinkage(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")

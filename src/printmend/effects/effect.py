@@ -18,6 +18,7 @@ from printmend.printer import Printer
 LONG_MOVE_MM = 50.0  # moves of a part, and those to the end stops, count as long
 ALWAYS = 1e3  # logarithm of the odds of an effect that no print or measurement is without
 SCALE_MM = 100.0  # slopes are in mm per this distance, as in the model file
+FEW_LAYERS, MOST_LAYERS = 3, 48  # heights; fewer say nothing of the screw, of more neighbours share a size
 FAR_MM = 30.0  # how far off a place may be that nothing ties to the end stops
 
 
@@ -36,6 +37,7 @@ class Acts(Enum):
     DRIVE = "drive"  # the two tables of a motor: it depends on the motor's place and side alone
     FRAME = "frame"  # the polynomials of the frame: it depends on the place on the bed alone
     WAVE = "wave"  # a wave of the frame
+    SCREW = "screw"  # the push of the Z screw: it depends on the height alone
     NOT = "not"  # nothing: it is promised, and told
 
 
@@ -62,6 +64,7 @@ class Scene:
     lowest and highest measured position of each motor and bed axis; ``way_mm`` is the length of the print. ``homed``:
     it began at the end stops, where the machine has no error; ``home_sd_mm`` is how far each belt may rest from there.
     ``homed_again_mm`` are shifts that were seen between two homings, each with its standard deviation, along one axis.
+    ``layers`` are the lowest and the highest layer [mm] and how many were measured, empty for fewer than `FEW_LAYERS`.
     ``shrinkage_sd`` is what is not known of how much the measured part shrank, a share; None where nothing can have.
     """
 
@@ -77,6 +80,7 @@ class Scene:
     walls: bool = False
     homed_again_mm: tuple[tuple[float, float], ...] = ()
     shrinkage_sd: float | None = None
+    layers: tuple[float, ...] = ()
 
     @property
     def corexy(self) -> bool:
@@ -100,7 +104,7 @@ class Places:
     −1 pushed forwards, +1 pulled back, 0 not known. ``bed_mm`` [N, 2] is the place on the bed that the belts give,
     ``ways`` [N, 2] the direction in which each bed axis last moved, ``turned`` [N, 2] that of each motor. ``done`` [N]
     is the length printed so far over that of the measured print; ``move_mm`` [N] the length of the last move.
-    ``normal`` [N, 2] points out of a wall's plastic, 0 for other marks.
+    ``normal`` [N, 2] points out of a wall's plastic, 0 for other marks; ``z_mm`` [N] is the height, None for home's.
     """
 
     motor_mm: np.ndarray
@@ -111,13 +115,18 @@ class Places:
     done: np.ndarray
     move_mm: np.ndarray
     normal: np.ndarray
+    z_mm: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.motor_mm)
 
     def at(self, rows: np.ndarray) -> "Places":
         """Return some of the places."""
-        return replace(self, **{name: value[rows] for name, value in vars(self).items()})
+        return replace(self, **{name: value[rows] for name, value in vars(self).items() if value is not None})
+
+    def heights_mm(self, scene: Scene) -> np.ndarray:
+        """Return the height of each place [N]."""
+        return np.full(len(self), scene.printer.z.home_mm) if self.z_mm is None else self.z_mm
 
 
 @dataclass(frozen=True)
@@ -246,6 +255,7 @@ def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndar
         done=np.cumsum(step) / max(scene.way_mm, 1e-9),
         move_mm=step,
         normal=np.zeros((len(step), 2)) if trace.normal is None else np.nan_to_num(trace.normal),
+        z_mm=None if trace.z_mm is None else np.nan_to_num(trace.z_mm, nan=scene.printer.z.home_mm),
     )
 
 
@@ -263,7 +273,15 @@ def scene_of(trace: Trace, printer: Printer, turns_mm: tuple[float, float]) -> S
     return Scene(
         printer, turns_mm, spans(motor), spans(bed), way, trace.placed, trace.homed,
         instrument=trace.instrument_doubt, walls=bool(trace.wall_rows.any()), shrinkage_sd=trace.shrinkage_sd,
+        layers=() if trace.z_mm is None else layers_of(trace.z_mm[known]),
     )  # fmt: skip
+
+
+def layers_of(z_mm: np.ndarray) -> tuple[float, ...]:
+    """Return the lowest and the highest of the heights [N] of marks, and how many there are."""
+    heights = np.unique(np.round(z_mm[np.isfinite(z_mm)], 3))
+    few = len(heights) < FEW_LAYERS
+    return () if few else (float(heights[0]), float(heights[-1]), float(min(len(heights), MOST_LAYERS)))
 
 
 def carrier(scene: Scene, where: int, moved_mm: np.ndarray) -> np.ndarray:

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
+from printmend.effects.effect import MOST_LAYERS
 from printmend.errors import ConfigError
-from printmend.machine import Frame, Mechanism, Transmission
+from printmend.machine import Frame, Mechanism, ScrewDrive, Transmission, z_grid_mm
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
 from printmend.messages import say
 from printmend.path import FLATBED
@@ -51,7 +52,7 @@ def scene_of_printer(printer: Printer, way_mm: float = 1.0) -> Scene:
     turns = (printer.axes[0].mm_per_turn, printer.axes[1].mm_per_turn)
     return Scene(
         printer, turns, (spans[0], spans[1]), (bed[0], bed[1]), way_mm, homed=True, instrument=FLATBED, walls=True,
-        shrinkage_sd=SHRINKS_SD,
+        shrinkage_sd=SHRINKS_SD, layers=(printer.z.min_mm, printer.z.max_mm, MOST_LAYERS),
     )  # fmt: skip
 
 
@@ -123,7 +124,27 @@ def with_effects(mechanism: Mechanism, parts: Sequence[Sized]) -> Mechanism:
     """
     held = [part for part in parts if part.is_held]
     a, b = (_beside(table, mechanism.printer, motor, held) for motor, table in enumerate(mechanism.transmissions))
-    return replace(mechanism, transmissions=(a, b), frame=_framed(mechanism.frame, mechanism.printer, held))
+    frame, screw = _framed(mechanism.frame, mechanism.printer, held), _pushing(mechanism, held)
+    return replace(mechanism, transmissions=(a, b), frame=frame, screw=screw)
+
+
+def _pushing(mechanism: Mechanism, parts: list[Sized]) -> ScrewDrive | None:
+    """Return the Z screw with the effects that push the layers aside."""
+    mine = [part for part in parts if EFFECTS[part.effect].acts is Acts.SCREW]
+    if not mine:
+        return mechanism.screw
+    grid, first_mm, pitch_mm = z_grid_mm(mechanism.printer)
+    screw = mechanism.screw or ScrewDrive(Transmission(first_mm, pitch_mm, grid, grid), np.zeros((len(grid), 2)))
+    return replace(screw, wobble_mm=screw.wobble_mm + pushed_mm(scene_of_printer(mechanism.printer), mine, grid))
+
+
+def pushed_mm(scene: Scene, parts: Sequence[Sized], z_mm: np.ndarray) -> np.ndarray:
+    """Return how far effects of the Z screw push the nozzle [N, 2] at heights [N]."""
+    none = np.zeros((len(z_mm), 2))
+    places = Places(none, none, none, none, none, none[:, 0], none[:, 0], none, z_mm)
+    return none + sum(
+        EFFECTS[each.effect].columns(places, each.where, each.shape, scene) @ each.sizes_mm for each in parts
+    )
 
 
 def _beside(table: Transmission, printer: Printer, motor: int, parts: list[Sized]) -> Transmission:

@@ -23,9 +23,11 @@ from printmend.machine import healthy_mechanism
 from printmend.path import Trace
 
 # Effects that do not turn, and those that decide where a belt touches.
-STILL = ("place", "scale", "bend", "play", "friction", "skew", "aspect", "skip", "origin", "shift", "turn", "stretch")
+STILL = (
+    "place", "scale", "bend", "play", "friction", "skew", "aspect", "wobble", "skip", "origin", "shift", "turn",
+    "stretch",
+)  # fmt: skip
 FEW = (*STILL, "pulley", "breathing", "elastic", "idler", "bent")
-LASTING = tuple(name for name in FEW if name != "skip")  # where all that comes and goes is somebody else's
 REPEATING = ("pulley", "breathing", "elastic", "idler")  # effects whose place a turn of another length takes
 TEETH = range(8, 43)  # of a pulley: no printer has others
 TOOTH_STEPS, LOST_STEPS = 10, 4  # full steps of a tooth that is skipped and of a turn that a motor loses

@@ -1,7 +1,6 @@
-"""Learn a Z screw from measured heights and from how it pushes the layers about (physics.md eq. 15).
+"""Learn how a Z screw lifts from measured heights (physics.md eq. 15).
 
     z = z0 + (1 + ε) m + Σ_k (a_k sin kθ + b_k cos kθ) ± backlash/2        θ = 2πm/lead
-    push = Σ_k (p_k sin kθ + q_k cos kθ)                                    in x and in y
 
 This is linear once it is known which flank of the thread carries the nut, and where it last moved it (physics.md
 eq. 17): so the fit follows the play with the current estimate, solves by ridge least squares, and repeats.
@@ -13,11 +12,9 @@ from itertools import product
 import numpy as np
 
 from printmend.errors import TraceError
-from printmend.machine import ScrewDrive
 from printmend.machine.kernels import run
 from printmend.messages import say
-from printmend.model.series import HARMONICS, ScrewSeries, waves_of
-from printmend.path import Trace, last_way
+from printmend.model.series import HARMONICS, waves_of
 from printmend.printer import Printer
 
 # Prior standard deviations: of the lead's relative error, of a harmonic's amplitude and of the backlash, mm.
@@ -35,8 +32,6 @@ _MOST_SQUARE = 9.0  # most that one height may cost in it [σ²]: an outlier say
 _LEAST_REST_SIGMA_MM = 5e-3  # smallest noise that it assumes
 # Widths of the play that are tried, as shares of what was met.
 _WIDER_SHARES = np.linspace(1.02, 3.0, 100)
-# Harmonics of the belts' pulleys that the first look at the push allows for.
-_PULLEY_HARMONICS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,18 +47,6 @@ class Height:
     sds: np.ndarray
     backlash_sd_mm: float
     rest_share: float = 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class Push:
-    """How the screw pushes the nozzle aside: ``terms`` [2·HARMONICS, 2] are (p_1, q_1, p_2, …) for x and y."""
-
-    terms: np.ndarray
-    lead_mm: float
-
-    def at_mm(self, motor_mm: np.ndarray) -> np.ndarray:
-        """Return the push [N, 2] mm at commanded heights [N] mm."""
-        return waves_of(motor_mm, self.lead_mm, HARMONICS) @ self.terms
 
 
 def fit_height(
@@ -168,48 +151,6 @@ def _rested(height: Height, centre_mm: np.ndarray, measured_mm: np.ndarray, *, m
     if aside + _OTHER_REST_PRICE < centred:
         return replace(height, rest_share=share)
     return replace(height, backlash_mm=backlash_mm)
-
-
-def fit_push(commanded_mm: np.ndarray, residual_mm: np.ndarray, printer: Printer) -> Push:
-    """Learn the push from what a planar model leaves over [N, 2] at commanded heights [N], NaN where unmeasured."""
-    waves = waves_of(commanded_mm, printer.z.mm_per_turn, HARMONICS)
-    return Push(_push_terms(waves, np.ones((len(waves), 1)), residual_mm), printer.z.mm_per_turn)
-
-
-def first_push_mm(trace: Trace, printer: Printer) -> np.ndarray:
-    """Return a first guess of the push [N, 2] mm, before there is a planar model.
-
-    It is what follows the height, beside a line and a few harmonics of each pulley and the direction of motion.
-    """
-    assert trace.z_mm is not None
-    nuisance = [np.ones((len(trace), 1)), trace.commanded_mm / 100.0]
-    for axis, column in zip((printer.x, printer.y), printer.to_motor(trace.commanded_mm).T, strict=True):
-        nuisance.append(waves_of(column, axis.mm_per_turn, _PULLEY_HARMONICS))
-        nuisance.append(last_way(column)[:, None])
-    waves = waves_of(trace.z_mm, printer.z.mm_per_turn, HARMONICS)
-    residual = trace.measured_mm - trace.commanded_mm
-    return waves @ _push_terms(waves, np.column_stack(nuisance), residual)
-
-
-def screw_drive(height: Height, push: Push, printer: Printer) -> ScrewDrive:
-    """Return what was learned as tables; homing or the start of a layer decides where their origin lies."""
-    series = ScrewSeries(push.lead_mm, float(height.terms[0]), height.backlash_mm, height.terms[1:], push.terms)
-    return replace(series.tables(printer), rest_share=height.rest_share)
-
-
-def _push_terms(waves: np.ndarray, nuisance: np.ndarray, residual_mm: np.ndarray) -> np.ndarray:
-    """Return the terms [2·HARMONICS, 2] of the waves in a residual, fitted beside the ``nuisance`` columns."""
-    seen = np.isfinite(residual_mm).all(axis=1)
-    design = np.column_stack([waves, nuisance])[seen]
-    prior = np.full(waves.shape[1], _AMPLITUDE_SD_MM)
-    terms = []
-    for column in residual_mm[seen].T:
-        sigma_mm = 0.1
-        for _ in range(2):
-            solved, _ = _ridge(design, column, prior, sigma_mm)
-            sigma_mm = max(float(np.std(column - design @ solved)), _LEAST_SIGMA_MM)
-        terms.append(solved[: waves.shape[1]])
-    return np.column_stack(terms)
 
 
 def _ridge(design: np.ndarray, wanted: np.ndarray, prior: np.ndarray, sigma_mm: float) -> tuple[np.ndarray, np.ndarray]:

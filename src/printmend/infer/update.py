@@ -364,5 +364,6 @@ def both_seen(old: Scene, new: Scene) -> Scene:
         return first, second
 
     return replace(
-        new, motor_span_mm=spans("motor_span_mm"), bed_span_mm=spans("bed_span_mm"), homed_again_mm=old.homed_again_mm
-    )
+        new, motor_span_mm=spans("motor_span_mm"), bed_span_mm=spans("bed_span_mm"), homed_again_mm=old.homed_again_mm,
+        layers=new.layers or old.layers,
+    )  # fmt: skip

@@ -1,5 +1,7 @@
 """Can a trace teach anything? Enough measured places, possible ones, and such as follow the motors' commands."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from printmend.errors import TraceError
@@ -13,6 +15,7 @@ MOST_COMPARED = 4000  # rows of which ranks are compared; more take time and say
 LEAST_MOVE_MM = 20.0  # a motor that moved less proves nothing: play may hide the move (2 mm at worst)
 # Measured millimetres for each commanded one: the worst pulleys known have 0.39 and 1.41 (physics.md eq. 5).
 POSSIBLE_GAINS = (0.2, 5.0)
+_BEYOND_MM = 20.0  # a height that lies farther beyond the axis' ends is a mistake
 _SAME_DIGITS = 6  # of millimetres: places that differ by less are the same
 LEAST_RANK_CORRELATION = 0.5  # Spearman's, of commanded and measured positions
 
@@ -58,6 +61,25 @@ def check_follows(trace: Trace, printer: Printer) -> None:
                 say("trace"), wanted=say("measured-positions-follow-commands-along", name.upper()), came=came,
                 todo=say("check-each-row-own-point-millimetres"),
             )  # fmt: skip
+
+
+def with_heights(trace: Trace, printer: Printer) -> Trace:
+    """Return a trace whose empty commanded heights are the last before; without any it has none.
+
+    Raises `TraceError` for heights that are none of this printer.
+    """
+    if trace.z_mm is None or not np.isfinite(trace.z_mm).any():
+        return replace(trace, z_mm=None)
+    low, high = printer.z.min_mm - _BEYOND_MM, printer.z.max_mm + _BEYOND_MM
+    for name, values in (("z_mm", trace.z_mm), ("z_measured_mm", trace.z_measured_mm)):
+        if values is not None and (off := (values < low) | (values > high)).any():
+            raise TraceError(
+                say("trace"), wanted=say("column-from-to-mm", name, f"{low:g}", f"{high:g}"),
+                came=f"{values[off][0]:g}", todo=say("check-unit-printer"),
+            )  # fmt: skip
+    known = np.isfinite(trace.z_mm)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
+    return replace(trace, z_mm=np.where(last >= 0, trace.z_mm[np.maximum(last, 0)], printer.z.home_mm))
 
 
 def _ranks(places_mm: np.ndarray) -> np.ndarray:

@@ -13,10 +13,10 @@ from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.gaps import gaps_of
 from printmend.diagnosis.named import Diagnosis, diagnose, misfits_of
-from printmend.diagnosis.screw import ScrewFound, find_screw
+from printmend.diagnosis.screw import Z_SAID, Lift, find_lift
 from printmend.effects import EFFECTS, Scene, scene_of
 from printmend.errors import ConfigError
-from printmend.infer.first import LASTING, among, begun
+from printmend.infer.first import begun
 from printmend.infer.fit import Fit, fitted
 from printmend.infer.machine import machine_of
 from printmend.infer.part import DRAWS, Part
@@ -24,11 +24,12 @@ from printmend.infer.posterior import posterior_of
 from printmend.learn import learner
 from printmend.learn.walls import with_walls
 from printmend.machine import Mechanism, healthy_mechanism
-from printmend.measure.follows import check_follows, check_trace
+from printmend.measure.follows import check_follows, check_trace, with_heights
 from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
 from printmend.messages import say, together
-from printmend.model import Branches, SavedModel, ScrewSeries, saved_model, with_screw
+from printmend.model import Branches, SavedModel, saved_model, with_screw
+from printmend.model.series import HARMONICS
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import belief_section
@@ -48,7 +49,6 @@ WIDE_SHARE, LINE_SHARE, MOST_STRETCH = 0.3, 0.5, 0.5
 PLANE_FACTOR = 2**0.5  # RMS distance on the bed over the standard deviation of one coordinate
 DOUBTED_SCATTER = 2.0  # factor by which points may scatter more than their instrument says before that is told
 DIGESTS = "measurements"  # the document's key of what tells the measurements that it was learned from
-Z_SAID = "z"  # the document's key of what was said of Z, kind by kind
 _TOWER_TODO = say("tower-two-turns-screw-measured-several")
 _PROBE_TODO = say("printmend-probe-writes-print-shows-all")
 
@@ -56,7 +56,7 @@ _PROBE_TODO = say("printmend-probe-writes-print-shows-all")
 @dataclass(frozen=True, eq=False)
 class Learned:
     """A saved model and the search that it was made of (None where there was none), for the trace that it was fitted
-    to: in order, free of Z, its motors where they really went."""
+    to: in order, its motors where they really went."""
 
     saved: SavedModel
     trace: Trace
@@ -89,38 +89,23 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     trace, copies = counted_once(trace)
     ordered = in_order(near_bed(with_walls(trace, printer), printer), printer)
     told = (*passed_over(trace, copies), *ordered.found, *another_home(ordered.trace, printer))
-    trace = ordered.trace
+    trace = with_heights(ordered.trace, printer)
     check_trace(trace)
     check_follows(trace, printer)
     if model not in _BY_SEARCH:
         return _learned_without_parts(trace, printer, model, told, rng)
-    screw = find_screw(trace, printer, lambda clean: left_roughly_mm(clean, printer))
-    flat = trace if screw is None else screw.trace
-    first, turned = begun(flat, scene_of(flat, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn)))
-    told = (*told, *skipped(flat, turned, printer))
+    lift = find_lift(trace, printer)
+    first, turned = begun(trace, scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn)))
+    told = (*told, *skipped(trace, turned, printer))
     fit = fitted(turned, first.scene, first.mechanism)
-    saved = searched_model(fit, turned, told, {DIGESTS: list(digests)}, rng)
-    if screw is not None and not screw.is_silent:
-        saved = with_screw_found(saved, screw, screw.series, trace)
-    return Learned(saved, turned, fit)
-
-
-def left_roughly_mm(trace: Trace, printer: Printer) -> np.ndarray:
-    """Return what a rough machine leaves of the measured points [N, 2] on the bed, NaN where nothing was measured.
-
-    What comes and goes from layer to layer is left, for Z.
-    """
-    scene = scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
-    left_mm = fitted(trace, scene, healthy_mechanism(printer), kept=among(LASTING), quick=True).left_by_mark_mm(trace)
-    if trace.homed:  # there the machine has no error, whatever its play
-        left_mm[0] = (trace.measured_mm - trace.commanded_mm)[0]
-    return left_mm
+    return Learned(searched_model(fit, turned, told, {DIGESTS: list(digests)}, rng, lift), turned, fit)
 
 
 def searched_model(
-    fit: Fit, trace: Trace, told: Sequence[Misfit], more: Mapping[str, Any], rng: np.random.Generator
-) -> SavedModel:
-    """Return the model of the effects that a search found."""
+    fit: Fit, trace: Trace, told: Sequence[Misfit], more: Mapping[str, Any], rng: np.random.Generator,
+    lift: Lift | None = None,
+) -> SavedModel:  # fmt: skip
+    """Return the model of the effects that a search found, and of how Z lifts."""
     posterior = posterior_of(fit, rng)
     acting = [part.acting() for part in posterior.parts if part.acts_mm.any()]
     mechanism, branches = machine_of(fit.scene, acting)
@@ -139,11 +124,32 @@ def searched_model(
         *misfits_of(posterior.parts, fit.scene, posterior.nats),
         *said_of_rows(posterior, trace, left_mm),
     )
-    diagnosis = diagnose(posterior.parts, fit.scene, gaps_of(fit))
-    return _saved(
+    push_mm = push_of(posterior.parts)
+    if lift is None and push_mm.any():
+        lift = Lift(gaps={"lead": say("z-lead-backlash-no-heights-were")})
+    diagnosis = diagnose(posterior.parts, fit.scene, gaps_of(fit, heights=lift is not None), lift)
+    more = {**more, **({} if lift is None else {Z_SAID: lift.said})}
+    saved = _saved(
         trace, mechanism, branches, diagnosis, promise, told, more, noise_mm, PLANE_FACTOR * noise_mm,
         lost_rows(left_mm),
     )  # fmt: skip
+    return with_z(saved, lift or Lift(), push_mm)
+
+
+def with_z(model: SavedModel, lift: Lift, push_mm: np.ndarray) -> SavedModel:
+    """Return a model with how its screw lifts, and with its push [2·HARMONICS, 2] as a series has it."""
+    series = lift.with_push(model.printer.z.mm_per_turn, push_mm)
+    return model if series is None else with_screw(model, series, findings=model.findings, details={})
+
+
+def push_of(parts: Sequence[Part]) -> np.ndarray:
+    """Return the push of the Z screw that acts [2·HARMONICS, 2], as a series has it: sine and cosine of each wave."""
+    terms = np.zeros((2 * HARMONICS, 2))
+    for part in parts:
+        if part.effect == "wobble":
+            cos, sin = part.acts_mm.reshape(2, -1)
+            terms[:, part.where] += np.stack([sin, cos], axis=1).ravel()
+    return terms
 
 
 def _saved(
@@ -275,19 +281,6 @@ def _trace_section(trace: Trace, left_mm: float, lost: np.ndarray | None = None)
         "residual_after_mm": round(left_mm, 6),
         **({} if scatter_mm is None else {"instrument_mm": round(scatter_mm, 6)}),
     }
-
-
-def with_screw_found(model: SavedModel, found: ScrewFound, series: ScrewSeries | None, trace: Trace) -> SavedModel:
-    """Add to a planar model what was found of Z; ``trace`` is the one with the push in it."""
-    summary, *gaps = model.findings
-    faults = [*model.document.get("diagnosis", []), *found.faults]
-    details: dict[str, Any] = {"diagnosis": faults, Z_SAID: dict(found.said)}
-    if "trace" in model.document:
-        off = (trace.measured_mm - trace.commanded_mm)[trace.measured_rows]
-        before_mm = float(np.sqrt(np.mean(np.square(off).sum(axis=1))))
-        details["trace"] = {**model.document["trace"], "residual_before_mm": round(before_mm, 6)}
-    findings = (together("; ", filter(None, (summary, found.sentence))), *gaps, *found.gaps.values())
-    return with_screw(model, series, findings=findings, details=details)
 
 
 def known_digests(model: SavedModel) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ The drawn machines of the old model, widened by what wears, are the prior; a sea
 (`infer.update`). Where another machine explains the print better, the model is learned anew.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.named import diagnose, faults_of, misfits_of
+from printmend.diagnosis.screw import Z_SAID, Lift, find_lift, lift_of, renewed_lift
 from printmend.effects import Scene, scene_of
 from printmend.effects.pulley import HARMONICS
 from printmend.effects.words import NAMED_SIGMAS, Fault
@@ -20,6 +21,7 @@ from printmend.infer.machine import machine_of
 from printmend.infer.part import DRAWS, Part
 from printmend.infer.update import Renewed, both_seen, renewed
 from printmend.learn.walls import with_walls
+from printmend.measure.follows import with_heights
 from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
 from printmend.mend.history import Ageing
@@ -31,8 +33,9 @@ from printmend.mend.learned import (
     known_digests,
     learn,
     near_bed,
+    push_of,
+    with_z,
 )  # fmt: skip
-from printmend.mend.screw_update import screw_changes, seen_screw, with_seen_screw
 from printmend.messages import say, together
 from printmend.model import SavedModel, saved_model, screw_of, with_screw
 from printmend.path import Trace
@@ -111,17 +114,12 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
     with threadpool_limits(1, user_api="blas"):
         once, copies = counted_once(trace)
         ordered = in_order(near_bed(with_walls(once, old.printer), old.printer), old.printer)
-        screw = seen_screw(old, ordered.trace)
-        found = measured_again(old, belief, screw.trace, rng, ageing=ageing)
+        flat = with_heights(ordered.trace, old.printer)
+        found = measured_again(old, belief, flat, rng, ageing=ageing)
         if found.story.whole:
             return _anew(old, trace, rng)
         said = (*passed_over(once, copies), *ordered.found)
-        updated = _updated(old, belief, found, screw.trace, said, digest)
-        if screw.said or screw.gaps or old.mechanism.screw is not None:
-            changes = tuple(Change("Z", words=_z_changed(one), **one) for one in screw_changes(old, screw))
-            model = with_seen_screw(old, updated.model, screw, ordered.trace)
-            updated = replace(updated, model=model, changes=(*updated.changes, *changes))
-        return updated
+        return _updated(old, belief, found, flat, said, digest)
 
 
 def believed(old: SavedModel) -> Belief:
@@ -175,8 +173,10 @@ def _updated(
     scatter_mm = belief.scatter_mm if own_mm is None else float(np.sqrt(max(noise_mm**2 - own_mm**2, 0.0)))
     names = tuple(old.printer.motors[motor].upper() for motor in found.story.anew)
     gaps = [gap for gap in old.findings[1:] if not gap.startswith(("Z ", *(f"{name} " for name in names)))]
-    diagnosis = diagnose(parts, scene, gaps)
-    changes = changes_of(found)
+    before, seen = lift_of(old), find_lift(trace, old.printer)
+    lift = renewed_lift(before, seen or Lift())
+    diagnosis = diagnose(parts, scene, gaps, lift)
+    changes = [*changes_of(found), *_lift_changes(before, lift)]
     plain = [
         {"part": c.part, "kind": c.kind, "before": round(c.before, 6), "now": round(c.now, 6), "sd": round(c.sd, 6),
          "unit": c.unit}
@@ -204,13 +204,28 @@ def _updated(
         },
         "misfit": misfit_section((*said, *misfits_of(parts, scene))),
         DIGESTS: [*known_digests(old), digest],
+        **({Z_SAID: lift.said} if lift.known else {}),
         "update": {"from": old.digest, "changes": plain, "anew": list(names)},
     }
     model = saved_model(
         mechanism, learner=old.learner, branches=branches, noise_mm=noise_mm,
         findings=(diagnosis.summary, *diagnosis.gaps), details=details,
     )  # fmt: skip
-    return Updated(model, tuple(changes), names)
+    pushes = [part for part in (*belief.parts, *parts) if part.effect == "wobble"]
+    known = screw_of(old)  # older models have a push, and no drawn machines of it
+    push_mm = push_of(parts) if pushes or known is None else known.push_mm
+    return Updated(with_z(model, lift, push_mm), tuple(changes), names)
+
+
+def _lift_changes(before: Lift, now: Lift) -> Iterator[Change]:
+    """Yield what surely changed of how Z lifts."""
+    was, new = ({fault.kind: fault for fault in each.faults} for each in (before, now))
+    for kind in sorted(was.keys() | new.keys()):
+        none = replace((was | new)[kind], value=0.0, sd=0.0)
+        old, found = was.get(kind, none), new.get(kind, none)
+        sd = float(np.hypot(old.sd, found.sd))
+        if abs(found.value - old.value) > NAMED_SIGMAS * sd:
+            yield Change("Z", kind, old.value, found.value, sd, found.unit, _z_changed(old, found))
 
 
 def changes_of(found: Renewed) -> list[Change]:
@@ -243,6 +258,8 @@ def _named(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]:
 
 
 def _change(was: Fault, new: Fault, sd: float) -> Change:
+    if new.part == "z":
+        return Change("Z", new.kind, was.value, new.value, sd, new.unit, _z_changed(was, new))
     grew = abs(new.value) > abs(was.value)
     digits, space = 2 if abs(new.value - was.value) >= PLAIN_CHANGE else 3, "" if new.unit == "°" else " "
     old, value = (round(each.value, digits) + 0.0 for each in (was, new))  # never −0
@@ -260,11 +277,10 @@ def _quantity(name: str, kind: str) -> str:
     return say(message, name) if kind not in OF_FRAME else say(message)
 
 
-def _z_changed(change: dict[str, Any]) -> str:
-    was, now = (f"{change[name]:.3f}" for name in ("before", "now"))
-    kind, _, order = change["kind"].partition("-")
+def _z_changed(was: Fault, new: Fault) -> str:
+    kind, _, order = new.kind.partition("-")
     what = say(f"z-{kind}") if order in ("", "1") else together(" ", [say(f"z-{kind}"), order])
-    return say("z-was-is", what, was, now, change["unit"])
+    return say("z-was-is", what, f"{was.value:.3f}", f"{new.value:.3f}", new.unit)
 
 
 def _turn(found: Renewed, motor: int, by_rad: float) -> Change:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.screw import heights_mm
 from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import TraceError
@@ -19,6 +18,7 @@ from printmend.infer.part import DRAWS
 from printmend.infer.update import Renewed
 from printmend.learn.walls import with_walls
 from printmend.machine import print_from_home
+from printmend.measure.follows import with_heights
 from printmend.measure.once import digest_of
 from printmend.measure.whose import check_origin
 from printmend.mend.history import remember
@@ -254,7 +254,7 @@ def _outlook_at_marks(model: SavedModel, belief: Belief, trace: Trace) -> tuple[
         np.stack([off[:, 1], -off[:, 0]], axis=1).ravel(),
         np.repeat(_sides(trace, printer), 2, axis=0),
         np.ones(2 * len(off)),
-        None if (z_mm := heights_mm(trace, printer)) is None else np.repeat(z_mm[known], 2),
+        None if (z_mm := with_heights(trace, printer).z_mm) is None else np.repeat(z_mm[known], 2),
         np.repeat(gone_mm, 2),
         np.repeat(np.stack([last_way(axis) for axis in wanted.T], axis=1)[known], 2, axis=0),
     )

@@ -25,8 +25,6 @@ def screw_section(screw: ScrewDrive | ScrewSeries) -> dict[str, Any]:
             "height_mm": rounded(screw.height_mm),
             "push_x_mm": rounded(screw.push_mm[:, 0]),
             "push_y_mm": rounded(screw.push_mm[:, 1]),
-            "push_x_sd_mm": rounded(screw.push_sd_mm[:, 0]),
-            "push_y_sd_mm": rounded(screw.push_sd_mm[:, 1]),
         }
     table, grid = screw.transmission, screw.transmission.motor_mm
     section = {"kind": "table", "lower_error_mm": rounded(table.lower_mm - grid)}
@@ -57,7 +55,6 @@ def parse_screw(section: Any, printer: Printer, subject: str) -> ScrewDrive:
 def parse_series(section: dict[str, Any], subject: str) -> ScrewSeries:
     """Return the series of a section of that kind."""
     names = ["height_mm", "push_x_mm", "push_y_mm"]
-    names += [name for name in ("push_x_sd_mm", "push_y_sd_mm") if name in section]  # older models say nothing of it
     waves = [numbers(section, name, subject, 2 * HARMONICS) for name in names]
     lead_mm, backlash_mm = number(section, "lead_mm", subject), number(section, "backlash_mm", subject)
     lead_error = number(section, "lead_error", subject)
@@ -65,5 +62,4 @@ def parse_series(section: dict[str, Any], subject: str) -> ScrewSeries:
         refuse(subject, say("lead-mm-more-backlash-lead-error", f"{_LEAST_LEAD_MM:g}"), say("others"))
     if any(len(wave) != 2 * HARMONICS or np.abs(wave).max() > _MOST_MM for wave in waves):
         refuse(subject, say("sines-cosines-harmonics-up-mm", HARMONICS, f"{_MOST_MM:g}"), say("something-else"))
-    push_sd_mm = np.stack(waves[3:], axis=1) if len(waves) == 5 else np.zeros((2 * HARMONICS, 2))
-    return ScrewSeries(lead_mm, lead_error, backlash_mm, waves[0], np.stack(waves[1:3], axis=1), push_sd_mm)
+    return ScrewSeries(lead_mm, lead_error, backlash_mm, waves[0], np.stack(waves[1:], axis=1))

@@ -1,6 +1,6 @@
 """A learned Z screw in few numbers: what is kept of it in a saved model (physics.md eq. 15)."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,15 +13,14 @@ HARMONICS = 2  # waves of a screw's turn that are kept, of the height and of the
 
 @dataclass(frozen=True, eq=False)
 class ScrewSeries:
-    """A screw in few numbers: ``height_mm`` [2·HARMONICS] = (a_1, b_1, a_2, …), ``push_mm`` [2·HARMONICS, 2] = (p_1,
-    q_1, …) for x and y, and ``push_sd_mm`` [2·HARMONICS, 2] the standard deviation of each of these terms."""
+    """A screw in few numbers: ``height_mm`` [2·HARMONICS] = (a_1, b_1, a_2, …), and ``push_mm`` [2·HARMONICS, 2] =
+    (p_1, q_1, …) for x and y."""
 
     lead_mm: float
     lead_error: float
     backlash_mm: float
     height_mm: np.ndarray
     push_mm: np.ndarray
-    push_sd_mm: np.ndarray = field(default_factory=lambda: np.zeros((2 * HARMONICS, 2)))
 
     @classmethod
     def healthy(cls, lead_mm: float) -> "ScrewSeries":

@@ -4,16 +4,17 @@ Each part of the section is one effect at one place: the sizes that act, and tho
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, astuple, dataclass, field
+from dataclasses import asdict, astuple, dataclass
 from typing import Any
 
 import numpy as np
 
 from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
+from printmend.effects.effect import FEW_LAYERS, MOST_LAYERS
 from printmend.errors import ModelError
 from printmend.infer.part import DRAWS, Part
 from printmend.messages import say
-from printmend.model import SavedModel, ScrewSeries, screw_of
+from printmend.model import SavedModel
 from printmend.model.values import number, numbers, refuse, section_of
 from printmend.path import Motion
 from printmend.promise.filament import known_filaments
@@ -40,7 +41,6 @@ class Belief:
     placed: bool
     scatter_mm: float = 0.0
     by_hand: bool = False
-    screw: ScrewSeries | None = field(default=None)
     motion: Motion | None = None
 
     def of(self, effect: str, where: int | None = None) -> tuple[Part, ...]:
@@ -71,6 +71,7 @@ def belief_section(
         "motor_span_mm": [list(each) for each in scene.motor_span_mm],
         "bed_span_mm": [list(each) for each in scene.bed_span_mm],
         "way_mm": round(scene.way_mm, 3),
+        **({"layers": list(scene.layers)} if scene.layers else {}),
         **({"homed_again_mm": [list(each) for each in scene.homed_again_mm]} if scene.homed_again_mm else {}),
         "parts": [_part_section(part) for part in kept],
     }
@@ -108,7 +109,7 @@ def parse_belief(model: SavedModel) -> Belief | None:
     placed = bool(section.get("placed"))
     scene = Scene(
         model.printer, (float(turns[0]), float(turns[1])), spans["motor_span_mm"], spans["bed_span_mm"], way_mm, placed,
-        bool(section.get("homed")), homed_again_mm=_shifts(section),
+        bool(section.get("homed")), homed_again_mm=_shifts(section), layers=_layers(section),
     )  # fmt: skip
     rows = section_of(section, "parts", list, _SUBJECT)
     if len(rows) > _MOST_PARTS:
@@ -117,7 +118,7 @@ def parse_belief(model: SavedModel) -> Belief | None:
     parts = tuple(_part(row, scene) for row in rows)
     if model.filament is not None:
         parts = (*parts, *known_filaments(model)[model.filament])
-    return Belief(scene, parts, placed, scatter_mm, bool(section.get("by_hand")), screw_of(model), _motion(section))
+    return Belief(scene, parts, placed, scatter_mm, bool(section.get("by_hand")), _motion(section))
 
 
 def belief_of(model: SavedModel) -> Belief:
@@ -157,6 +158,13 @@ def _shifts(section: dict[str, Any]) -> tuple[tuple[float, float], ...]:
     if any(len(row) != 2 for row in rows):
         refuse(_SUBJECT, say("homed-again-mm-pairs-shift-deviation"), say("something-else"))
     return tuple((float(row[0]), abs(float(row[1]))) for row in rows)
+
+
+def _layers(section: dict[str, Any]) -> tuple[float, ...]:
+    layers = numbers(section, "layers", _SUBJECT, 3) if "layers" in section else np.zeros(0)
+    if len(layers) and (len(layers) != 3 or layers[0] >= layers[1] or not FEW_LAYERS <= layers[2] <= MOST_LAYERS):
+        refuse(_SUBJECT, "layers as the lowest, the highest and how many", say("something-else"))
+    return tuple(layers.tolist())
 
 
 def _part(row: Any, scene: Scene) -> Part:

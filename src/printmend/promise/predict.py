@@ -16,7 +16,6 @@ from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import LONG_MOVE_MM
 from printmend.infer.part import DRAWS, Part
 from printmend.machine import Mechanism, Transmission
-from printmend.model.series import HARMONICS, ScrewSeries, waves_of
 from printmend.path import Motion
 from printmend.promise.belief import Belief
 from printmend.promise.homing import after_homing
@@ -164,7 +163,6 @@ def _outlook(
     both: dict[str, DrawnCause] = {}
     if not belief.placed:
         both["homing"] = _homing(mechanism, path, rng)
-    both |= push_doubt(belief.screw, path, rng)
     doubts = [{**each, **both} for each in sides]
     raw = _Side(path, path.off_mm, doubts[0], local, errors[0], signed=True)
     mended = _Side(path, np.zeros_like(path.off_mm), doubts[1], local, errors[1], signed=False)
@@ -279,19 +277,6 @@ def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) ->
     return DrawnCause(_across(mechanism, path), shift)
 
 
-def push_doubt(screw: ScrewSeries | None, path: PathPlaces, rng: np.random.Generator) -> dict[str, DrawnCause]:
-    """Return the errors across the path that come of the doubt about the Z screw's push.
-
-    The part of it that is the same at every height belongs to the planar machine's doubt.
-    """
-    if screw is None or path.z_mm is None or not screw.push_sd_mm.any():
-        return {}
-    waves = waves_of(path.z_mm, screw.lead_mm, HARMONICS)
-    columns = np.hstack([-path.tangent[:, [1]] * waves, path.tangent[:, [0]] * waves])
-    sd = screw.push_sd_mm.T.ravel()
-    return {"screw": DrawnCause(columns, sd[:, None] * rng.standard_normal((len(sd), DRAWS)))}
-
-
 def _parts(
     mechanism: Mechanism,
     belief: Belief,
@@ -308,7 +293,7 @@ def _parts(
     count, none = len(normal), np.zeros_like(normal)
     now = Places(
         motor_mm, -aims.side, np.asarray(printer.from_motor(aims.belt_mm)), aims.ways, aims.side,
-        gone_mm / max(scene.way_mm, 1e-9), np.full(count, LONG_MOVE_MM), none,
+        gone_mm / max(scene.way_mm, 1e-9), np.full(count, LONG_MOVE_MM), none, path.z_mm,
     )  # fmt: skip
     found: dict[str, DrawnCause] = {}
     otherwise = np.random.default_rng(SEED)  # of its own: other figures stay as they are

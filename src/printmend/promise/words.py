@@ -10,7 +10,6 @@ _CAUSES = {
     "parameters": (say("cause-parameters"), say("budget-parameters"), "A"),
     "unexplained": (say("cause-unexplained"), say("budget-unexplained"), "A"),
     "scatter": (say("cause-scatter"), say("budget-scatter"), "A"),
-    "screw": (say("cause-screw"), say("budget-screw"), "A"),
     "homing": (say("cause-homing"), say("budget-homing"), "B"),
     "instrument": (say("cause-instrument"), say("budget-instrument"), "B"),
     "motion": (say("cause-motion"), say("budget-motion"), "B"),

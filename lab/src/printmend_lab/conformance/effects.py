@@ -10,7 +10,7 @@ import numpy as np
 from printmend.corruption import Cause, Corruption, cause_of, corruption_toml, parse_corruption
 from printmend.corruption.listing import example_of
 from printmend.corruption.sampling import Severity
-from printmend.effects import EFFECTS, Of, columns_of, places_of, scene_of
+from printmend.effects import EFFECTS, Acts, Of, columns_of, places_of, scene_of
 from printmend.effects.sample import terms_of
 from printmend.effects.sized import Sized, scene_of_printer
 from printmend.infer.fit import fitted
@@ -141,15 +141,21 @@ def the_inverse_of_a_taut_drive_prints_the_path(candidate: EffectCandidate) -> N
 
 def the_example_shows(candidate: EffectCandidate) -> None:
     """The example moves a print, or what is measured of it."""
-    moved = [
-        float(np.abs(candidate.twin(printer).seen(way(printer)) - way(printer)).max())
-        for printer in candidate.presets()
-    ]
+    moved = [_shown_mm(candidate, printer) for printer in candidate.presets()]
     if EFFECTS[candidate.name].of is not Of.MATERIAL:  # the width of a line moves no place
         need(
             max(moved) > 1e-3,
             f"expected a print or a measurement at least 0.001 mm off, found {max(moved):.6f}",
         )
+
+
+def _shown_mm(candidate: EffectCandidate, printer: Printer) -> float:
+    """Return by how much the example moves a flat print at most, or for one of the Z screw a print that rises."""
+    twin, path = candidate.twin(printer), way(printer)
+    if EFFECTS[candidate.name].acts is not Acts.SCREW:
+        return float(np.abs(twin.seen(path) - path).max())
+    rising = np.column_stack([path, np.linspace(printer.z.home_mm, printer.z.max_mm, len(path))])
+    return float(np.abs(twin.follow(rising)[:, :2] - path).max())
 
 
 def learning_finds_it(candidate: EffectCandidate) -> str:

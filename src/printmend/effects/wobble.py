@@ -1,0 +1,52 @@
+"""A bent Z screw that pushes the layers aside (physics.md eq. 15)."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along, waves
+from printmend.effects.keys import Waves
+from printmend.effects.prior import alternatives
+from printmend.effects.pulley import wave_sizes
+from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, amount, is_first, those_of
+from printmend.messages import say, together
+
+HARMONICS = np.array([1.0, 2.0])
+LEAST_TURNS = 0.75  # of the screw that layers must span; on fewer a wave looks like a slope
+TWICE_SHARE = 0.3  # size of the wave that comes twice a turn, over that of the other
+OFTEN = ("once-a-turn", "twice-a-turn")
+
+
+class Wobble(Usual):
+    """A Fourier series of the screw's turn along one bed axis."""
+
+    name = "wobble"
+    of = Of.MACHINE
+    acts = Acts.SCREW
+    fate = STAYS
+    keys = Waves((1, 2))
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        if turns_of(scene) >= LEAST_TURNS:
+            for axis in range(2):
+                yield from alternatives(self.name, axis, [()], tuple(np.tile([1.0, TWICE_SHARE], 2)))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return along(where, waves(places.heights_mm(scene), scene.printer.z.mm_per_turn, HARMONICS))
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        """The waves along both axes together."""
+        if not is_first(found, (self.name,), beside):
+            return
+        sizes, sds = zip(*(wave_sizes(each) for each in those_of(self.name, beside)), strict=True)
+        size_mm, sd_mm = (np.sqrt(np.square(each).sum(axis=0) / len(each)) for each in (sizes, sds))
+        named = [k for k in range(2) if size_mm[k] > max(NAMED_SIGMAS * sd_mm[k], LEAST["mm"])]
+        words = [say(OFTEN[k], amount(size_mm[k], sd_mm[k])) for k in named]
+        for k in named:
+            said = say("z-pushes-aside", together(" / ", words)) if k == named[0] else ""
+            yield Fault("z", f"wobble-{k + 1}", float(size_mm[k]), float(sd_mm[k]), "mm", said)
+
+
+def turns_of(scene: Scene) -> float:
+    """Return how many turns of the screw the layers span."""
+    return (scene.layers[1] - scene.layers[0]) / scene.printer.z.mm_per_turn if scene.layers else 0.0
