@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 from tests import foreign_part as foreign
 
+from printmend.diagnosis.scale import axis_scales
 from printmend.mend.filament import learn_in, parse_travel, update_in
 from printmend.mend.fit import fit_part
 from printmend.path import Instrument, Trace
 from printmend.printer import read_printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.filament import UNTOLD, known_filaments
-from printmend.promise.scale import axis_scales
 
 POLYMERS = ("pla", "petg", "abs", "asa")
 

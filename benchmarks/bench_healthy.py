@@ -28,16 +28,16 @@ import outside_scan
 from bench_outside import part_gcode
 from printmend.errors import RefusedError
 from printmend.infer.distances import choose_distances
+from printmend.learn.by_hand import model_by_hand
+from printmend.learn.learned import learn_model
 from printmend.measure import ProbePlan
 from printmend.measure.measurement import measure_scans
 from printmend.mend import mend_gcode
-from printmend.mend.learned import learn_model
 from printmend.mend.mend import is_healthy
 from printmend.model import SavedModel
 from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.probe import design_probe, write_probe
-from printmend.promise.by_hand import model_by_hand
 from printmend.twin.camera import render_photo
 
 KINDS = ("traces", "scans", "pictures", "photos", "callipers")

@@ -23,9 +23,9 @@ from printmend.corruption.sampling import sample
 from printmend.corruption.shaft import Ripple
 from printmend.errors import RefusedError
 from printmend.gcode.read import read_gcode
+from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism
 from printmend.mend import check_gcode, mend_gcode
-from printmend.mend.learned import learn_model
 from printmend.mend.phase import learn_phase
 from printmend.model import SavedModel
 from printmend.printer import Homing, Printer, read_printer

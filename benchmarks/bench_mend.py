@@ -30,9 +30,9 @@ from bench_outside import part_gcode
 from printmend.corruption import families, sample
 from printmend.errors import RefusedError
 from printmend.gcode import kernels
+from printmend.learn.learned import learn_model
 from printmend.mend import mend, mend_gcode
 from printmend.mend.against import judged
-from printmend.mend.learned import learn_model
 from printmend.mend.prediction import Prediction, with_doubt
 from printmend.model import SavedModel, exact_model, write_model
 from printmend.plan import inverse

@@ -22,7 +22,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 import outside_misfit as made
 from printmend.errors import TraceError
-from printmend.mend.learned import learn_model
+from printmend.learn.learned import learn_model
 from printmend.path import Trace
 from printmend.printer import read_printer
 from runner import options_of, rows_of, run

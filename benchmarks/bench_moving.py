@@ -22,11 +22,11 @@ import numpy as np
 
 from printmend.corruption import sample
 from printmend.errors import RefusedError
+from printmend.learn.learned import learn_model
 from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
-from printmend.mend.learned import learn_model
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.probe.moving import with_moving

@@ -20,9 +20,9 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from PIL import Image
 from tests import foreign_layer as foreign
 
+from printmend.learn.learned import learn_model
 from printmend.measure.measurement import measure_scans
 from printmend.measure.plan import ProbePlan
-from printmend.mend.learned import learn_model
 from printmend.mend.mend import mend_gcode
 from printmend.mend.part import measure_part
 from printmend.path import Trace

@@ -30,16 +30,16 @@ from bench_outside import FAMILIES, PRESETS, contour_error_mm, part_gcode, walk_
 from bench_outside_scan import placed_error_mm
 from printmend.errors import RefusedError
 from printmend.infer.distances import choose_distances
+from printmend.learn.by_hand import model_by_hand
+from printmend.learn.learned import learn_model
 from printmend.measure.distance import scaled_by
 from printmend.measure.join import scanner_axes
 from printmend.measure.measurement import instrument_on_bed
 from printmend.mend import check_gcode, mend_gcode
-from printmend.mend.learned import learn_model
 from printmend.model.model import SavedModel
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
-from printmend.promise.by_hand import model_by_hand
 from runner import run
 
 KINDS = ("modelled", "unmodelled", "healthy", "scan", "glimpse", "settled", "callipers")

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import outside
 import outside_faults
 from bench_outside import PRESETS, walk_of
-from printmend.mend.learned import learn
+from printmend.learn.learned import learn
 from printmend.path import Trace, last_way
 from printmend.printer import read_printer
 from runner import options_of, rows_of, run

@@ -18,7 +18,7 @@ import numpy as np
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
 from printmend.infer.fit import Fit
-from printmend.mend.learned import learn
+from printmend.learn.learned import learn
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from printmend.corruption.sampling import sample
-from printmend.mend.learned import learn_model
+from printmend.learn.learned import learn_model
 from printmend.mend.verify import BROKEN, KEPT, UNSURE, verify
 from printmend.path import FLATBED, Trace, last_way
 from printmend.printer import Printer, read_printer

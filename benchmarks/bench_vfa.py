@@ -30,9 +30,9 @@ from klippy_run import FAST, plan
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, corruption_toml
 from printmend.corruption.shaft import Ripple
 from printmend.errors import RefusedError
+from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism
 from printmend.mend import mend_gcode
-from printmend.mend.learned import learn_model
 from printmend.model import SavedModel
 from printmend.path import FLATBED
 from printmend.printer import Homing, MotionLimits, Printer, read_printer

@@ -21,8 +21,8 @@ from printmend.corruption import (
 from printmend.diagnosis.advice import advise
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import GcodeError, InputError, TraceError
+from printmend.learn.learned import learn_model, report
 from printmend.measure.table import read_trace, write_trace
-from printmend.mend.learned import learn_model, report
 from printmend.mend.mend import check_gcode
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import Printer, read_printer

@@ -16,11 +16,11 @@ from PIL.PngImagePlugin import PngInfo
 
 from printmend.cli.main import group
 from printmend.errors import InputError
+from printmend.learn.learned import learn_model
 from printmend.measure.plan import read_plan, write_plan
 from printmend.measure.table import read_trace, write_trace
 from printmend.mend.donation import donation, write_donation
 from printmend.mend.history import remember, remember_learned
-from printmend.mend.learned import learn_model
 from printmend.model import SavedModel, model_text, parse_model, write_model
 from printmend.path import Origin, Trace
 from printmend.printer import read_printer

@@ -8,22 +8,22 @@ from click.testing import CliRunner
 
 from printmend.cli.learn import command
 from printmend.cli.twin import command as twin
+from printmend.diagnosis.scale import axis_scales
 from printmend.effects import scene_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError, RefusedError
 from printmend.export.supported import export_supported
 from printmend.filament import CLAIM_SD, Entry, material_of, split
 from printmend.infer.machine import Sized, machine_of
+from printmend.learn.learned import learn_model
 from printmend.machine import healthy_mechanism
 from printmend.measure import read_trace, write_trace
 from printmend.mend.filament import learn_in, parse_travel, printed_in, shrunk, update_in
-from printmend.mend.learned import learn_model
 from printmend.model import SavedModel, model_text, parse_model
 from printmend.path import Instrument, Trace
 from printmend.printer import Printer, read_printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.filament import UNTOLD, known_filaments, parse_entries
-from printmend.promise.scale import axis_scales
 from printmend.report.examination import examine
 from printmend.twin import Twin
 

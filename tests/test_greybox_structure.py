@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, Play, sample
+from printmend.learn.learned import learn
 from printmend.machine import Mechanism
-from printmend.mend.learned import learn
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe

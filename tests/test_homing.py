@@ -15,9 +15,9 @@ from printmend.errors import ConfigError
 from printmend.infer.fit import fitted
 from printmend.infer.posterior import Posterior, posterior_of
 from printmend.infer.update import both_seen, renewed
+from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism, healthy_mechanism
 from printmend.mend import check_gcode, mend_gcode
-from printmend.mend.learned import learn_model
 from printmend.model import saved_model
 from printmend.path import Trace
 from printmend.plan import Fineness

@@ -25,13 +25,13 @@ from printmend.errors import InputError, PrintmendError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
 from printmend.infer.distances import choose_distances
+from printmend.learn.by_hand import estimates_by_hand
 from printmend.measure.callipers import read_readings
 from printmend.measure.plan import read_plan
 from printmend.measure.table import read_trace
 from printmend.model import read_model, write_model
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
-from printmend.promise.by_hand import estimates_by_hand
 from printmend_lab.bench.run import read_results
 from printmend_lab.body.mesh import read_solid
 from tests.mending import BENT, SQUARE, START, exactly

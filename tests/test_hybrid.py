@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from printmend.corruption import HEALTHY, sample
+from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism, Transmission, healthy_mechanism
 from printmend.machine.kernels import run
-from printmend.mend.learned import learn_model
 from printmend.model import model_text, parse_model
 from printmend.path import Trace
 from printmend.printer import read_printer

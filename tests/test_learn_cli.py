@@ -25,9 +25,9 @@ from printmend.corruption import (
 from printmend.corruption.frame import CrookedFrame
 from printmend.errors import ConfigError, PrintmendError
 from printmend.export.firmware import EXPORTS, simple_part
+from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism
 from printmend.measure import write_trace
-from printmend.mend.learned import learn_model
 from printmend.messages import ENGLISH, GERMAN
 from printmend.model import exact_model, read_model, write_model
 from printmend.path import Trace

@@ -7,7 +7,7 @@ import pytest
 
 from printmend.corruption import sample
 from printmend.errors import TraceError
-from printmend.mend.learned import learn_model
+from printmend.learn.learned import learn_model
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin

@@ -22,12 +22,12 @@ from printmend.infer.first import among
 from printmend.infer.fit import fitted
 from printmend.infer.part import DRAWS
 from printmend.infer.posterior import posterior_of
+from printmend.learn.learned import Learned, learn, learn_model, report
 from printmend.machine import healthy_mechanism
 from printmend.measure import read_trace
 from printmend.measure.table import write_trace
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
-from printmend.mend.learned import Learned, learn, learn_model, report
 from printmend.mend.update import update
 from printmend.model import SavedModel, screw_of, write_model
 from printmend.path import Trace

@@ -14,6 +14,7 @@ from printmend.export.supported import export_supported
 from printmend.infer.distances import choose_distances, machines_by_hand
 from printmend.infer.few import Few, drawn_sizes
 from printmend.infer.gram import Block
+from printmend.learn.by_hand import estimates_by_hand, model_by_hand
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.measure import write_plan
 from printmend.measure.callipers import (
@@ -28,7 +29,6 @@ from printmend.model import read_model
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.belief import parse_belief
-from printmend.promise.by_hand import estimates_by_hand, model_by_hand
 from printmend.promise.predict import Errors, PathPlaces, Promise, promised
 from printmend.twin import Twin
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from printmend.gcode.read import read_gcode
+from printmend.learn.learned import learn_model
 from printmend.measure import read_plan, write_plan
 from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
 from printmend.measure.plan import ProbePlan
 from printmend.measure.table import read_trace, write_trace
-from printmend.mend.learned import learn_model
 from printmend.path import Motion
 from printmend.probe import cost, design_probe, probe_gcode
 from printmend.probe.moving import with_moving

@@ -9,11 +9,11 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.errors import InputError, RefusedError, TraceError
+from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism
 from printmend.measure import write_trace
 from printmend.measure.plan import ProbePlan
 from printmend.mend import check_gcode, mend_gcode
-from printmend.mend.learned import learn_model
 from printmend.mend.phase import learn_phase, refitted
 from printmend.model import SavedModel, read_model, write_model
 from printmend.path import Trace

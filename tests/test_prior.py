@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Polygon
-from printmend.mend.learned import learn_model
+from printmend.learn.learned import learn_model
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin

@@ -11,10 +11,10 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.errors import ConfigError, ScanError
 from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode
+from printmend.learn.learned import learn_model
 from printmend.measure import read_plan
 from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
-from printmend.mend.learned import learn_model
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.probe.layout import glass_area_mm

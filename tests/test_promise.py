@@ -16,9 +16,9 @@ from printmend.export.firmware import remainder
 from printmend.export.supported import export_supported
 from printmend.gcode.container import open_gcode
 from printmend.infer.part import DRAWS
+from printmend.learn.learned import learn_model
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
-from printmend.mend.learned import learn_model
 from printmend.mend.mend import _check_worth_writing
 from printmend.mend.prediction import advice_of
 from printmend.model.model import SavedModel, exact_model

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, CrookedFrame, Drive, Play
+from printmend.diagnosis.scale import in_words, scale_words
 from printmend.errors import RefusedError, TraceError
 from printmend.export.supported import export_supported
+from printmend.learn.learned import learn_model, report
 from printmend.machine import Frame
 from printmend.measure.distance import scaled_by, settled
 from printmend.measure.measurement import instrument_on_bed
@@ -17,17 +19,15 @@ from printmend.measure.paper import PAPER
 from printmend.measure.table import read_trace, write_trace
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
-from printmend.mend.learned import learn_model, report
 from printmend.mend.mend import is_healthy
 from printmend.mend.prediction import advice_of
+from printmend.model.misfit import refusals
 from printmend.path import FLATBED, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
-from printmend.promise.misfit import refusals
 from printmend.promise.predict import (
     Promise,
 )
-from printmend.promise.scale import in_words, scale_words
 from printmend.twin import Twin
 from tests.promised import CIRCLE, ENDER3, HEALTHY, measured, scanned
 from tests.test_greybox_learning import stairs

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from printmend.mend.learned import learn_model
+from printmend.learn.learned import learn_model
 from printmend.mend.verify import expectation, made
 from printmend.path import Trace, last_way
 from printmend.printer import read_printer

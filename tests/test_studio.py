@@ -27,6 +27,7 @@ from printmend.client import Studio, StudioError
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, Screw
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import misfits_of, unseen
+from printmend.diagnosis.scale import in_words
 from printmend.effects import EFFECTS, Of
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import InputError
@@ -35,10 +36,12 @@ from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode, starting_state
 from printmend.gcode.write import follow
 from printmend.infer.part import DRAWS
+from printmend.learn import order as ordering
+from printmend.learn import rows as row_words
+from printmend.learn.learned import learn_model, todo
 from printmend.machine import Mechanism
 from printmend.measure import write_trace
 from printmend.mend import check_gcode, mend_gcode
-from printmend.mend.learned import learn_model, todo
 from printmend.mend.prediction import _beyond_seen
 from printmend.mend.update import QUANTITIES, _change
 from printmend.messages import GERMAN, Said, catalogue, say, translated
@@ -47,9 +50,7 @@ from printmend.path import Trace
 from printmend.plan import start
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe, expected_error_mm
-from printmend.promise import misfit_rows, of_rows
 from printmend.promise import words as promise_words
-from printmend.promise.scale import in_words
 from printmend.studio import kernels, serve, work
 from printmend.studio import said as studio_said
 from printmend.studio import scene as studio_scene
@@ -572,7 +573,7 @@ _REFUSING = """studio.api studio.api_printers studio.host studio.jobs studio.sto
 measure.dots measure.join measure.plan measure.scan measure.table measure.image measure.page measure.ruler
 mend.meant mend.mend mend.update mend.verify gcode.arcs gcode.bgcode gcode.container gcode.read gcode.threemf
 printer.convert printer.klipper printer.slicer printer.toml probe.layout probe.start probe.tower measure.callipers
-measure.follows model.model files promise.misfit_rows measure.whose filament.material
+measure.follows model.model files learn.order measure.whose filament.material
 mend.filament mend.part fit.estimate measure.lie measure.walls measure.width measure.silhouette"""
 
 
@@ -643,11 +644,11 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     (beyond,) = _beyond_seen(few, gone)  # type: ignore[arg-type]
     assert _german(beyond)
     seen, shifts = np.arange(0, 40, 2), np.repeat([0, 1, 0, -2, 3], 4)
-    order = [misfit_rows._history_words(seen[:count], shifts[:count]) for count in (8, 12, 16, 20)]
+    order = [ordering._history_words(seen[:count], shifts[:count]) for count in (8, 12, 16, 20)]
     for put in (*order, *map(say, ("rows-reversed-order", "measured-rows-reversed-order"))):
         trace = Trace(np.zeros((1, 2)), np.zeros((1, 2)))
-        assert _german(misfit_rows._put_right(trace, put, 1.0).found[0].words), put
-    said = misfit_rows.passed_over(replace(trace, blank_rows=3), 7)
+        assert _german(ordering._put_right(trace, put, 1.0).found[0].words), put
+    said = ordering.passed_over(replace(trace, blank_rows=3), 7)
     assert [each.kind for each in said if _german(each.words)] == ["rows-repeated", "rows-blank"]
     for period in (96.0, 99.9, 120.9):
         wave = np.zeros((64, 1))
@@ -656,7 +657,7 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
         printer = SimpleNamespace(motors=("x",), axes=(SimpleNamespace(mm_per_turn=40.0),))
         scene = SimpleNamespace(printer=printer, turns_mm=(period,))
         box = SimpleNamespace(scene=scene, parts=(part,))
-        told = of_rows._other_turns(box)[0].words  # type: ignore[arg-type]
+        told = row_words._other_turns(box)[0].words  # type: ignore[arg-type]
         assert f"repeats every {period / 3:.1f} mm" in told  # three equal waves in what was learned
         assert _german(told), period
     for kind in (*_KINDS.split(), *QUANTITIES):

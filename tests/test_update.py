@@ -11,9 +11,9 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon
 from printmend.errors import ModelError
+from printmend.learn.learned import learn_model
 from printmend.measure import ProbePlan
 from printmend.measure.table import read_trace, write_trace
-from printmend.mend.learned import learn_model
 from printmend.mend.update import update
 from printmend.model import SavedModel, read_model, write_model
 from printmend.path import Origin, Trace

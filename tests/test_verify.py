@@ -11,10 +11,10 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import ModelError, TraceError
+from printmend.learn.learned import learn_model
 from printmend.measure.table import write_trace
 from printmend.mend.filament import printed_in, update_in, updated_in, verify_in
 from printmend.mend.history import read_history, rows_of
-from printmend.mend.learned import learn_model
 from printmend.mend.update import Updated
 from printmend.mend.verify import BROKEN, KEPT, UNSURE, expectation, made, update_words, updated, verify
 from printmend.model import SavedModel, exact_model, read_model, write_model

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
+from printmend.learn.learned import learn_model
 from printmend.mend.history import ageing_of, read_history, remember_learned, trends_of
-from printmend.mend.learned import learn_model
 from printmend.mend.update import update
 from printmend.mend.verify import expectation
 from printmend.model import SavedModel, model_text, read_model, write_model

@@ -33,7 +33,7 @@ from printmend.measure.image import read_image
 from printmend.measure.measurement import measure_scans
 from printmend.measure.paper import find_sheet
 from printmend.mend.history import read_history, trends_of
-from printmend.mend.learned import learn_model
+from printmend.learn.learned import learn_model
 from printmend.mend.mend import mend_gcode
 from printmend.mend.part import measure_part
 from printmend.path import Trace

@@ -2,10 +2,10 @@
 
 from .corruption.toml import read_corruption
 from .errors import PrintmendError
+from .learn.learned import learn_model
 from .measure.measurement import measure_scans
 from .measure.table import read_trace
 from .mend.against import judge_gcode
-from .mend.learned import learn_model
 from .mend.mend import check_gcode, mend_gcode
 from .model.model import read_model, write_model
 from .path import Trace

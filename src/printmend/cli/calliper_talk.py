@@ -7,9 +7,9 @@ import numpy as np
 
 from printmend.cli.calliper_map import draw_map
 from printmend.infer.distances import Guess, first_guess
+from printmend.learn.by_hand import estimates_by_hand
 from printmend.measure.callipers import READING_SD_MM, Distances, distances_of, measurable_pairs, number_in
 from printmend.measure.plan import ProbePlan
-from printmend.promise.by_hand import estimates_by_hand
 
 WIDE, TALL = 36, 12  # characters of the picture of the plate
 RARE_SHARE = 0.02  # share of a distance by which a printer is off more rarely than a hand slips

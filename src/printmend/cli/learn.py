@@ -66,14 +66,14 @@ def command(
     from printmend.cli.outputs import spare
     from printmend.errors import of_file
     from printmend.filament import check_name
+    from printmend.learn.learned import report
     from printmend.measure import read_trace
     from printmend.mend.filament import filament_words, learn_in, parse_travel, printed_in, update_in
     from printmend.mend.history import ageing_of, remember_learned
-    from printmend.mend.learned import report
     from printmend.mend.mend import is_healthy
+    from printmend.model.misfit import refusals
     from printmend.model.model import read_model, write_model
     from printmend.printer import read_printer
-    from printmend.promise.misfit import refusals
 
     if old is not None and moved is not None:
         raise click.UsageError("--phase finds where the motors stand, --update what changed: leave one out")

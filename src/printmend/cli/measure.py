@@ -187,8 +187,8 @@ def _measure_by_hand(
 
 def _say_estimates(distances: "Distances", readings_mm: "np.ndarray", printer: "Printer | None", output: Path) -> None:
     """Say what was measured by hand, and save the model that follows from it."""
+    from printmend.learn.by_hand import estimates_by_hand, model_by_hand
     from printmend.model import write_model
-    from printmend.promise.by_hand import estimates_by_hand, model_by_hand
 
     if printer is None:
         for item in estimates_by_hand(distances, readings_mm):

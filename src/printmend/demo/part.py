@@ -16,10 +16,10 @@ from printmend.draw.figure import INK, PALETTE
 from printmend.errors import RefusedError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
+from printmend.learn.learned import learn_model
 from printmend.measure.image import read_image, write_image
 from printmend.measure.table import write_trace
 from printmend.mend import mend_gcode
-from printmend.mend.learned import learn_model
 from printmend.mend.part import PartMeasurement, measure_part
 from printmend.metrics.shape import ContourError, stroke_distances
 from printmend.model import SavedModel, write_model

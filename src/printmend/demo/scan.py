@@ -18,10 +18,10 @@ from printmend.demo.body import demo_body_gcode
 from printmend.errors import RefusedError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
+from printmend.learn.learned import learn_model
 from printmend.measure.plan import ProbePlan
 from printmend.measure.table import write_trace
 from printmend.mend import mend_gcode
-from printmend.mend.learned import learn_model
 from printmend.metrics.pointwise import aligned_rmse
 from printmend.metrics.shape import ContourError, stroke_distances
 from printmend.model import SavedModel, write_model

@@ -12,9 +12,9 @@ from printmend.export.firmware import EXPORTS, NO_BACKLASH, Export, Simple, simp
 from printmend.infer.part import DRAWS
 from printmend.messages import say
 from printmend.model import SavedModel
+from printmend.model.misfit import refusals
 from printmend.promise.belief import Belief, parse_belief
 from printmend.promise.filament import UNTOLD
-from printmend.promise.misfit import refusals
 from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD
 
 SURE = 0.95  # share of the drawn machines that must have a fault for its setting to be written

@@ -398,7 +398,7 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
                     came=say("positions-look-like-factor", column, unit, f"{factor:g}"),
                     todo=say("multiply-columns", column, f"{factor:g}"),
                 )
-    # the same places in another order are put right, or named, by who knows the printer's way: `promise.misfit_rows`
+    # the same places in another order are put right, or named, by who knows the printer's way: `learn.order`
     apart = np.median(np.abs(np.sort(x, axis=0) - np.sort(y, axis=0)), axis=0) / np.maximum(x.std(axis=0), 1e-9)
     for axis, given, found in zip("xy", x.T, y.T, strict=True):
         if (

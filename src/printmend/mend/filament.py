@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 
 from printmend.diagnosis.named import diagnose
+from printmend.diagnosis.scale import axis_scales, instrument_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError
 from printmend.filament import CLAIM_SD, Entry, Split, material_of, split
 from printmend.infer.part import DRAWS, Part
+from printmend.learn.learned import AUTO, learn_model
 from printmend.machine import Frame, Mechanism
 from printmend.mend.history import Ageing
-from printmend.mend.learned import AUTO, learn_model
 from printmend.mend.update import Updated, update
 from printmend.mend.verify import Verdict, made, updated, verify
 from printmend.messages import say, together
@@ -35,7 +36,6 @@ from printmend.promise.filament import (
     known_filaments,
     parse_entries,
 )
-from printmend.promise.scale import axis_scales, instrument_of
 
 PLAIN = 0.025  # share: a machine's scale error beyond this is no filament's, for none of the table shrinks by as much
 SURE_SDS = 2.0  # … and this many, where a print without filament shows it

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from printmend.diagnosis.scale import axis_scales
 from printmend.effects.effect import SCALE_MM
 from printmend.filament import material_of
 from printmend.fit import (
@@ -31,7 +32,6 @@ from printmend.model import SavedModel
 from printmend.printer import Printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.filament import known_filaments
-from printmend.promise.scale import axis_scales
 
 LEAST_TALL_MM = 8.0  # height of a part, from which on its foot lies in the dark while its top is scanned
 LOW = "the part is low"  # how the note begins that says so

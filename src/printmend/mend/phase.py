@@ -14,16 +14,16 @@ from printmend.effects.prior import wear_share
 from printmend.errors import InputError, TraceError
 from printmend.infer.phase import Phase, found_phase
 from printmend.infer.update import both_seen
+from printmend.learn.learned import known_digests, near_bed
+from printmend.learn.order import in_order, passed_over
 from printmend.learn.walls import with_walls
 from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
-from printmend.mend.learned import known_digests, near_bed
 from printmend.mend.update import Change, Updated, _updated, believed, measured_again
 from printmend.messages import say, together
 from printmend.model import SavedModel, screw_of, with_screw
+from printmend.model.misfit import REFITTED, REFUSAL
 from printmend.path import Trace
-from printmend.promise.misfit import REFITTED, REFUSAL
-from printmend.promise.misfit_rows import in_order, passed_over
 
 LEAST_SHIFT_MM = 0.05  # of a motor that is told
 MOST_NOISE = 2.0  # times the noise of the old measurement that a print of the same machine may scatter by

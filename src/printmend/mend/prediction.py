@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from printmend.clock import Duration
+from printmend.diagnosis.scale import knows_a_length, knows_all_but_a_reading
 from printmend.messages import say, together
+from printmend.model.misfit import said_of
 from printmend.model.model import SavedModel
 from printmend.plan import Planner
 from printmend.plan import layout as k
 from printmend.promise.belief import parse_belief
-from printmend.promise.misfit import said_of
 from printmend.promise.predict import Errors, PathPlaces, Promise, best_shift, promised, shape_of, without_doubt
-from printmend.promise.scale import knows_a_length, knows_all_but_a_reading
 from printmend.promise.words import in_a_line, in_words
 
 _EDGE_MM = 0.5  # a print that is less than this beyond the bed's edge, as slicers round it, is on the bed

@@ -12,6 +12,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.named import diagnose, faults_of, misfits_of
+from printmend.diagnosis.scale import seen_scales
 from printmend.diagnosis.screw import Z_SAID, Lift, find_lift, lift_of, renewed_lift
 from printmend.effects import Scene, scene_of
 from printmend.effects.pulley import HARMONICS
@@ -20,12 +21,7 @@ from printmend.errors import ModelError, TraceError
 from printmend.infer.machine import machine_of
 from printmend.infer.part import DRAWS, Part
 from printmend.infer.update import Renewed, both_seen, renewed
-from printmend.learn.walls import with_walls
-from printmend.measure.follows import with_heights
-from printmend.measure.once import counted_once, digest_of
-from printmend.measure.whose import check_origin
-from printmend.mend.history import Ageing
-from printmend.mend.learned import (
+from printmend.learn.learned import (
     DIGESTS,
     PLANE_FACTOR,
     _trace_section,
@@ -36,14 +32,18 @@ from printmend.mend.learned import (
     push_of,
     with_z,
 )  # fmt: skip
+from printmend.learn.order import in_order, passed_over
+from printmend.learn.walls import with_walls
+from printmend.measure.follows import with_heights
+from printmend.measure.once import counted_once, digest_of
+from printmend.measure.whose import check_origin
+from printmend.mend.history import Ageing
 from printmend.messages import say, together
 from printmend.model import SavedModel, saved_model, screw_of, with_screw
+from printmend.model.misfit import Misfit, misfit_section
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, belief_section, says_nothing
-from printmend.promise.misfit import Misfit, misfit_section
-from printmend.promise.misfit_rows import in_order, passed_over
-from printmend.promise.scale import seen_scales
 
 LEAST_CHANGE = {"mm": 0.01, "%": 0.02, "°": 0.02}  # a smaller change is not worth a word
 PLAIN_CHANGE = 0.05  # a larger change is plain: it is told with two decimals

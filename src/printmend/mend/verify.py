@@ -16,13 +16,13 @@ from printmend.errors import TraceError
 from printmend.infer.gram import seen
 from printmend.infer.part import DRAWS
 from printmend.infer.update import Renewed
+from printmend.learn.learned import PLANE_FACTOR, known_digests
 from printmend.learn.walls import with_walls
 from printmend.machine import print_from_home
 from printmend.measure.follows import with_heights
 from printmend.measure.once import digest_of
 from printmend.measure.whose import check_origin
 from printmend.mend.history import remember
-from printmend.mend.learned import PLANE_FACTOR, known_digests
 from printmend.mend.update import Updated, changes_of, measured_again, update
 from printmend.messages import say, together
 from printmend.model import SavedModel

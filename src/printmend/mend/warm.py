@@ -9,8 +9,8 @@ import numpy as np
 
 from printmend.corruption import sample
 from printmend.jit import compilations
+from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism
-from printmend.mend.learned import learn_model
 from printmend.mend.mend import mend_gcode
 from printmend.model import exact_model
 from printmend.printer import read_printer

@@ -1,6 +1,5 @@
 """What a model is worth: the machines that it may be, and what they promise of a print.
 
 `belief` is the section ``promise`` of the saved model: drawn machines, part by part. `predict` turns them into the
-expected error of a file with a 90 % range. `of_rows`, `misfit_rows` and `misfit_printer` say what is wrong with a
-measurement itself; with what the effects say it goes into the section ``misfit``.
+expected error of a file with a 90 % range.
 """

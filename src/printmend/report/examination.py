@@ -8,23 +8,23 @@ import numpy as np
 import printmend
 from printmend.diagnosis.advice import Advice, advise
 from printmend.diagnosis.portrait import Portrait, contacts_of_fit, portrait
+from printmend.diagnosis.scale import scale_words
 from printmend.diagnosis.standard import Circle, Positioning, circle, positioning
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import InputError
 from printmend.infer.fit import Fit
+from printmend.learn.learned import learn, scatter_words, todo
 from printmend.mend.filament import grown, settled
-from printmend.mend.learned import learn, scatter_words, todo
 from printmend.mend.mend import check_gcode
 from printmend.mend.prediction import Prediction
 from printmend.mend.verify import expectation
 from printmend.messages import say, together
 from printmend.model import SavedModel
+from printmend.model.misfit import NOTE, REFUSAL, misfit_words, said_of
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import parse_belief
-from printmend.promise.misfit import NOTE, REFUSAL, misfit_words, said_of
 from printmend.promise.predict import Promise
-from printmend.promise.scale import scale_words
 
 SUFFIXES = (".html", ".htm", ".pdf")
 MOST_ARROWS = 1200  # in a picture

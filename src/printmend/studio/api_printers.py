@@ -66,7 +66,7 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
     messages: dict[str, Any] = {}
     parts: list[str] = []
     if (folder / MODEL).is_file():
-        from printmend.promise.misfit import NOTE, misfit_words
+        from printmend.model.misfit import NOTE, misfit_words
         from printmend.studio.said import LEAST_ADVICE_MM, advice_of  # all of learning: not for a printer's bare card
 
         document = json.loads((folder / MODEL).read_text(encoding="utf-8"))
@@ -357,9 +357,9 @@ def distances(here: Here, key: Key) -> list[Distance]:
 @router.post("/{key}/callipers", tags=["measure"])
 def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
     """Learn from distances that were taken with callipers: scale, play, pulleys off their centre, skew."""
+    from printmend.learn.by_hand import model_by_hand
     from printmend.measure.callipers import parse_readings
     from printmend.model import write_model
-    from printmend.promise.by_hand import model_by_hand
 
     chosen, folder = _distances(here, key), _folder(here, key)
     text = "\n".join("" if value is None else f"{value:.6f}" for value in given.readings_mm) + "\n"

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 
 from printmend.diagnosis.advice import Advice, advise
+from printmend.diagnosis.scale import scale_words
 from printmend.effects.words import Fault as NamedFault
+from printmend.learn.learned import todo
 from printmend.machine import Mechanism
-from printmend.mend.learned import todo
 from printmend.model import SavedModel
-from printmend.promise.misfit import misfit_words, said_of
-from printmend.promise.scale import scale_words
+from printmend.model.misfit import misfit_words, said_of
 from printmend.report.examination import LEAST_ADVICE_MM, URGENCY
 from printmend.units import TURN_RAD
 

@@ -435,10 +435,10 @@ def _play(job: Job) -> dict[str, Any]:
     """Break a printer that exists only here, scan its test print, learn, and mend a part that nobody learned from."""
     from dataclasses import replace
 
+    from printmend.learn.learned import learn_model
     from printmend.measure.image import write_image
     from printmend.measure.measurement import measure_scans
     from printmend.mend import mend_gcode
-    from printmend.mend.learned import learn_model
     from printmend.mend.update import update
     from printmend.model import write_model
     from printmend.path import Trace

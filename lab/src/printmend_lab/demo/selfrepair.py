@@ -17,9 +17,9 @@ from printmend.demo import contour
 from printmend.errors import InputError, PrintmendError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
+from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism
 from printmend.mend import mend_gcode
-from printmend.mend.learned import learn_model
 from printmend.model import SavedModel
 from printmend.path import Trace
 from printmend.printer import Printer

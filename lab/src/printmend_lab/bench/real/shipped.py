@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from printmend.mend.learned import learn_model
+from printmend.learn.learned import learn_model
 from printmend.path import Trace
 from printmend.printer import read_printer
 

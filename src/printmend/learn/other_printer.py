@@ -12,14 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 from printmend.infer.scatter import independent_share, robust_sigma_mm
+from printmend.learn.order import learned_roughly
+from printmend.learn.rows import LEAST_ROWS
 from printmend.machine import Transmission, healthy_mechanism, print_path
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say
+from printmend.model.misfit import NOTE, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
-from printmend.promise.misfit import NOTE, WARNING, Misfit
-from printmend.promise.misfit_rows import learned_roughly
-from printmend.promise.of_rows import LEAST_ROWS
 
 CLIP_SIGMAS = 4.0  # standard deviations beyond which a residual is an outlier
 ONE_SIGMA_SHARE = 0.6827  # share of Gaussian residuals within one standard deviation

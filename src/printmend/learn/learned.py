@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.gaps import gaps_of
 from printmend.diagnosis.named import Diagnosis, diagnose, misfits_of
+from printmend.diagnosis.scale import scale_words, seen_scales, shown_scales
 from printmend.diagnosis.screw import Z_SAID, Lift, find_lift
 from printmend.effects import EFFECTS, Scene, scene_of
 from printmend.errors import ConfigError
@@ -22,6 +23,9 @@ from printmend.infer.machine import machine_of
 from printmend.infer.part import DRAWS, Part
 from printmend.infer.posterior import posterior_of
 from printmend.learn import learner
+from printmend.learn.order import in_order, passed_over
+from printmend.learn.other_printer import another_home, another_printers
+from printmend.learn.rows import MOST_LOST, lost_rows, said_of_rows, skipped
 from printmend.learn.walls import with_walls
 from printmend.machine import Mechanism, healthy_mechanism
 from printmend.measure.follows import check_follows, check_trace, with_heights
@@ -29,15 +33,11 @@ from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
 from printmend.messages import say, together
 from printmend.model import Branches, SavedModel, saved_model, with_screw
+from printmend.model.misfit import Misfit, misfit_section, misfit_words
 from printmend.model.series import HARMONICS
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import belief_section
-from printmend.promise.misfit import Misfit, misfit_section, misfit_words
-from printmend.promise.misfit_printer import another_home, another_printers
-from printmend.promise.misfit_rows import in_order, passed_over
-from printmend.promise.of_rows import MOST_LOST, lost_rows, said_of_rows, skipped
-from printmend.promise.scale import scale_words, seen_scales, shown_scales
 from printmend.twin import Twin
 
 AUTO = "auto"

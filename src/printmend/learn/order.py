@@ -22,9 +22,9 @@ from printmend.measure.follows import FARTHEST_MM
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say, together
 from printmend.metrics.shape import nearest, spacing
+from printmend.model.misfit import NOTE, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.promise.misfit import NOTE, WARNING, Misfit
 from printmend.units import SIGMA_PER_MEDIAN
 
 LEAST_ROWS = 24  # with fewer measured rows nothing is looked for

@@ -14,8 +14,8 @@ from printmend.infer.part import Part
 from printmend.measure.table import TOGETHER
 from printmend.messages import say
 from printmend.model import SavedModel
+from printmend.model.misfit import WARNING
 from printmend.promise.belief import parse_belief
-from printmend.promise.misfit import WARNING
 
 LEAST_DOUBT = 0.001  # share: a tenth of a millimetre in 100; a smaller doubt is said in the expected error alone
 STRANGE_SDS = 2.0  # of a scan's own scale: beyond them few scanners are off

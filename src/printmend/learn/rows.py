@@ -12,9 +12,9 @@ from printmend.infer.posterior import Posterior
 from printmend.infer.scatter import robust_sigma_mm
 from printmend.measure.once import RANDOM_SDS, in_no_order
 from printmend.messages import say
+from printmend.model.misfit import NOTE, REFUSAL, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.promise.misfit import NOTE, REFUSAL, WARNING, Misfit
 
 NEAR_SHARE = 0.04  # most by which calibrated steps a millimetre make a turn differ from the printer's, as a share
 LEAST_ROWS = 60  # with fewer rows nothing is tested
