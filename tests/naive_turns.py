@@ -112,7 +112,8 @@ def around(
     drop, tip = 2 * EPS_MM * min(ASLANT, aslant[1]), 2 * EPS_MM * min(ASLANT, *aslant)
     if min(fall_in, fall_out) < LEAST_FALL * tip or tip * across_in / fall_in < SIDEWAYS_MM or slack_mm < LEAST_MM:
         return None
-    begin = s_mm[at] - tip * (s_mm[at] - s_mm[at - 1]) / fall_in
+    begins = [s_mm[at] - ahead * tip * (s_mm[at] - s_mm[at - 1]) / fall_in for ahead in (1.8, 1)]
+    begin = begins[0] if begins[0] >= floor_mm else begins[1]
     end = s_mm[at] + (tip + drop) * (s_mm[at + 1] - s_mm[at]) / fall_out
     return (begin, end) if begin >= floor_mm and slack_mm <= FASTEST_AT_CORNER * (end - begin) else None
 
@@ -125,12 +126,18 @@ def corner_side(
     for beside in (at + 1, at - 1):
         if not 0 <= beside < len(s_mm) or (beside < at and s_mm[at] <= floor_mm):
             continue
+        side = beside - at
+        while 0 <= beside + side < len(s_mm) and abs(belt_mm[beside] - belt_mm[at]) <= ASLANT * 2 * EPS_MM:
+            beside += side
         fall, across = abs(belt_mm[beside] - belt_mm[at]), abs(other_mm[beside] - other_mm[at])
         aslant = 2 * EPS_MM * min(ASLANT, np.hypot(fall, across) / max(across, 1e-9))
         drop = aslant if fall > aslant else 2 * EPS_MM
-        if beside > at > 0 and s_mm[at] > floor_mm and fall > drop + 2 * EPS_MM:  # the tip is not reached either
-            drop += 2 * EPS_MM if abs(belt_mm[at - 1] - belt_mm[at]) > LEAST_FALL * 2 * EPS_MM else 0.0
-        begin, end = stretch(s_mm, belt_mm, at, trend, drop, floor_mm)
+        cut = 0.0
+        if at > 0 and s_mm[at] > floor_mm and fall > drop + 2 * EPS_MM:  # the belt stops ahead, or short of the tip
+            cut = 2 * EPS_MM if abs(belt_mm[at - 1] - belt_mm[at]) > LEAST_FALL * 2 * EPS_MM else 0.0
+        begin, end = stretch(s_mm, belt_mm, at, trend, drop + cut, floor_mm)
+        if side < 0 < cut and begin <= floor_mm + NEAR_MM:
+            begin, end = stretch(s_mm, belt_mm, at, trend, drop, floor_mm)
         begin, end = (s_mm[at], end) if beside > at else (begin, s_mm[at])
         sideways = abs(np.interp(end, s_mm, other_mm) - np.interp(begin, s_mm, other_mm))
         if sideways > most:

@@ -50,6 +50,7 @@ STRAIGHT_BACK_COSINE = 0.98  # of the angle between crossing and path: above it 
 LEAST_WAIT_SHARE = 0.3  # of that bit of path, the least on which one motor crosses alone
 LEAST_FALL_PER_TOLERANCE = 4.0  # a belt that moves less towards a tip does not stop before it
 BEND_SHARE = 0.6  # of the angle between motor and path behind a corner: by how much the command has turned half-way
+AHEAD_SHARE = 0.8  # of how far a belt lags behind a corner: how far ahead of the path it stops before that
 ASLANT_PER_TOLERANCE = 1.5  # how far a belt may be off where that is aslant to the path
 NODE_SAGITTA_MM = 0.002  # how far the straight lines between the nodes of a curve lie inside it
 MOST_NODES_A_CURVE = 256  # that one curve adds to a path
@@ -289,10 +290,10 @@ def _cross(model, run, turn, k, at, q, trend, slack, floor):
     if slack > UNCUT_CROSSING * long and (_is_corner(run, k, at, n) or slack > FASTEST_ON_CURVE * long):
         if at == 0:
             return 0  # before the path begins the nozzle may stand
-        begin, end, share = _stretch_around_corner(model, run, k, at, n, slack, floor)
+        begin, end, share, tip = _stretch_around_corner(model, run, k, at, n, slack, floor)
         if share > 0.0:
             rise = _belt_at(run, k, at, n, end) - _belt_at(run, k, at, n, begin)
-            _put_turn(turn, begin, end, -trend, rise, 0.0, run.nodes[at].s)
+            _put_turn(turn, begin, end, -trend, rise, trend * tip, run.nodes[at].s)
             turn.share = share
             return 1
         begin, end, tip = _stretch_beside_corner(model, run, k, at, n, trend, floor)
@@ -345,11 +346,11 @@ def _stretch_around_corner(model, run, k, at, n, slack, floor):
 
     The third is which share of the slack is crossed before the node, 0 where there is no such stretch: the other motor
     has to move on both sides. Behind the node the command then turns half-way to the path, so that the firmware takes
-    both bends faster than one.
+    both bends faster than one. The fourth is how far ahead of the path the belt is where it stops.
     """
     corner = run.nodes[at].s
     if at == 0 or at == n - 1 or not run.nodes[at].ends_move:
-        return corner, corner, 0.0
+        return corner, corner, 0.0, 0.0
     hold = 2.0 * model.head.chord
     fall_in = abs(run.nodes[at].belt[k] - run.nodes[at - 1].belt[k])
     fall_out = abs(run.nodes[at].belt[k] - run.nodes[at + 1].belt[k])
@@ -362,22 +363,25 @@ def _stretch_around_corner(model, run, k, at, n, slack, floor):
         or fall_out < LEAST_FALL_PER_TOLERANCE * tip
         or tip * across_in < SIDEWAYS_MM * fall_in
     ):
-        return corner, corner, 0.0
-    begin = corner - tip / fall_in * (corner - run.nodes[at - 1].s)
+        return corner, corner, 0.0, 0.0
+    ahead = AHEAD_SHARE * tip
+    begin = corner - (tip + ahead) / fall_in * (corner - run.nodes[at - 1].s)
+    if begin < floor or not run.nodes[at - 1].ends_move:  # on a curve it may stray no further
+        ahead, begin = 0.0, corner - tip / fall_in * (corner - run.nodes[at - 1].s)
     end = corner + (tip + drop) / fall_out * (run.nodes[at + 1].s - corner)
     if begin < floor or slack > FASTEST_AT_CORNER * (end - begin) or slack < MIN_PIECE_MM:
-        return corner, corner, 0.0
+        return corner, corner, 0.0, 0.0
     way = (tip + drop) * across_out / fall_out
     rest = way / np.tan(BEND_SHARE * np.arctan2(across_out, fall_out))
-    return begin, end, 1.0 - min(rest / (slack + drop), 0.5)
+    return begin, end, 1.0 - min(rest / (slack + drop), 0.5), ahead
 
 
 @inner(error_model="numpy", _nrt=False)
 def _stretch_beside_corner(model, run, k, at, n, trend, floor):
     """Return the stretch before or after node ``at`` on which the other motor goes furthest, an empty one at worst.
 
-    The third is by how much the belt goes too far before the corner, below 0 where it does not reach the tip: then it
-    may stand still for longer behind it.
+    The third is by how much the belt is too far where the stretch begins: ahead of the path before the corner, or short
+    of its tip. Either way it may stand for twice as long.
     """
     corner = run.nodes[at].s
     best_begin, best_end, most, tip = corner, corner, -1.0, 0.0
@@ -385,20 +389,26 @@ def _stretch_beside_corner(model, run, k, at, n, trend, floor):
         b = at + way
         if b < 0 or b >= n or (way < 0 and corner <= floor):
             continue
-        fall = abs(run.nodes[b].belt[k] - run.nodes[at].belt[k])
-        across = abs(run.nodes[b].belt[1 - k] - run.nodes[at].belt[1 - k])
         hold = drop = 2.0 * model.head.chord
+        fall = abs(run.nodes[b].belt[k] - run.nodes[at].belt[k])
+        while 0 <= b + way < n and fall <= ASLANT_PER_TOLERANCE * hold:  # moves too short to be the path's direction
+            b += way
+            fall = abs(run.nodes[b].belt[k] - run.nodes[at].belt[k])
+        across = abs(run.nodes[b].belt[1 - k] - run.nodes[at].belt[1 - k])
         aslant = hold * min(ASLANT_PER_TOLERANCE, norm(fall, across) / max(across, 1e-9))
         if fall > aslant:  # else the path may bend within the stretch
             drop = aslant
-        cut = hold if way > 0 and corner > floor and fall > drop + hold else 0.0
+        cut = hold if corner > floor and fall > drop + hold else 0.0
         if cut > 0.0 and abs(run.nodes[at - 1].belt[k] - run.nodes[at].belt[k]) <= LEAST_FALL_PER_TOLERANCE * hold:
             cut = 0.0
         begin, end = _stretch(run, k, at, n, trend, drop + cut, floor)
+        if way < 0 and cut > 0.0 and begin <= floor + NEAR_MM:
+            cut = 0.0
+            begin, end = _stretch(run, k, at, n, trend, drop, floor)
         begin, end = (corner, end) if way > 0 else (begin, corner)
         sideways = abs(_belt_at(run, 1 - k, at, n, end) - _belt_at(run, 1 - k, at, n, begin))
         if sideways > most:
-            best_begin, best_end, most, tip = begin, end, sideways, -trend * cut
+            best_begin, best_end, most, tip = begin, end, sideways, -way * trend * cut
     return best_begin, best_end, tip
 
 
