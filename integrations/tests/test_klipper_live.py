@@ -10,7 +10,8 @@ import pytest
 from hosts import INTEGRATIONS
 from parts import part
 
-from klippy_judge import judge_both
+from klippy_bead import wall_deviation
+from klippy_judge import Track, judge_both, wanted_path
 from klippy_run import RefusedByPlanner, plan
 from printmend.corruption import Corruption, Drive, corruption_toml, sample
 from printmend.corruption.shaft import Ripple
@@ -72,6 +73,27 @@ def test_it_prints_what_the_mended_file_prints(family: str, printer, arcs: bool,
 
 
 RIPPLES = [(0.0, 0.0), (0.1, 0.2), (0.3, 0.05)]
+
+
+def test_walls_keep_their_width_where_no_comment_names_them(tmp_path: Path) -> None:
+    """As in a file mended with its walls named, and better than in one without: the live transform sees no comments."""
+    ripple = Ripple((0.15,), (20.0,), (1.0,))  # every 2 mm
+    corruption = Corruption((Drive(ripple), Drive(replace(ripple, phase_rad=(2.5,)))))
+    write_model(path := tmp_path / "printer.mend.json", model := exact_model(corruption.lower(ENDER3)))
+    head = b"G28\nG90\nM83\nG1 Z0.2 F600\nG1 X100 Y100 F6000\n"
+    walls = b"G1 X160 E2.4 F1800\nG1 Y160 E2.4\nG1 X100 E2.4\nG1 Y100 E2.4\n"
+    original, true = plan(head + walls, ENDER3, tmp_path / "a"), TruePrinter.of(corruption_toml(corruption), ENDER3)
+    uneven = {}
+    for name, text in (("unnamed", head + walls), ("named", head + b";TYPE:External perimeter\n" + walls)):
+        (source := tmp_path / "part.gcode").write_bytes(text)
+        mend_gcode(source, model, output := tmp_path / "mended.gcode", force=True)
+        uneven[name] = plan(output.read_bytes(), ENDER3, tmp_path / "b", around=original)
+    extras = f"[printmend]\nmodel: {path}\nphase_x: 0\nphase_y: 0\n"
+    uneven["live"] = plan(head + walls, ENDER3, tmp_path / "c", around=original, extras=extras)
+    wanted = wanted_path(original)
+    off = {name: wall_deviation(one, Track(one, ENDER3, true), wanted) for name, one in uneven.items()}
+    assert off["live"] < 1.05 * off["named"]
+    assert off["live"] < 0.5 * off["unnamed"]
 
 
 @pytest.mark.parametrize("shift_mm", RIPPLES)

@@ -117,8 +117,8 @@ class Planner:
         moves = r.x0 != r.x1 or r.y0 != r.y1
         r.words = (text.WORD_X | text.WORD_Y if moves else 0) | (text.WORD_Z if r.z0 != r.z1 else 0)
         r.words |= text.WORD_E if r.advance else 0
-        if moves and r.advance > 0.0:
-            r.flags |= text.FLAG_EXTRUDING
+        if moves and r.advance > 0.0:  # comments do not come here: any line may be a wall that is seen
+            r.flags |= text.FLAG_EXTRUDING | text.ROLE_OUTER << text.ROLE_SHIFT
         drew = bool(self.waiting) and self._draws(self.waiting[-1].record)
         self.waiting.append(Wanted(r, begin, end, speed, note))
         if drew and not self._draws(r):

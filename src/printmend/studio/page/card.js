@@ -22,7 +22,7 @@ function fill(pen, picture, [x, y, w, h]) {
 // `before` and `after` are pictures of the part, `numbers` {before_mm, after_mm}, `scene` what the scale is read from.
 export async function draw({ before, after, numbers, scene, printer, part }) {
   const canvas = Object.assign(document.createElement("canvas"), { width: W * DOTS, height: H * DOTS }), pen = canvas.getContext("2d"), scale = scaleOf(scene);
-  const text = (words, x, y, size, { weight = 400, fill: paint = "--ink", align = "left" } = {}) => { pen.font = `${weight} ${size}px ${getComputedStyle(document.body).fontFamily}`; pen.fillStyle = colour(paint); pen.textAlign = align; pen.fillText(words, x, y); return pen.measureText(words).width; };
+  const text = (words, x, y, size, { weight = 400, fill: paint = "--ink", align = "left", most } = {}) => { pen.font = `${weight} ${size}px ${getComputedStyle(document.body).fontFamily}`; pen.fillStyle = colour(paint); pen.textAlign = align; pen.fillText(words, x, y, most); return pen.measureText(words).width; };
   pen.scale(DOTS, DOTS);
   pen.fillStyle = colour("--card");
   pen.fillRect(0, 0, W, H);
@@ -44,10 +44,10 @@ export async function draw({ before, after, numbers, scene, printer, part }) {
   text(number(scale.fine || scale.most / 2, 3), 40 + 300 * shareOf(scale.fine || scale.most / 2, scale), 544, 17, { fill: "--soft", align: "center" });
   text(`≥ ${mm(scale.most)}`, 340, 544, 17, { fill: "--soft", align: "right" });
   text(t("colour"), 40, 572, 17, { fill: "--soft" });
-  text(part, 440, 524, 22, { weight: 620 });
-  text(printer, 440, 554, 20, { fill: "--soft" });
+  text(part, 440, 524, 22, { weight: 620, most: 500 });
+  text(printer, 440, 554, 20, { fill: "--soft", most: 700 });
   text("printmend", W - 40, 532, 30, { weight: 700, align: "right", fill: "--accent" });
-  text(t("card_says"), W - 40, 562, 18, { fill: "--soft", align: "right" });
+  text(t("card_says"), W - 40, 596, 18, { fill: "--soft", align: "right" });
   return new Promise((done) => canvas.toBlob(done, "image/png"));
 }
 
