@@ -10,8 +10,9 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.errors import InputError
 from printmend.gcode import mark
+from printmend.mend.mend import mend_gcode
 from printmend.mend.watch import JOURNAL, Watch
-from printmend.model import write_model
+from printmend.model import read_model, write_model
 from printmend.provenance import sealed_test_print
 from tests.mending import BENT, PLAY, SQUARE, exactly
 
@@ -105,7 +106,8 @@ def test_a_test_print_is_copied_as_it_is_and_mended_by_hand_alone(job: Watch) ->
     assert done.exit_code == 0, done.output
     assert b"; printmend probe: " in check.read_bytes()
     assert not mark.is_test_print(check)
-    assert "one that was mended" in CliRunner().invoke(group, arguments).stderr
+    assert "mended with this model already" in CliRunner().invoke(group, arguments).stdout  # as whoever asked wants it
+    assert (job.target / "check.gcode").read_bytes() == check.read_bytes()
     probe.write_bytes(sealed_test_print(b"; printmend probe: 2 dots\n" + SQUARE))
     assert "must show the printer as it is" in CliRunner().invoke(group, arguments).stdout
     assert out.read_bytes() == (before := probe.read_bytes())
@@ -114,6 +116,28 @@ def test_a_test_print_is_copied_as_it_is_and_mended_by_hand_alone(job: Watch) ->
     assert done.exit_code == 2
     assert "one that was changed since; write it again" in done.stderr
     assert out.read_bytes() == before
+
+
+def test_what_was_mended_by_hand_is_current_and_no_other(job: Watch) -> None:
+    part, mended, out = job.source / "part.gcode", job.source / "by_hand.gcode", job.target / "part.gcode"
+    part.write_bytes(SQUARE)
+    model = read_model(job.model_path)
+    mend_gcode(part, model, mended)
+    mend_gcode(part, model, out)
+    by_hand = out.read_bytes()
+    job.look()
+    (done,) = job.look()
+    assert (done.source, done.code, done.current) == (mended, 0, True)
+    assert (job.target / mended.name).read_bytes() == mended.read_bytes()
+    assert out.read_bytes() == by_hand
+    (job.source / "forged.gcode").write_bytes(mended.read_bytes().replace(b"X80", b"X81"))
+    mend_gcode(part, exactly(PLAY), job.source / "foreign.gcode")
+    job.look()
+    assert {(one.source.stem, one.code) for one in job.look()} == {("forged", 2), ("foreign", 2)}
+    part.write_bytes(SQUARE.replace(b"X80", b"X90"))
+    job.look()
+    assert [one.code for one in job.look()] == [0]  # what was current is the watch's own
+    assert out.read_bytes() != by_hand
 
 
 def test_the_command(job: Watch) -> None:

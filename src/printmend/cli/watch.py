@@ -31,8 +31,8 @@ def command(
     """Mend all G-code that is in the folder IN or comes into it, to OUT under the same name, until it is stopped.
 
     Where a file cannot be mended, OUT/NAME.error.txt says why. A test print that `printmend probe` wrote is copied: it
-    must show the printer as it is. A restart goes on where it was: a file is mended once, and again when it has
-    changed.
+    must show the printer as it is. A file that this model mended is copied, too. A restart goes on where it was: a file
+    is mended once, and again when it has changed.
     """
     from printmend.mend.watch import Watch, watch
 

@@ -17,6 +17,7 @@ from printmend.mend.mend import AS_USUAL, Mended, is_healthy, mend_gcode
 from printmend.messages import say, together
 from printmend.model import SavedModel
 from printmend.plan import Fineness
+from printmend.provenance import is_sealed
 
 # The last one alone is a mesh more often than G-code: named, it is tried; in a folder it is left alone.
 SUFFIXES = (".gcode.3mf", ".bgcode", ".gcode", ".gco", ".g", ".nc", ".3mf")
@@ -27,8 +28,8 @@ _MARK = ".mended"
 class FileOutcome:
     """What became of a file: ``mended``, or the ``error`` and its exit ``code`` (2 or 3, 1 for a fault of ours).
 
-    ``test_print`` is true of a test print of ours that was copied as it is, ``already`` of a file that was left alone
-    because it was mended before.
+    ``test_print`` is true of a test print of ours that was copied as it is, ``current`` of a file that was copied
+    because this model had mended it, ``already`` of one that was left alone because it was mended before.
     """
 
     source: Path
@@ -37,6 +38,7 @@ class FileOutcome:
     error: str | None = None
     code: int = 0
     test_print: bool = False
+    current: bool = False
     already: bool = False
 
     def json(self) -> dict[str, Any]:
@@ -44,8 +46,9 @@ class FileOutcome:
         said: dict[str, Any] = {"source": str(self.source), "code": self.code}
         if self.test_print:
             return {**said, "output": str(self.output), "test_print": True}
-        if self.already:
-            return {**said, "output": str(self.output), "already": True}
+        for why in ("current", "already"):
+            if getattr(self, why):
+                return {**said, "output": str(self.output), why: True}
         if self.mended is None:
             return {**said, "error": self.error}
         prediction = self.mended.prediction.json()
@@ -57,6 +60,8 @@ class FileOutcome:
         """Say what became of the file."""
         if self.test_print:
             return say("test-print-copied", self.source, self.output)
+        if self.current:
+            return say("current-copied", self.source, self.output)
         if self.already:
             if self.output == self.source:
                 return say("mended-already", self.source)
@@ -112,15 +117,21 @@ def refuse_overwriting(target: Path | None, source: Path) -> None:
 def is_done(source: Path, target: Path, model: SavedModel) -> bool:
     """Say whether a file is mended itself, or with this model in ``target`` since it was written or moved there."""
     try:
-        if _mark(source) is not None:
-            return True
+        return _mark(source) is not None or is_mended_to(source, target, model)
+    except PrintmendError:  # to be said of it when it is mended
+        return False
+
+
+def is_mended_to(source: Path, target: Path, model: SavedModel) -> bool:
+    """Say whether a file is mended with this model in ``target`` since it was written or moved there."""
+    try:
         came = source.stat()
         if target.samefile(source) or target.stat().st_mtime_ns < max(came.st_mtime_ns, came.st_ctime_ns):
             return False
         if is_healthy(model):  # whose files are copied
             return filecmp.cmp(source, target, shallow=False)
         return _mark(target) == model.digest
-    except (OSError, PrintmendError):  # none there yet, or to be said of it when it is mended
+    except (OSError, PrintmendError):  # none there yet
         return False
 
 
@@ -138,13 +149,14 @@ def mend_files(
     force: bool = False,
     fineness: Fineness = AS_USUAL,
     overwrite: bool = False,
-    spare_test_prints: bool = False,
+    as_they_are: bool = False,
     spare_done: Collection[Path] = (),
     jobs: int = 1,
 ) -> Iterator[FileOutcome]:
     """Mend each source to its target, ``jobs`` at a time; yield what became of them, in their order.
 
-    ``spare_test_prints`` copies a test print of ours as it is: mending it makes a check print, for which nobody asked.
+    ``as_they_are`` copies a test print of ours, as mending it makes a check print, for which nobody asked; and what this
+    model mended.
     ``spare_done`` are those sources that are left alone where they are mended already (`is_done`).
     """
     taken: set[Path] = set()
@@ -165,10 +177,11 @@ def mend_files(
                 return FileOutcome(source, target if target.exists() else source, already=True)
             if not overwrite:
                 refuse_overwriting(target, source)
-            if spare_test_prints and is_test_print(source):
+            test_print = as_they_are and is_test_print(source)
+            if test_print or (as_they_are and is_sealed(str(source), model.seal_key)):
                 with source.open("rb") as plain, replacing(target, "wb") as copy:
                     shutil.copyfileobj(plain, copy, 1 << 20)
-                return FileOutcome(source, target, test_print=True)
+                return FileOutcome(source, target, test_print=test_print, current=not test_print)
             return FileOutcome(source, target, mend_gcode(source, model, target, force=force, fineness=fineness))
         except PrintmendError as error:
             return FileOutcome(source, target, error=error.message, code=error.exit_code)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from printmend.errors import InputError, PrintmendError
 from printmend.files import replacing
-from printmend.mend.many import FileOutcome, is_gcode_name, mend_files
+from printmend.mend.many import FileOutcome, is_gcode_name, is_mended_to, mend_files
 from printmend.messages import say
 from printmend.model import SavedModel, read_model
 
@@ -78,13 +78,17 @@ class Watch:
     def _mend(self, seen: Seen) -> FileOutcome | None:
         source, target = self.source / seen[0], self.target / seen[0]
         target.parent.mkdir(parents=True, exist_ok=True)
-        if seen[0] not in self.ours and not target.exists():  # what it writes itself it may write again
+        model, there = self._model(), target.exists()
+        done = seen[0] not in self.ours and there and is_mended_to(source, target, model)  # by `printmend mend`
+        if seen[0] not in self.ours and (done or not there):  # what it writes itself it may write again
             self.ours.add(seen[0])
             self._note(seen, None)
+        if done:
+            self.done[seen[0]] = seen
+            self._note(seen, 0)
+            return None
         ours = seen[0] in self.ours
-        (outcome,) = mend_files(
-            [source], [target], self._model(), force=self.force, overwrite=ours, spare_test_prints=True
-        )
+        (outcome,) = mend_files([source], [target], model, force=self.force, overwrite=ours, as_they_are=True)
         try:
             at = source.stat()
         except OSError:
