@@ -27,6 +27,7 @@ from printmend.measure.silhouette import Silhouette, find_edges
 from printmend.mend.fit import fit_part
 from printmend.mend.mend import refuse_grown
 from printmend.mend.part import measure_part
+from printmend.messages import GERMAN, translated
 from printmend.printer import read_printer
 from tests import foreign_part as foreign
 
@@ -66,6 +67,9 @@ def test_holes_foot_and_width_are_told_from_two_scans(part):
     said = "\n".join(found.words())
     assert "the hole of 8.00 mm" in said
     assert "elephant's foot: +0.1" in said
+    german = "\n".join(translated(line, GERMAN) for line in found.words())
+    assert "Das Loch von 8,00 mm" in german
+    assert "Elefantenfuß: +0,1" in german
 
 
 def test_narrow_holes_are_no_fault_of_the_machine(part):
@@ -83,8 +87,8 @@ def test_narrow_holes_are_no_fault_of_the_machine(part):
 def test_of_one_scan_it_says_what_it_cannot_tell(part):
     found = fit_part(part / "under.png", part / "part.gcode", PRINTER)
     said = "\n".join(found.words())
-    assert "together, for only the first layer was scanned" in said
-    assert "and the machine's own scale with it" in said
+    assert "only the first layer was scanned" in said
+    assert "including the machine's own scale error" in said
     first = found.estimate.first
     assert first is not None
     assert first.outline_mm == pytest.approx(OUTLINE_MM + FOOT_MM, abs=0.03)

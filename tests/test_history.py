@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from printmend.errors import ModelError
-from printmend.mend.history import ageing_of, draw_history, history_of, read_history, trends_of
+from printmend.mend.history import ageing_of, draw_history, history_of, read_history, rows_of, trends_of
+from printmend.messages import GERMAN, translated
 from printmend.printer import read_printer
 
 PRINTER = read_printer("ender3")
@@ -60,7 +61,7 @@ def test_an_idler_is_one_fault_though_its_length_comes_out_a_little_other():
     lengths = ("31.4", "31.3", "31.4", "31.5")
     (idler,) = trends_of([event(k, 0.05 + 0.03 * k, 0.004, f"period-{mm}") for k, mm in enumerate(lengths)])
     assert [one.value for one in idler.sizes] == pytest.approx([0.05, 0.08, 0.11, 0.14])
-    assert idler.name == "X period-31.5"
+    assert idler.name == "X error every 31.5 mm"
     assert idler.is_sure
 
 
@@ -102,3 +103,11 @@ def test_a_damaged_history_is_named(tmp_path):
 def test_a_path_without_a_name_has_no_history(path):
     with pytest.raises(ModelError, match="found none"):
         read_history(Path(path))
+
+
+def test_a_trend_is_said_in_german_too():
+    (grown,) = trends_of([event(month, 0.03 + 0.0125 * month, 0.004) for month in range(10)])
+    german = translated(grown.words, GERMAN)
+    assert german.startswith("jetzt 0,142 mm, wächst um 0,012 mm im Monat; etwa im Juni 2026 überschritt es 0,10 mm:")
+    assert "Den Riemen spannen" in german
+    assert translated(rows_of([event(0, 0.05, 0.004)])[0][2], GERMAN) == "X, Spiel: 0,050 mm"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
+from printmend.messages import is_one_of
 from printmend.model import read_model
 from printmend.printer import read_printer
 from printmend.printer.convert import printer_text
@@ -50,7 +51,7 @@ def test_a_part_is_judged_learned_from_and_mended(data: Path) -> None:
     assert "error" not in learned, learned
     model = json.loads((data / "printers/one" / work.MODEL).read_text())
     assert list(model["filaments"]["known"]) == ["pla-black"]
-    gaps = [gap for gap in read_model(data / "printers/one" / work.MODEL).findings if gap.startswith(UNTOLD)]
+    gaps = [gap for gap in read_model(data / "printers/one" / work.MODEL).findings if is_one_of(gap, UNTOLD)]
     assert gaps
     assert _german(gaps[0])
     mended = {"printer": "one", "upload": "a", "name": "part.gcode", "scene": False, "filament": "petg"}

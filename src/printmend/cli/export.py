@@ -5,6 +5,8 @@ from pathlib import Path
 import click
 
 from printmend.cli.model import ModelType
+from printmend.cli.terminal import echo
+from printmend.messages import say
 
 
 @click.command(epilog="Example: printmend export -m printer.mend.json --to marlin")
@@ -38,5 +40,5 @@ def command(model_path: Path, firmware: str, folder: Path | None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with replacing(folder / name) as file:
             file.write(text)
-        click.echo(f"written: {folder / name}", err=True)
-    click.echo(remainder(export), err=True)
+        echo(say("written", folder / name), err=True)
+    echo(remainder(export), err=True)

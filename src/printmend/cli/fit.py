@@ -7,6 +7,8 @@ import click
 
 from printmend.cli.model import ModelType
 from printmend.cli.number import Finite
+from printmend.cli.terminal import echo
+from printmend.messages import is_one_of, say
 
 
 # Its many parameters are its options.
@@ -72,11 +74,11 @@ def command(
         click.echo(json.dumps(found.json(), ensure_ascii=False))
     else:
         for line in found.words():
-            click.echo(line)
+            echo(line)
         for note in found.notes:
-            if is_asking(note) or note.startswith(LOW):
-                click.echo(f"still open: {note}")
+            if is_asking(note) or is_one_of(note, (LOW,)):
+                echo(say("still-open", note))
     if folder is not None:
         for path in write_profiles(folder, found.settings, found.file, found.json()):
-            click.echo(f"written: {path}", err=as_json)
-        click.echo(how_to_import(found.file), err=as_json)
+            echo(say("written", path), err=as_json)
+        echo(how_to_import(found.file), err=as_json)

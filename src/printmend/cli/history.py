@@ -6,6 +6,8 @@ from pathlib import Path
 import click
 
 from printmend.cli.model import ModelType
+from printmend.cli.terminal import echo
+from printmend.messages import say
 
 
 @click.command(epilog="Example: printmend history printer.mend.json --picture wear.png")
@@ -45,8 +47,8 @@ def command(model_path: Path, picture: Path | None, refitted: tuple[str, ...], a
         click.echo(json.dumps({"events": events, "trends": [trend.json() for trend in trends]}, ensure_ascii=False))
         return
     for date, event, said in rows_of(events):
-        click.echo(f"{date}  {event:<8}  {said}")
+        echo(say("history-row", date, event, said))
     for trend in trends:
-        click.echo(f"{trend.name}: {trend.words}")
+        echo(say("history-trend", trend.name, trend.words))
     if picture is not None:
-        click.echo(f"{picture}: the faults over time")
+        echo(say("written", picture))

@@ -143,7 +143,7 @@ def _measure_layer(
             echo(note)
     echo(say("terminal-so-many-measured-places", output, measured.found))
     for line in fits([(layer, measured)], part_path, printer, None, filament).sizes():
-        click.echo(line)
+        echo(line)
     for note in asked:
         echo(say("still-open", note))
 

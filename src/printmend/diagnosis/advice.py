@@ -6,11 +6,18 @@ from dataclasses import dataclass
 from printmend.effects import EFFECTS
 from printmend.effects.words import SOON_MM, Care
 from printmend.effects.words import Fault as NamedFault
-from printmend.messages import say, together, within
+from printmend.messages import is_one_of, say, together, within
 
 CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations from 0 at which a fault is certain, or very likely
 REPAIR_MM = 0.5  # effect on a print above which a part should be replaced
 SPAN_MM = 100.0  # size of the print whose error is told, for faults that grow with it
+
+
+_NOTHING = (  # messages: nothing is broken, so nothing needs a repair
+    "nothing-repair", "nothing-repair-correct-steps-per-millimetre", "nothing-repair-correct-z-steps-per",
+    "nothing-repair-walls-look-good-else", "nothing-repair-walls-look-good-else-2",
+    "nothing-repair-walls-look-good-else-3", "nothing-repair-walls-look-good-else-4",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -35,11 +42,11 @@ def advise(fault: NamedFault, *, corexy: bool = False, rails: bool = False) -> A
     title, meaning, effect, repair, software = _said(kind, where, fault, size)
     if rails and kind == "play":
         repair = say("look-rails-head-first-play-may")
-    nothing = repair.startswith("Nothing to repair")
+    nothing = is_one_of(repair, _NOTHING)
     urgency = (
         "software" if nothing else "repair" if effect >= REPAIR_MM else "soon" if effect >= SOON_MM else "software"
     )
-    if urgency == "software" and not repair.startswith("Nothing"):
+    if urgency == "software" and not is_one_of(repair, (*_NOTHING, "nothing-replace", "nothing-tighten")):
         repair = say("nothing-while-small", within(repair))
     return Advice(title, meaning, _sure(fault), effect, urgency, repair, software)
 

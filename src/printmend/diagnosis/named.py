@@ -17,7 +17,7 @@ from printmend.effects.pulley import shape_words
 from printmend.effects.sample import drawn_places
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Told, carrier_name
 from printmend.infer.part import Part
-from printmend.messages import say, together
+from printmend.messages import catalogue, say, together
 from printmend.model.misfit import NOTE, SEVERITIES, WARNING, Misfit
 
 CERTAIN = 0.95  # share of the drawn machines from which on an effect is certain
@@ -81,7 +81,9 @@ def kind_words(kind: str) -> str:
     name, _, order = kind.partition("-")
     if name == "harmonic" and order.isdigit():
         return say("pulley-of-shape", shape_words(int(order)))
-    return kind
+    if name == "period":
+        return say("kind-period", order)
+    return say(f"kind-{kind}") if f"kind-{kind}" in catalogue() else kind
 
 
 def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.machine import Mechanism, Transmission, print_path
+from printmend.messages import say, together
 from printmend.printer import Printer
 
 LINUXCNC_POINTS = 256  # of a compensation table: LinuxCNC takes no more
@@ -202,21 +203,18 @@ EXPORTS: dict[str, Callable[..., Export]] = {
 
 
 NO_BACKLASH = {
-    "klipper": "Klipper has no setting for backlash",
-    "marlin": "Marlin's is by axis, and a motor of a CoreXY is none",
-    "rrf": "RepRapFirmware's is by axis, and a motor of a CoreXY is none",
+    "klipper": "no-backlash-klipper",
+    "marlin": "no-backlash-marlin",
+    "rrf": "no-backlash-rrf",
 }
 
 
 def remainder(export: Export) -> str:
     """Say what the firmware takes, what remains, and which settings stay out."""
     without_mm, with_mm = (np.hypot(each, export.doubt_mm) for each in (export.before_mm, export.after_mm))
-    said = (
-        f"expected error over the bed (RMS): up to {without_mm:.3f} mm without these settings, up to {with_mm:.3f} mm "
-        f"with them ({export.before_mm:.3f} and {export.after_mm:.3f} for the model alone). To mend the rest, learn a "
-        "new model with these settings in place"
-    )
-    return "\n".join([said, *(f"left out: {each}" for each in export.left_out)])
+    expected_mm = (without_mm, with_mm, export.before_mm, export.after_mm)
+    said = say("export-remainder", *(f"{each:.3f}" for each in expected_mm))
+    return together("\n", [said, *(say("export-left-out", each) for each in export.left_out)])
 
 
 def _undo(printer: Printer, simple: Simple, more: list[str]) -> list[str]:

@@ -10,7 +10,7 @@ from printmend.effects.sample import drawn_places
 from printmend.errors import RefusedError
 from printmend.export.firmware import EXPORTS, NO_BACKLASH, Export, Simple, simple_part
 from printmend.infer.part import DRAWS
-from printmend.messages import say
+from printmend.messages import is_one_of, say, together
 from printmend.model import SavedModel
 from printmend.model.misfit import refusals
 from printmend.promise.belief import Belief, parse_belief
@@ -50,7 +50,7 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
         export, left_out = make(mechanism), []
         doubt = max(each.doubt_mm for each in every)
         if export.before_mm - export.after_mm < max(GAIN_MM, SURE_SIGMAS * doubt):
-            left_out = [_why("the tables", export.before_mm - export.after_mm, doubt)]
+            left_out = [_why(say("setting-tables"), export.before_mm - export.after_mm, doubt)]
         return _judged(model, belief, export, ("tables of both joints",) if not left_out else (), tuple(left_out))
     may_skew = next(each.chance >= SURE for each in every if each.name == "skew")
     whole = simple_part(mechanism, None if belief is None else belief.scene.turns_mm, may_skew=may_skew)
@@ -66,12 +66,14 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
             homeless += [each.name] if known and alone_mm >= GAIN_MM else []
         elif gain < GAIN_MM or not known:
             kept = without
-            left_out.append(_why(each.name, gain, each.doubt_mm, each.chance))
+            left_out.append(_why(_words(each.name), gain, each.doubt_mm, each.chance))
     if homeless:
-        left_out.append(f"{' and '.join(sorted(homeless))}: {NO_BACKLASH[firmware]}")
-    left_out += [gap for gap in model.findings if gap.startswith(UNTOLD)]
-    names = tuple(each.name for each in settings if _without(kept, each.name) != kept)
-    return _judged(model, belief, make(mechanism, kept), names, tuple(left_out))
+        names = [_words(name) for name in sorted(homeless)]
+        whose = say("and", *names) if len(names) == 2 else together(", ", names)
+        left_out.append(say("setting-homeless", whose, say(NO_BACKLASH[firmware])))
+    left_out += [gap for gap in model.findings if is_one_of(gap, UNTOLD)]
+    helping = tuple(each.name for each in settings if _without(kept, each.name) != kept)
+    return _judged(model, belief, make(mechanism, kept), helping, tuple(left_out))
 
 
 def _judged(
@@ -79,7 +81,7 @@ def _judged(
 ) -> Export:
     """Return an export with what is said of it. Raise `RefusedError` where none of its settings helps."""
     if not names:
-        came = "; ".join(left_out) or "its settings change nothing of what was learned"
+        came = together("; ", left_out) if left_out else say("settings-change-nothing")
         raise RefusedError(
             model.printer.name, wanted=say("fault-firmware-can-hold"), came=say("none-3", came),
             todo=say("leave-settings-they-there-nothing-mend") if model.is_healthy
@@ -93,14 +95,18 @@ def _judged(
 def _why(name: str, gain_mm: float, doubt_mm: float, chance: float = 1.0) -> str:
     """Say why a setting is left out."""
     if gain_mm <= -GAIN_MM:
-        return f"{name} alone would make prints {-gain_mm:.3f} mm worse over the bed (RMS)"
+        return say("setting-worse", name, f"{-gain_mm:.3f}")
     if gain_mm < GAIN_MM:
-        return f"{name} would help by less than {GAIN_MM:.3f} mm over the bed"
+        return say("setting-useless", name, f"{GAIN_MM:.3f}")
     if chance < SURE:
-        return (
-            f"{name} may be none: {100 * (1 - chance):.0f} of 100 machines that fit the measurement have no such fault"
-        )
-    return f"{name} is not known well enough (± {SURE_SIGMAS * doubt_mm:.3f} mm over the bed)"
+        return say("setting-may-be-none", name, f"{100 * (1 - chance):.0f}")
+    return say("setting-unsure", name, f"{SURE_SIGMAS * doubt_mm:.3f}")
+
+
+def _words(name: str) -> str:
+    """Return a setting's name as a message."""
+    what, _, motor = name.partition(" of ")
+    return say(f"setting-{what}", *filter(None, [motor]))
 
 
 def _without(simple: Simple, name: str) -> Simple:

@@ -17,6 +17,7 @@ from typing import Any
 from printmend.files import replacing
 from printmend.fit.setting import SLICERS, Setting
 from printmend.gcode.sliced import Sliced
+from printmend.messages import say
 
 WHOLE = 60  # settings, from which on a file says all of them
 NAME = "fits"  # what is added to a profile's name
@@ -47,14 +48,14 @@ def write_profiles(folder: Path, settings: Mapping[str, Sequence[Setting]], file
 
 def how_to_import(file: Sliced) -> str:
     """Say where the profile goes, or why there is none."""
-    title = SLICERS[file.maker].title if file.maker in SLICERS else "its slicer"
+    title = SLICERS[file.maker].title if file.maker in SLICERS else say("fit-its-slicer")
     if file.maker in _INI and len(file.settings) >= WHOLE:
-        return f"in {title}: File, Import, Import Config; it holds all settings of this file"
+        return say("fit-import-ini", title)
     if file.maker in _JSON and _parent(file, "print_settings_id"):
-        return f"in {title}: File, Import, Import Configs; both presets build on those of this file"
+        return say("fit-import-json", title)
     if file.maker == "cura" and file.containers:
-        return "in Cura: Preferences, Profiles, Import; it is the profile of this file with these values"
-    return "no profile: the file does not say the settings that it was sliced with; type the numbers"
+        return say("fit-import-cura")
+    return say("fit-no-profile")
 
 
 def _ini(mine: Sequence[Setting], file: Sliced) -> str:

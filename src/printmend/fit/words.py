@@ -7,6 +7,7 @@ from typing import Any
 from printmend.fit.estimate import RANGE, Estimate, Side
 from printmend.fit.setting import SLICERS, Setting, Slicer, Wanted, flow_instead
 from printmend.gcode.sliced import Sliced
+from printmend.messages import say
 
 MOST_HOLES = 12  # that are said; --json has all
 REPEAT_SD_MM = 0.01  # by which two prints of one wall differ
@@ -21,7 +22,7 @@ def fit_words(
     filament: str | None, height_mm: float, slicers: Sequence[str] | None = None,
 ) -> list[str]:  # fmt: skip
     """Return the report for a terminal: sizes, causes, settings. A ± is half of a 90 % range."""
-    lines = ["does it fit? (± is a 90 % range)"]
+    lines: list[str] = [say("fit-title")]
     own = SLICERS.get(file.maker, SLICERS["orcaslicer"])
     for side in estimate.sides:
         lines += _size_lines(side, estimate, file, corrections, own)
@@ -29,23 +30,23 @@ def fit_words(
     for name in slicers or ([file.maker] if file.maker in SLICERS else list(SLICERS)):
         lines.append(f"{SLICERS[name].title}:")
         lines += [
-            f"  {each.name} ({each.key}): {each.value}" + ("" if each.is_new else "  (as it is)")
+            say("fit-setting" if each.is_new else "fit-setting-unchanged", each.name, each.key, each.value)
             for each in settings[name]
         ]
         if name == "prusaslicer" and abs(corrections.hole_mm - corrections.outline_mm) >= 0.02:
-            lines.append("  it has no setting for holes alone: enlarge them in the drawing, or use another slicer")
+            lines.append(say("fit-no-holes"))
     return lines
 
 
 def fit_sizes(estimate: Estimate, file: Sliced, corrections: Wanted) -> list[str]:
     """Return sizes alone: what `measure` says at its end."""
     own = SLICERS.get(file.maker, SLICERS["orcaslicer"])
-    lines = ["does it fit? (± is a 90 % range; `printmend fit` says which settings of the slicer make it so)"]
+    lines: list[str] = [say("fit-title-sizes")]
     return lines + [line for side in estimate.sides for line in _size_lines(side, estimate, file, corrections, own)]
 
 
 def _layer_words(side: Side) -> str:
-    return "first layer" if side.layer == 1 else f"layer {side.layer}"
+    return say("fit-first-layer") if side.layer == 1 else say("fit-layer", side.layer)
 
 
 def after_hole_mm(
@@ -72,60 +73,50 @@ def after_size_mm(
 
 
 def _size_lines(side: Side, estimate: Estimate, file: Sliced, corrections: Wanted, slicer: Slicer) -> list[str]:
-    lines = []
+    lines: list[str] = []
     for axis, name in enumerate("XY"):
         drawn, after = after_size_mm(side, axis, estimate, file, corrections, slicer)
         now, sd = side.came_mm[axis], side.came_sd_mm[axis]
         sure = _pm(after, (sd**2 + REPEAT_SD_MM**2) ** 0.5)
-        lines.append(
-            f"  {_layer_words(side)}: {drawn:.2f} mm along {name} come out {_pm(now, sd)}; with these settings {sure}"
-        )
+        lines.append(say("fit-size", _layer_words(side), f"{drawn:.2f}", name, _pm(now, sd), sure))
     for number, hole in enumerate(side.rounds[:MOST_HOLES]):
         drawn, after = after_hole_mm(side, number, estimate, file, corrections, slicer)
         sure = _pm(after, (hole.sd_mm**2 + REPEAT_SD_MM**2) ** 0.5)
-        lines.append(
-            f"  {_layer_words(side)}: the hole of {drawn:.2f} mm at X {hole.at.x_mm:.0f} Y {hole.at.y_mm:.0f} comes "
-            f"out {_pm(hole.diameter_mm, hole.sd_mm)}; with these settings {sure}"
-        )
+        place = (f"{hole.at.x_mm:.0f}", f"{hole.at.y_mm:.0f}")
+        came = _pm(hole.diameter_mm, hole.sd_mm)
+        lines.append(say("fit-hole", _layer_words(side), f"{drawn:.2f}", *place, came, sure))
     if more := len(side.rounds) - MOST_HOLES:
-        lines += [f"  … and {more} more round holes: --json names them"] if more > 0 else []
+        lines += [say("terminal-fit-more-holes", more)] if more > 0 else []
     return lines
 
 
 def _cause_lines(estimate: Estimate, file: Sliced, filament: str | None, height_mm: float) -> list[str]:
-    lines = ["where that comes from:"]
+    lines: list[str] = [say("fit-causes")]
     for side in estimate.sides:
-        words = (
-            f"  {_layer_words(side)}: the outline stands out by {_pm(side.outline_mm, side.outline_sd_mm, sign=True)}"
-        )
+        words = say("fit-outline", _layer_words(side), _pm(side.outline_mm, side.outline_sd_mm, sign=True))
         if side.hole_mm is not None:
-            words += f", holes are narrower by {_pm(side.hole_mm, side.hole_sd_mm, sign=True)} on each side"
+            words = say("fit-narrower", words, _pm(side.hole_mm, side.hole_sd_mm, sign=True))
         lines.append(words)
     if (foot := estimate.foot_mm) is not None:
-        lines.append(f"  elephant's foot: {_pm(*foot, sign=True)}")
+        lines.append(say("fit-foot", _pm(*foot, sign=True)))
     elif estimate.first is not None:
-        lines.append(
-            "  elephant's foot and line width: together, for only the first layer was scanned; all of it counts as "
-            "foot. Scan the top side, too, and give it as --top"
-        )
+        lines.append(say("terminal-fit-foot-or-width"))
     else:
-        lines.append("  elephant's foot: not seen; scan the underside")
+        lines.append(say("fit-foot-unseen"))
     if (upper := estimate.upper) is not None:
         came = upper.width_mm + 2 * upper.outline_mm
-        words = f"  line width: {upper.width_mm:.2f} mm as sliced come out {_pm(came, 2 * upper.outline_sd_mm)}"
+        words = say("fit-width", f"{upper.width_mm:.2f}", _pm(came, 2 * upper.outline_sd_mm))
         if (flow := flow_instead(upper.width_mm, came, file, height_mm)) is not None:
-            words += (
-                f". A flow (extrusion multiplier) of {flow:.3f} serves instead of the outline's setting; never both"
-            )
+            words = say("fit-flow", words, f"{flow:.3f}")
         lines.append(words)
-    whose = f"shrinkage of {filament}" if filament else "shrinkage"
+    whose = say("fit-shrinkage-of", filament) if filament else say("fit-shrinkage")
     if not estimate.is_machine_off:
-        whose += ", and the machine's own scale with it"
-    by = " and ".join(
-        f"{-100 * scale:+.2f} ± {100 * RANGE * sd:.2f} % in {axis}"
+        whose = say("fit-with-machine", whose)
+    by = (
+        say("fit-percent", f"{-100 * scale:+.2f} ± {100 * RANGE * sd:.2f} %", axis)
         for scale, sd, axis in zip(estimate.scale, estimate.scale_sd, "XY", strict=True)
     )
-    lines.append(f"  {whose}: {by}")
+    lines.append(say("fit-shrinks", whose, *by))
     return lines
 
 

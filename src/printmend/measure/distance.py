@@ -15,7 +15,7 @@ import numpy as np
 from printmend.errors import TraceError
 from printmend.measure.plan import ProbePlan
 from printmend.measure.ruler import Ruler
-from printmend.messages import Said, say, together
+from printmend.messages import Said, is_one_of, say, together
 from printmend.path import Instrument
 
 LONGEST_MM, SHORTEST_MM = 145.0, 40.0  # of a distance that is asked for: the common callipers open 150 mm
@@ -59,7 +59,7 @@ def _whose(scale: str) -> str:
 
 def is_asking(note: str) -> bool:
     """Say whether a note of a measurement asks its owner for a distance."""
-    return isinstance(note, Said) and note.id in ASKING
+    return is_one_of(note, ASKING)
 
 
 def asked(plan: ProbePlan, span: tuple[int, int], across_mm: float, scale: str) -> str:

@@ -22,7 +22,7 @@ from printmend.machine import Frame, Mechanism
 from printmend.mend.history import Ageing
 from printmend.mend.update import Updated, update
 from printmend.mend.verify import Verdict, made, updated, verify
-from printmend.messages import say, together
+from printmend.messages import is_one_of, say, together
 from printmend.model import Branches, SavedModel, branches_of, saved_model, screw_of, with_screw
 from printmend.model.values import numbers
 from printmend.path import Instrument, Trace
@@ -272,7 +272,7 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
         if name
     }
     parts = _rescaled(belief, own, acts)
-    gaps = [gap for gap in model.findings[1:] if not gap.startswith(UNTOLD)]
+    gaps = [gap for gap in model.findings[1:] if not is_one_of(gap, UNTOLD)]
     if open_ := [axis for axis, one in enumerate(splits) if not _acts(one, entries, axis)]:
         gaps.append(_untold(entries, open_))
     diagnosis = diagnose(parts, belief.scene, gaps)

@@ -28,13 +28,14 @@ from printmend.gcode.container import open_gcode
 from printmend.gcode.read import read_gcode
 from printmend.gcode.sliced import Sliced, sliced
 from printmend.mend.part import PartMeasurement, measure_part
+from printmend.messages import say
 from printmend.model import SavedModel
 from printmend.printer import Printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.filament import known_filaments
 
 LEAST_TALL_MM = 8.0  # height of a part, from which on its foot lies in the dark while its top is scanned
-LOW = "the part is low"  # how the note begins that says so
+LOW = "part-is-low"  # message: the foot may show beside the top
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +105,7 @@ def fits(
     settings = {name: settings_for(slicer, corrections, file) for name, slicer in SLICERS.items()}
     notes = list(measured[0][1].notes)
     if len(layers) > 1 and layers[1].walls.tall_mm < LEAST_TALL_MM:
-        notes.append(
-            f"{LOW}: {layers[1].walls.tall_mm:.1f} mm high, so its foot may show beside its top, and counts as less"
-        )
+        notes.append(say(LOW, f"{layers[1].walls.tall_mm:.1f}"))
     return Fits(estimate, file, corrections, settings, filament, layers[0].walls.height_mm, tuple(notes))
 
 

@@ -20,7 +20,7 @@ from printmend.diagnosis.named import kind_words
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import ModelError
 from printmend.files import read_text, replacing
-from printmend.messages import say
+from printmend.messages import say, together
 from printmend.model.model import SavedModel
 
 if TYPE_CHECKING:
@@ -40,6 +40,10 @@ LEAST_RUN = 3  # measurements since the last repair; fewer tell no trend
 MOST_DRAWN = 4  # faults in the picture, the worst
 DRAWN_YEARS = 3.0  # how far past the last measurement the picture goes
 CROSSING_DRAWS = 2000  # lines drawn to see when a trend reaches a level: a quantile of 5 % is then known to 0.5 %
+_MESSAGES = {  # of events, and of results of a check print
+    "learned": "event-learned", "updated": "event-updated", "verified": "event-verified",
+    "refitted": "event-refitted", "kept": "result-kept", "broken": "result-broken", "cannot tell": "result-cannot-tell",
+}  # fmt: skip
 _TODO = say("move-away-model-itself-does-not")
 
 
@@ -83,7 +87,7 @@ class Trend:
     @property
     def name(self) -> str:
         """The part and what is wrong with it."""
-        return f"{_part_of(self.fault.part)} {kind_words(self.fault.kind)}"
+        return say("motor-quantity", _part_of(self.fault.part), kind_words(self.fault.kind))
 
     @property
     def is_sure(self) -> bool:
@@ -94,40 +98,41 @@ class Trend:
     def words(self) -> str:
         """Say how large it is, what it has passed, where it leads, and what to do."""
         unit, size = self.fault.unit, abs(self.fault.value)
-        said = f"{size:.3f} {unit} now"
+        said = say("history-now", f"{size:.3f}", unit)
         if len(self.sizes) - self.since < LEAST_RUN:
-            said += "; a trend needs three measurements since the last repair"
+            said = say("history-few", said)
         elif not self.is_sure:
-            said += ", and steady"
+            said = say("history-steady", said)
         else:
-            said += f", {'grows' if self.per_month > 0 else 'shrinks'} by {abs(self.per_month):.3f} {unit} a month"
-        return f"{said}{self._passed_words}{self._ahead_words}"
+            grows = "history-grows" if self.per_month > 0 else "history-shrinks"
+            said = say(grows, said, f"{abs(self.per_month):.3f}", unit)
+        return together("", filter(None, (said, self._passed_words, self._ahead_words)))
 
     @property
     def _passed_words(self) -> str:
         if self.passed is None:
             return ""
-        level, means = self._size_words(self.passed.level), f"it shifts prints by {self.passed.effect_mm:g} mm or more"
+        size, effect, advice = self.passed.level, f"{self.passed.effect_mm:g}", self._advice(self.fault.value)
         if self.passed.when_s is None:
-            said = f"more than {level} since the first measurement: {means}"
-        else:
-            said = f"it passed {level} about {_month(self.passed.when_s)}: since then {means}"
-        return f"; {said}. {self._advice(self.fault.value)}"
+            return say("history-passed-before", self._size_words(size), effect, advice)
+        return say("history-passed", self._size_words(size), _month(self.passed.when_s), effect, advice)
 
     @property
     def _ahead_words(self) -> str:
         if self.crossing_s is None:
             return ""
-        said = f"it will reach {self._size_words(self.level)} about {_month(self.crossing_s)}"
-        if self.earliest_s is not None:
-            late = "not for years" if self.latest_s is None else _month(self.latest_s)
-            said += f" (between {_month(self.earliest_s)} and {late})"
+        when = _month(self.crossing_s)
+        if self.earliest_s is not None and self.latest_s is None:
+            when = say("history-not-before", when, _month(self.earliest_s))
+        elif self.earliest_s is not None and self.latest_s is not None:
+            when = say("history-between", when, _month(self.earliest_s), _month(self.latest_s))
+        reached = (self._size_words(self.level), when, f"{self.effect_mm:g}")
         if self.passed is None:
-            return f"; {said}, and then shift prints by {self.effect_mm:g} mm: {self._advice(self.level)}"
-        return f" {said[0].upper()}{said[1:]}, and then shift prints by {self.effect_mm:g} mm"
+            return say("history-will-reach", *reached, self._advice(self.level))
+        return say("history-will-reach-next", *reached)
 
     def _size_words(self, level: float) -> str:
-        return f"{level:.2f} {self.fault.unit}"
+        return say("history-size", f"{level:.2f}", self.fault.unit)
 
     def _advice(self, size: float) -> str:
         return advise(replace(self.fault, value=size)).repair
@@ -162,13 +167,13 @@ class Ageing:
     def words(self) -> str:
         """Say what was expected."""
         said = [
-            f"{part} {kind} {more:+.3f} ± {sd:.3f} {'%' if kind == 'scale' else 'mm'}"
+            say("history-grown", part, kind_words(kind), f"{more:+.3f} ± {sd:.3f} {'%' if kind == 'scale' else 'mm'}")
             for (part, kind), (more, sd) in self.grown.items()
             if abs(more) > sd
         ]
         if not said:
             return ""
-        return f"{self.months:.1f} months after the last measurement, wear has probably added {', '.join(said)}"
+        return say("history-added", f"{self.months:.1f}", together(", ", said))
 
 
 def history_of(model_path: Path) -> Path:
@@ -375,11 +380,12 @@ def _iso(time_s: float | None) -> str | None:
 
 def _part_of(part: str) -> str:
     """Return a part as it is written: a motor in capitals, the frame as a word."""
-    return part.upper() if len(part) == 1 else part
+    return part.upper() if len(part) == 1 else say("part-frame") if part == "frame" else part
 
 
 def _month(time_s: float) -> str:
-    return datetime.fromtimestamp(time_s, UTC).strftime("%B %Y")
+    when = datetime.fromtimestamp(time_s, UTC)
+    return say(f"month-{when.month}", when.year)
 
 
 def draw_history(path: Path, trends: Sequence[Trend]) -> None:
@@ -423,22 +429,31 @@ def _drawn(trend: Trend) -> "Wear":
 
 def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
     """Return (date, event, what it said) of every event, for a table."""
-    rows = []
+    rows: list[tuple[str, str, str]] = []
     for event in events:
         if event.get("event") == "verified":
             at_most = event.get("now_at_most_mm")
             now = f"{event['now_mm']:.3f}" if not isinstance(at_most, float) else say("less-than", f"{at_most:.3f}")
-            said = (
-                f"{now} mm, {event['promised_low_mm']:.3f} to {event['promised_high_mm']:.3f} was "
-                f"promised: {event.get('result', 'kept' if event.get('kept') else 'broken')}"
-            )
+            promised = (f"{event[f'promised_{end}_mm']:.3f}" for end in ("low", "high"))
+            result = str(event.get("result", "kept" if event.get("kept") else "broken"))
+            said = say("history-verified", now, *promised, _said(result))
         elif event.get("event") == "refitted":
-            said = f"{' and '.join(map(str, event.get('motors', [])))}: worked on, to be measured again"
+            said = say("history-refitted", " + ".join(map(str, event.get("motors", []))))
         else:
             faults = [
-                f"{_part_of(one['part'])} {kind_words(one['kind'])} {abs(one['value']):.3f} {one['unit']}"
+                say(
+                    "history-grown",
+                    _part_of(one["part"]),
+                    kind_words(one["kind"]),
+                    f"{abs(one['value']):.3f} {one['unit']}",
+                )
                 for one in event.get("faults", [])
             ]
-            said = ", ".join(faults) or "healthy"
-        rows.append((_iso(event["seconds"]) or "", str(event.get("event", "")), said))
+            said = together(", ", faults) if faults else say("history-healthy")
+        rows.append((_iso(event["seconds"]) or "", _said(str(event.get("event", ""))), said))
     return rows
+
+
+def _said(name: str) -> str:
+    """Return an event or a result as a message; a name that is none of ours stays as it is."""
+    return say(_MESSAGES[name]) if name in _MESSAGES else name

@@ -75,6 +75,11 @@ def together(between: str, parts: Iterable[str]) -> Said:
     return said(between, values, between.join(values.values()))
 
 
+def is_one_of(text: str, names: Iterable[str]) -> bool:
+    """Tell whether a text is the message of one of these ids."""
+    return isinstance(text, Said) and text.id in names
+
+
 def translated(text: str, language: str) -> str:
     """Return a message in a language; a text without an id stays as it is."""
     return _german(text) if language == GERMAN else str(text)

@@ -12,7 +12,7 @@ from printmend.model import SavedModel
 from printmend.model.values import number, numbers, refuse, section_of
 
 FILAMENTS = "filaments"  # the model file's key
-UNTOLD = "whose the scale is:"  # how the finding begins that says so of machine and filament
+UNTOLD = ("whose-scale-not-settled", "whose-scale-untold")  # findings: the scale is the machine's or the filament's
 MOST = 200  # entries, and filaments, of a file
 _SUBJECT = "the model [filaments]"
 
