@@ -24,7 +24,8 @@ FOREIGN = (
 )  # fmt: skip
 # Of these the names of presets, and those of a sibling with the same bed and belts.
 SHARED = {
-    "p1s": ("Bambu Lab P1S", "Bambu Lab H9"), "k1": ("Creality K1",), "k1c": ("Creality K1",), "sv08": ("Sovol SV08",),
+    "p1s": ("Bambu Lab P1S", "Bambu Lab H9"), "x1c": ("Bambu Lab X1 Carbon 0.4 nozzle", "X1C", "Bambu Lab H9"),
+    "k1": ("Creality K1",), "k1c": ("Creality K1",), "sv08": ("Sovol SV08",),
     "prusa-mk4s": ("Original Prusa MK4S", "MK4"), "prusa-core-one": ("Prusa CORE One", "COREONE"),
     "trident-300": ("Voron Trident 300",), "voron0": ("Voron_v0_120",), "kobra2": ("Anycubic Kobra 2 Pro",),
     "neptune4": ("Elegoo Neptune 4 Pro",), "v-core3-300": ("RatRig V-Core 3",), "v-core3-400": ("RatRig V-Core 3",),
@@ -51,6 +52,7 @@ OWN = {
     "sapphire-plus": ("Two Trees Sapphire Plus", "Sapphire Plus", "TwoTrees SapphirePlus"),
     # as printer_model and printer_settings_id of PrusaSlicer, OrcaSlicer and Bambu Studio have them
     "p1s": ("Bambu Lab P1S", "Bambu Lab P1S 0.4 nozzle", "Bambu Lab P1P"),
+    "x1c": ("Bambu Lab X1 Carbon", "Bambu Lab X1 Carbon 0.4 nozzle", "Bambu Lab X1E"),
     "k1": ("Creality K1", "K1", "Creality K1 (0.4 nozzle)", "Creality K1 SE"), "k1c": ("Creality K1C", "Creality K1"),
     "ender3-v3-ke": ("Creality Ender-3 V3 KE", "Creality Ender-3 V3 KE 0.4 nozzle", "ENDER3V3KE"),
     "prusa-mk4s": ("MK4S", "MK4", "Original Prusa MK4S", "Prusa MK4S HF0.4 nozzle", "MK4ISMMU3"),
