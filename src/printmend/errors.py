@@ -23,7 +23,7 @@ from printmend.messages import said, say
 
 WHY = "why"  # id of an error as a message: its subject, what was wanted, what came, what to do
 _REASONS = {errno.ENOENT: "no-such-file-or-directory", errno.EACCES: "permission-denied", errno.ENOSPC: "no-space-left"}
-_LONGEST = 300  # characters of each part of a message
+_LONGEST = 600  # characters of each part of a message
 
 
 class PrintmendError(Exception):

@@ -5,6 +5,8 @@ from pathlib import Path
 import click
 
 from printmend.cli.model import ModelType
+from printmend.cli.terminal import echo
+from printmend.messages import say
 
 
 @click.command(
@@ -40,9 +42,9 @@ def command(
     spare((output,), (plan, *scans, trace, model, *checks))
     parts = donation(plan=plan, scans=scans, trace=trace, model=model, checks=checks)
     write_donation(output, parts)
-    click.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB, with")
+    echo(say("donation-holds", output, f"{output.stat().st_size / 1e6:.1f}"))
     for part in parts:
         less = f" (left out: {'; '.join(part.left_out)})" if part.left_out else ""
         click.echo(f"  {part.name:<19}{part.what}{less}")
-    click.echo("Left out of all: names and places of files, dates, notes, what the owner calls the printer.")
-    click.echo("Nothing was sent. Look at the pictures before you give it away: they show what lay on the glass.")
+    echo(say("donation-without"))
+    echo(say("donation-not-sent"))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from printmend.cli.terminal import echo
 from printmend.errors import InputError
 from printmend.messages import say
 
@@ -27,10 +28,10 @@ def command(address: str | None, code: str | None, model: Path, name: str, newer
     if newer:
         if address is not None:
             raise click.UsageError("--update needs no ADDRESS and no CODE: they are known")
-        click.echo(f"{model} is {'now the newest' if update(model) else 'the newest already'}")
+        echo(say("pair-updated" if update(model) else "pair-newest", model))
         return
     if address is None or code is None:
-        raise click.UsageError("wanted ADDRESS and CODE as the studio shows them; or --update")
+        raise click.UsageError("give ADDRESS and CODE as the studio shows them, or --update")
     if len(code) != 6 or not code.isascii() or not code.isdigit():
         raise InputError(code, wanted=say("six-digits"), came=say("something-else"), todo=say("copy-code-studio-shows"))
-    click.echo(f"{model} comes from {pair(model, address, code, name[:60])!r} at {address} from now on")
+    echo(say("pair-done", model, repr(pair(model, address, code, name[:60])), address))

@@ -6,6 +6,8 @@ from typing import Any
 import click
 
 from printmend.cli.model import models, models_folder
+from printmend.cli.terminal import echo
+from printmend.messages import say
 
 
 @click.command(epilog="Example: printmend printers, then printmend mend part.gcode -m e3-07")
@@ -24,13 +26,13 @@ def command(as_json: bool) -> None:
         said: dict[str, Any] = {"name": name, "file": str(path)}
         try:
             model = read_model(path)
-            finding = next(iter(model.findings), "not learned: the fault is known exactly")
+            finding = next(iter(model.findings), say("not-learned"))
             said |= {"printer": model.printer.name, "digest": model.digest, "finding": finding}
         except PrintmendError as error:
-            said["error"] = str(error)
+            said["error"] = error.message
         if as_json:
             click.echo(json.dumps(said, ensure_ascii=False))
         else:
-            click.echo(f"{name}: {said.get('printer', path)}: {said.get('finding') or said['error']}")
+            echo(say("model-listed", name, said.get("printer", path), said.get("finding") or said["error"]))
     if not found and not as_json:
-        click.echo(f"no *.mend.json here or in {models_folder()}; `printmend learn` writes one", err=True)
+        echo(say("terminal-no-models", models_folder()), err=True)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from printmend.cli.number import Finite
+from printmend.cli.terminal import echo
+from printmend.messages import say, together
 from printmend.units import A4_MM, LETTER_MM
 
 if TYPE_CHECKING:
@@ -133,7 +135,7 @@ def command(
         from printmend.probe.tags import write_sheet
 
         write_sheet(sheet)
-        click.echo(f"{sheet}: print it at 100 %")
+        echo(say("print-at-full-size", sheet))
     if printer_name is None:
         return
     printer = read_printer(printer_name)
@@ -165,17 +167,17 @@ def command(
     if start_path is not None:
         start, left_out = start_from(start_path, printer)
         if left_out:
-            click.echo("\n  ".join((f"Not copied from {start_path}:", *left_out)), err=True)
+            echo(together("\n  ", (say("not-copied-from", start_path), *left_out)), err=True)
     plan_path = write_probe(
         output, plan, extruder=extruder or printer.extruder, start_gcode=start, papers=papers,
         pause_gcode=printer.pause_gcode,
     )  # fmt: skip
     minutes, grams = cost(plan)
-    used = pen_and_paper(plan) if pen else f"{weight(grams)} of PLA"
-    click.echo(f"{' and '.join(map(str, files))}: {len(plan)} dots, {minutes:.0f} min, {used}")
+    used = pen_and_paper(plan) if pen else say("filament-used", weight(grams))
+    echo(say("probe-written", together(", ", map(str, files)), len(plan), f"{minutes:.0f}", used))
     for number, (paper, file) in enumerate(zip(papers, files, strict=False), start=1):
-        which = f"Sheet {number}" if sheets > 1 else "The sheet"
-        click.echo(f"{which} ({paper.name}): {paper.place}; print {file.name} on it")
+        which = say("sheet-number", number) if sheets > 1 else say("the-sheet")
+        echo(say("print-on-sheet", which, paper.name, paper.place, file.name))
     if (
         papered
         and sheets == 1
@@ -184,25 +186,22 @@ def command(
         and design == "fixed"
         and (unseen := _unseen(printer, plan))
     ):
-        click.echo(unseen)
+        echo(unseen)
     if phase:
-        click.echo(f"Scan it, run `printmend measure`, then `printmend learn trace.csv --phase MODEL`: {plan_path}")
+        echo(say("terminal-next-phase", plan_path))
         return
     error_mm = expected_error_mm(printer, plan, part=part, after=trace)
-    click.echo(
-        f"Expected error after mending, {'of the part' if part else 'anywhere on the bed'}: {error_mm:.3f} mm RMS"
-    )
-    click.echo(f"{plan_path}: the plan; keep it for `printmend measure`")
+    echo(say("expected-after-part" if part else "expected-after", f"{error_mm:.3f}"))
+    echo(say("terminal-keep-plan", plan_path))
     page = write_leaflet(output, plan, printer, printer_name, papers=papers)
-    click.echo(f"{page}: what to do with it, on one page with pictures")
+    echo(say("probe-page", page))
     if not pen:
-        click.echo(PAPER_COLOURS if surface == "paper" else PLATE_COLOURS)
+        echo(say(PAPER_COLOURS if surface == "paper" else PLATE_COLOURS))
     if sheet is not None and (np.ptp(plan.marks_mm, axis=0) > window_mm()).any():
-        window = f"The sheet's window is {window_mm().min():.0f} mm wide"
-        click.echo(f"{window}: for a photo, make --size smaller; on a scanner, lay it beside the print.", err=True)
+        echo(say("terminal-window-too-small", f"{window_mm().min():.0f}"), err=True)
     for motor, turns in zip(printer.motors, turns_covered(printer, plan), strict=True):
         if turns < 1:
-            click.echo(f"The marks span {turns:.1f} turns of motor {motor.upper()}: its pulley needs one.", err=True)
+            echo(say("marks-span-too-little", f"{turns:.1f}", motor.upper()), err=True)
 
 
 def _unseen(printer: "Printer", plan: "ProbePlan") -> str:
@@ -216,8 +215,7 @@ def _unseen(printer: "Printer", plan: "ProbePlan") -> str:
     if (marked > high - low - plan.pitch_mm).all():
         return ""
     whole = high - low
-    shown = f"{marked[0]:.0f} × {marked[1]:.0f} of {whole[0]:.0f} × {whole[1]:.0f} mm of the bed"
-    return f"The sheet shows {shown}: what lies beyond needs --sheets 2 or 3"
+    return say("terminal-sheet-shows-part", *(f"{each:.0f}" for each in (*marked, *whole)))
 
 
 def _write_first_layer(part: Path, output: Path, printer_name: str | None) -> None:
@@ -240,10 +238,8 @@ def _write_first_layer(part: Path, output: Path, printer_name: str | None) -> No
     with replacing(output, "wb") as file:
         file.write(text)
     page = write_layer_leaflet(output, program, printer, printer_name, walls)
-    click.echo(f"{output}: the first layer of {part.name}; print it, scan it, and run")
+    echo(say("first-layer-written", output, part.name))
     click.echo(f"printmend measure scan.png --gcode {output} --printer {printer_name or 'YOURS'} -o trace.csv")
     if printer_name is None:
-        click.echo(
-            "YOURS is your printer's name (`printmend printer` lists them); with --printer the page shows its bed"
-        )
-    click.echo(f"{page}: the same on one page, with pictures")
+        echo(say("terminal-yours-is"))
+    echo(say("layer-page", page))

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 import click
 
 from printmend.cli.number import Finite
+from printmend.cli.terminal import echo
+from printmend.messages import say
 
 if TYPE_CHECKING:
     import numpy as np
@@ -88,7 +90,7 @@ def command(
         plan = read_plan(plan_path or source.with_suffix(".json"))
     trace = print_gcode(program, twin, noise_mm=noise_mm, rng=np.random.default_rng(seed))
     write_trace(output, trace)
-    click.echo(f"{output}: {len(trace)} way-points, measured with {noise_mm:g} mm of noise")
+    echo(say("twin-measured", output, len(trace), f"{noise_mm:g}"))
     if scan is not None:
         from printmend.measure.image import write_image
 
@@ -97,8 +99,8 @@ def command(
         else:
             image = _dots(program, twin, plan, dpi, dirt, seed, int(turn) // 90)
         write_image(scan, image, dpi=dpi)
-        what = "the part's underside" if plan is None else "the dots"
-        click.echo(f"{scan}: {what}, {image.shape[1]} × {image.shape[0]} pixels at {dpi:g} dpi")
+        what = say("twin-underside" if plan is None else "twin-dots")
+        echo(say("twin-scanned", scan, what, image.shape[1], image.shape[0], f"{dpi:g}"))
 
 
 def _dots(

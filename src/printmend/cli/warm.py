@@ -2,6 +2,9 @@
 
 import click
 
+from printmend.cli.terminal import echo
+from printmend.messages import say
+
 
 @click.command(epilog="Example: printmend warm")
 def command() -> None:
@@ -12,6 +15,6 @@ def command() -> None:
     with progress("compiling", len(STEPS)) as done:
         entries, seconds = warm(done)
     if entries:
-        click.echo(f"Compiled {entries} kernels in {seconds:.0f} s: learn, check and mend start at once from now on.")
+        echo(say("terminal-warm-done", entries, f"{seconds:.0f}"))
     else:
-        click.echo("Nothing to do: all is compiled for this machine.")
+        echo(say("terminal-warm-already"))

@@ -48,7 +48,7 @@ class Cause:
             near = get_close_matches(self.effect, EFFECTS, 3)
             raise ConfigError(
                 f"effect {self.effect!r}", wanted=say("name-effect"), came=say("no-such-name"),
-                todo=say("did-you-mean-else", ' or '.join(near), _TODO) if near else _TODO,
+                todo=say("did-you-mean-else", ', '.join(near), _TODO) if near else _TODO,
             )  # fmt: skip
         if self.on is not None and not (isinstance(self.on, str) and self.on in _MOTORS):
             self._refuse(say("x-y-b"), repr(self.on))

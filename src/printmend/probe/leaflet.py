@@ -10,6 +10,7 @@ from printmend.files import replacing
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan
+from printmend.messages import say
 from printmend.pdf import BLACK, BLUE, GREY, PALE, RED, PdfPage
 from printmend.printer import Printer
 from printmend.printer.printer import PAUSE
@@ -30,16 +31,12 @@ STEPS_MM = 152.0  # from the upper edge of the page to the steps
 CHORD_MM = 0.3  # how far an arc's chords may lie from it
 WHITE, GREEN = (1.0, 1.0, 1.0), (0.1, 0.5, 0.2)
 SHEET_COLOURS = (BLUE, RED, GREEN)
-PLATE_COLOURS = (
-    "Colours: the dots must stand out from the plate. Dark filament (black, blue, red, green) on a light or golden "
-    "plate; white, yellow or grey on a black one. Clear and silk filament glitter: take another."
-)
+PLATE_COLOURS, PAPER_COLOURS = "colours-on-plate", "colours-on-paper"  # messages
 AS_IT_IS = "Print the file as it is: do not slice, scale or turn it."
 SETTLE = (
     "It ends with what is still open: a distance. Take it with callipers, and measure again with --distance and what "
     "they say: a picture cannot tell a printer whose parts are all 0.4 % too large from its own scale."
 )
-PAPER_COLOURS = "Colours: white paper, and any filament that is neither white nor clear. Black is best."
 
 
 def leaflet_of(gcode: Path) -> Path:
@@ -186,8 +183,8 @@ def _before(plan: ProbePlan, papers: Sequence[Paper], printer: Printer) -> list[
         return [_taped(plan, papers), *_with_a_pen(plan, papers, printer)]
     heat = "Change the temperatures at the top of the file for another material than PLA."
     if papers:
-        return [_taped(plan, papers), heat, PAPER_COLOURS]
-    return [f"Clean the bed. {heat}", PLATE_COLOURS]
+        return [_taped(plan, papers), heat, say(PAPER_COLOURS)]
+    return [f"Clean the bed. {heat}", say(PLATE_COLOURS)]
 
 
 def _with_a_pen(plan: ProbePlan, papers: Sequence[Paper], printer: Printer) -> list[str]:
