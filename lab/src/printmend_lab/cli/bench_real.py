@@ -15,27 +15,26 @@ from printmend_lab.cli.where import with_executor
     epilog="Example: printmend bench real position_error_by_travel.csv",
 )
 @click.argument("data", type=click.Path(path_type=Path))
-@click.option("--protocol", type=click.Choice(["first", "pooled"]), default="first", show_default=True)
 @with_executor
 @click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-real", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
-def real(data: Path, protocol: Any, executor: Any, out: Path, as_json: bool) -> None:
+def real(data: Path, executor: Any, out: Path, as_json: bool) -> None:
     """Learn from the first measured traverse of each direction, predict the later ones.
 
     DATA is a CSV of traverses, or a clone of RenzoCab/Non-Circular-Pulleys with motion capture of real pulleys.
-    --protocol pooled learns a shape from the first traverses of all its speeds. The floor is the scatter of the later
-    traverses about their own mean. Results go to OUT/real.jsonl; an interrupted run goes on where it was.
+    The floor is the scatter of the later traverses about their own mean. Results go to OUT/real.jsonl; an interrupted
+    run goes on where it was.
     """
     from printmend.cli.progress import progress
     from printmend_lab.bench.real.mocap import read_runs
     from printmend_lab.bench.real.real import HEADER, cells, real_cases, real_table
     from printmend_lab.cli.table import show_failures, show_table
 
-    cases = real_cases(data, read_runs(data), protocol)
+    cases = real_cases(data, read_runs(data))
     with progress("pulleys and speeds", len(cases)) as tick:
         lines, results = real_table(cases, out, executor=executor, tick=tick)
     if as_json:
-        click.echo(json.dumps({"protocol": protocol, "lines": [asdict(line) for line in lines]}))
+        click.echo(json.dumps({"lines": [asdict(line) for line in lines]}))
     else:
-        show_table(f"Measured traverses, protocol {protocol}", HEADER, [cells(line) for line in lines])
+        show_table("Measured traverses", HEADER, [cells(line) for line in lines])
     show_failures(results)
