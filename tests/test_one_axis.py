@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from printmend.mend.learned import learn
+from printmend.learn.learned import learn
+from printmend.learn.order import in_order
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.promise.misfit_rows import in_order
 
 WAVE_MM, TURN_MM, PLAY_MM, NOISE_MM = 2.2, 44.6, 1.5, 0.02
 

@@ -28,12 +28,12 @@ from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive, Play, corruption_toml, sample
 from printmend.errors import ScanError
 from printmend.learn import learner
+from printmend.learn.learned import learn_model
 from printmend.measure import read_plan, write_trace
 from printmend.measure.image import read_image
 from printmend.measure.measurement import measure_scans
 from printmend.measure.paper import find_sheet
 from printmend.mend.history import read_history, trends_of
-from printmend.learn.learned import learn_model
 from printmend.mend.mend import mend_gcode
 from printmend.mend.part import measure_part
 from printmend.path import Trace

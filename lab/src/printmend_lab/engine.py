@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from printmend.learn.learned import learn
 from printmend.learn.mechanism_model import MechanismModel
-from printmend.mend.learned import learn
 from printmend.path import Trace
 from printmend.printer import Printer
 
