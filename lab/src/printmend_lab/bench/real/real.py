@@ -1,8 +1,8 @@
 """`printmend bench real`: learn from the first measured traverse of each direction, predict the later ones.
 
 ``shipped`` is what `printmend learn` makes of them. ``plain`` is a least-squares fit of eight harmonics a direction,
-the travel of a turn fitted too. The floor is what no predictor can pass: the scatter of the later traverses about their own
-mean. ``periodic`` is the plain fit to the later traverses themselves, the best that anything can do which repeats every
+the travel of a turn fitted too. The floor is what no predictor can pass: the scatter of the later traverses about
+their own mean. ``periodic`` is the plain fit to the later traverses themselves, the best that anything can do which repeats every
 turn: what lies between it and the floor repeats, but not by turns. A ``copy`` of the first traverse comes to √2 floors
 if the first is of the same kind as the later ones. Places are counted from the middle of the bed (`middles_mm`), which
 uses the lengths of the later traverses but never their errors; ``blind`` counts travel from each traverse's first
