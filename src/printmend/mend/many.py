@@ -156,7 +156,8 @@ def mend_files(
     """Mend each source to its target, ``jobs`` at a time; yield what became of them, in their order.
 
     ``as_they_are`` copies a test print of ours, as mending it makes a check print, for which nobody asked. It copies
-    what this model mended, too. ``spare_done`` are those sources that are left alone where they are mended already (`is_done`).
+    what this model mended, too. ``spare_done`` are those sources that are left alone where they are mended already
+    (`is_done`).
     """
     taken: set[Path] = set()
     lock = threading.Lock()
