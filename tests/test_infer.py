@@ -12,7 +12,7 @@ from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, pla
 from printmend.effects.prior import share_of
 from printmend.effects.sample import drawn_places
 from printmend.effects.sized import Sized
-from printmend.infer.fit import HOME_SD_MM, fitted
+from printmend.infer.fit import HOME_SD_MM, fitted, weighed
 from printmend.infer.gram import Block, Dictionary, Rows, dictionary_of, gram_of, seen
 from printmend.infer.machine import machine_of
 from printmend.infer.normal import log_below
@@ -109,26 +109,46 @@ def test_noise_alone_makes_no_machine(preset: str) -> None:
         assert not any(part.acts_mm.any() for part in posterior.parts)
 
 
+COMMON = ("place", "scale", "play", "skew", "pulley", "idler", "drift", "turn", "halves")
+
+
 def test_drawn_printers_rank_evenly_among_their_draws() -> None:
     """Simulation-based calibration, in small: `benchmarks/bench_sbc.py` does it in large."""
     printer = read_printer("ender3")
     scene, (path, dots) = scene_for(printer), path_of(printer)
     dots[0] = False
     places, ranks = drawn_places(scene), []
-    for seed in range(20):
+    for seed in range(50):
         rng = np.random.default_rng([7, seed])
-        true = [part for part in drawn_parts(scene, rng) if part.effect in ("scale", "play", "skew", "pulley", "drift")]
-        mild = [replace(part, sizes_mm=np.clip(part.sizes_mm, -0.5, 0.5)) for part in true]
-        trace = measured(path, dots, scene, mild, NOISE_MM, rng)
-        first, _ = machine_of(scene, [part for part in mild if part.effect == "play"])
-        posterior = posterior_of(fitted(trace, scene, first), rng)
+        true = [part for part in drawn_parts(scene, rng) if part.effect in COMMON]
+        trace = measured(path, dots, scene, true, NOISE_MM, rng)
+        first, _ = machine_of(scene, [part for part in true if part.effect in ("scale", "play")])
+        fit = fitted(trace, scene, first, kept=lambda term: term.effect in COMMON, quick=True)
+        parts = posterior_of(fit, rng).parts
+        none = np.zeros((len(places), 2, 1))
+        acts = sum((_moved(part, part.acts_mm[:, None], places, scene) for part in parts), none)
+        truth = sum((_moved(part, part.sizes_mm[:, None], places, scene) for part in true), none) - acts
+        draws = sum((_moved(part, part.draws_mm, places, scene) for part in parts), none) - acts
         one, axis = int(rng.integers(len(places))), int(rng.integers(2))
-        truth = sum(_moved(part, part.sizes_mm[:, None], places, scene)[one, axis] for part in mild) + np.zeros(1)
-        draws = sum(_moved(part, part.draws_mm, places, scene)[one, axis] for part in posterior.parts) + np.zeros(DRAWS)
-        below, same = (draws < truth - 1e-9).sum(), (np.abs(draws - truth) <= 1e-9).sum()
-        ranks.append((below + rng.uniform() * (same + 1)) / (DRAWS + 1))
-    counts = np.histogram(ranks, bins=5, range=(0, 1))[0]
-    assert np.sum((counts - 4.0) ** 2 / 4.0) < 18.5  # χ² of 4 degrees: one in a thousand is larger
+        left = (np.square(each).sum(axis=(0, 1)) for each in (truth, draws))
+        ranks.append([_rank(truth[one, axis], draws[one, axis], rng), _rank(*left, rng)])
+    for column in np.array(ranks).T:
+        counts = np.histogram(column, bins=5, range=(0, 1))[0]
+        assert np.sum((counts - 10.0) ** 2 / 10.0) < 18.5  # χ² of 4 degrees: one in a thousand is larger
+
+
+def _rank(truth: np.ndarray, draws: np.ndarray, rng: np.random.Generator) -> float:
+    below, same = (draws < truth - 1e-9).sum(), (np.abs(draws - truth) <= 1e-9).sum()
+    return float((below + rng.uniform() * (same + 1)) / (DRAWS + 1))
+
+
+def test_normal_noise_is_taken_for_what_it_is(rng: np.random.Generator) -> None:
+    """Its variance by the weighed rows is its own, and rows far off count for next to nothing."""
+    noise = NOISE_MM * rng.standard_normal(4000)
+    rows = Rows(np.arange(4000), np.ones((4000, 2)), noise, np.ones(4000), np.ones(4000))
+    assert float(np.mean(weighed(rows, noise) * noise**2)) == pytest.approx(NOISE_MM**2, rel=0.1)
+    noise[:40] = 1.0
+    assert weighed(rows, noise)[:40].max() < 0.01
 
 
 def _moved(part: object, sizes: np.ndarray, places: object, scene: Scene) -> np.ndarray:
