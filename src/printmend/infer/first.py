@@ -17,8 +17,8 @@ from printmend.effects.prior import mild_shares, share_of, size_mm
 from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.effects.teeth import TOOTH_MM
 from printmend.infer.fit import Fit, fitted, weighed
-from printmend.infer.gram import Block, Dictionary, Gram, Rows, extended, gram_of, narrowed, seen
-from printmend.infer.search import Search, Set
+from printmend.infer.gram import Block, Dictionary, Rows, gram_of, laid_side_by_side, narrowed, seen
+from printmend.infer.search import Search, Set, State
 from printmend.machine import healthy_mechanism
 from printmend.path import Trace
 
@@ -127,19 +127,15 @@ class _Beside:
     motor: int
 
     @cached_property
-    def known(self) -> tuple[tuple[Block, ...], np.ndarray, np.ndarray, Gram]:
-        """The blocks that stay, their columns, the rows' weights, and their Gram matrix."""
-        dictionary, blocks, columns, first = self.fit.dictionary, [], [np.zeros((len(self.fit.rows.mark), 0))], 0
-        for b, variant in self.fit.state.members:
-            block = dictionary.blocks[b]
-            if block.effect in REPEATING and block.where == self.motor:
-                continue
-            one = dictionary.columns[:, block.at]
-            at = slice(first, first := first + one.shape[1])
-            blocks.append(replace(block, at=at, sds_mm=block.sds_mm[[variant]], log_odds=block.log_odds[[variant]]))
-            columns.append(one)
-        known, weight = np.hstack(columns), weighed(self.fit.rows, self.fit.left_mm())
-        return tuple(blocks), known, weight, gram_of(known, self.fit.rows, weight)
+    def known(self) -> tuple[Search, State, np.ndarray]:
+        """The search among the blocks that stay, the set of them all, and the rows' weights."""
+        blocks, members = self.fit.dictionary.blocks, self.fit.state.members
+        kept = [one for one in members if blocks[one[0]].effect not in REPEATING or blocks[one[0]].where != self.motor]
+        weight = weighed(self.fit.rows, self.fit.left_mm())
+        dictionary = self.fit.search.narrowed([b for b, _ in kept]).dictionary
+        search = Search(dictionary, gram_of(dictionary.columns, self.fit.rows, weight))
+        own: Set = tuple((at, variant) for at, (_, variant) in enumerate(kept))
+        return search, search.posterior(own, self.fit.state.sigma_mm, rounds=0), weight
 
     @cached_property
     def marks(self) -> tuple[Places, Rows]:
@@ -147,21 +143,18 @@ class _Beside:
 
     def gain(self, turn: Turn) -> float:
         """Return the score of the set with a pulley of this turn, whose play breathes or not."""
-        blocks, known, weight, gram = self.known
+        search, beside, weight = self.known
         (places, rows), scene, new = self.marks, turn.of(self.fit.scene), []
         for name, most in (("pulley", ROUND_MOST), ("breathing", BREATH_MOST)):
             columns = seen(name, turn.motor, (), places, rows, scene)
             new.append(np.hstack([each[:, :most] for each in np.hsplit(columns, 2)]))
-        columns, first = np.hstack(new), known.shape[1]
-        sizes = _sizes_mm()
-        block = Block("pulley", turn.motor, (), slice(first, first + columns.shape[1]), sizes, np.zeros(len(sizes)))
-        whole = extended(gram, known, columns, self.fit.rows, weight)
-        search = Search(Dictionary((*blocks, block), np.zeros((0, first + columns.shape[1]))), whole)
-        members: Set = tuple((b, 0) for b in range(len(blocks)))
-        sigma_mm = self.fit.state.sigma_mm
-        beside = search.posterior(members, sigma_mm, rounds=0)
-        best, _ = search.gains(beside, np.array([len(blocks)])).best()
-        return search.posterior((*members, best), sigma_mm).score
+        sizes, count = _sizes_mm(), len(search.dictionary.blocks)
+        block = Block("pulley", turn.motor, (), slice(0, sizes.shape[1]), sizes, np.zeros(len(sizes)))
+        blocks = laid_side_by_side((*search.dictionary.blocks, block))
+        whole = Dictionary(blocks, np.hstack([search.dictionary.columns, *new]))
+        search = search.with_more(whole, self.fit.rows, weight)
+        best, _ = search.gains(beside, np.array([count])).best()
+        return search.posterior((*beside.members, best), self.fit.state.sigma_mm).score
 
 
 def _sizes_mm() -> np.ndarray:
