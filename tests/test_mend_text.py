@@ -250,9 +250,15 @@ def test_a_line_after_a_tool_change_is_mended() -> None:
 
 
 def test_filament_in_inches_is_shared_as_finely_as_in_mm() -> None:
-    written, _ = mended(START + b"G20\nG0 X2 Y2 F240\nG1 X5.3 Y2.7 E.00031 F60\n", BENT)
-    drawn = [move for move in naive_mend.read_moves(written, (0.0, 0.0, 0.0)) if move.draws]
-    assert len(drawn) > 10
+    inches, mm = (
+        b"G20\nG0 X2 Y2 F240\nG1 X5.3 Y2.7 E.00031 F60\n",
+        b"G0 X50.8 Y50.8 F6096\nG1 X134.62 Y68.58 E.007874 F1524\n",
+    )
+    drawn, same = (
+        [move for move in naive_mend.read_moves(mended(START + lines, BENT)[0], (0.0, 0.0, 0.0)) if move.draws]
+        for lines in (inches, mm)
+    )
+    assert len(drawn) == len(same) > 1
     assert sum(move.filament for move in drawn) == pytest.approx(0.00031 * 25.4, abs=1e-7)
     density = [move.filament / move.length for move in drawn]
     assert max(density) < 1.3 * min(density)
