@@ -14,11 +14,12 @@ from printmend.infer.gram import (
     Dictionary,
     Gram,
     Rows,
-    dictionary_of,
+    blocks_of,
     gram_of,
     laid_side_by_side,
     narrowed,
     seen,
+    seen_blocks,
 )
 from printmend.infer.machine import machine_of
 from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
@@ -107,6 +108,7 @@ def fitted(
     fit: Fit | None = None
     if scene.homed:
         scene = replace(scene, home_sd_mm=home_sd_of(first, scene))
+    blocks = blocks_of(scene, kept)
     for _ in range(passes):
         trace = turned_back(whole, turned_rad, scene)
         contacts, places, rows = looked(trace, scene, mechanism, most, is_first=fit is None)
@@ -119,7 +121,7 @@ def fitted(
             weight = weighed(rows, fit.left_mm())
         else:
             weight = rows.weight
-        newer = _searched(scene, places, rows, contacts, weight, fit, kept)
+        newer = _searched(scene, places, rows, contacts, weight, fit, blocks)
         if fit is not None and _typical_mm(newer) > WORSE * _typical_mm(fit):
             break  # its contacts are no better than the last
         again = (
@@ -242,10 +244,10 @@ def _typical_mm(fit: Fit) -> float:
 
 def _searched(
     scene: Scene, places: Places, rows: Rows, contacts: Contacts, weight: np.ndarray, last: Fit | None,
-    kept: Callable[[Term], bool] | None,
+    blocks: tuple[Block, ...],
 ) -> Fit:  # fmt: skip
     few, here = narrowed(places, rows)
-    dictionary = dictionary_of(few, here, scene, kept=kept)
+    dictionary = seen_blocks(blocks, few, here, scene)
     members: Set = tuple(
         (b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0 or block.effect in BEGUN_WITH
     )

@@ -84,23 +84,28 @@ class Dictionary:
         return [slice(first, last) for first, last in itertools.pairwise(ends)]
 
 
+def blocks_of(scene: Scene, kept: Callable[[Term], bool] | None = None) -> tuple[Block, ...]:
+    """Return every term that the effects offer, or those that are ``kept``, side by side."""
+    grouped: dict[tuple[str, int, tuple[float, ...]], list[Term]] = {}
+    for effect in EFFECTS.values():
+        for term in effect.terms(scene):
+            if (kept is None or kept(term)) and _shows(term, scene):
+                grouped.setdefault(term.key, []).append(term)
+    return laid_side_by_side(map(_block, grouped.values()))
+
+
 def dictionary_of(
     places: Places, rows: Rows, scene: Scene, *, kept: Callable[[Term], bool] | None = None
 ) -> Dictionary:
     """Return every term that the effects offer, or those that are ``kept``, with its columns."""
-    grouped: dict[tuple[str, int, tuple[float, ...]], list[Term]] = {}
-    for effect in EFFECTS.values():
-        for term in effect.terms(scene):
-            if _shows(term, scene) and (kept is None or kept(term)):
-                grouped.setdefault(term.key, []).append(term)
+    return seen_blocks(blocks_of(scene, kept), places, rows, scene)
+
+
+def seen_blocks(blocks: tuple[Block, ...], places: Places, rows: Rows, scene: Scene) -> Dictionary:
+    """Return blocks with their columns."""
     places, rows = narrowed(places, rows)
-    blocks, columns, first = [], [], 0
-    for (name, where, shape), terms in grouped.items():
-        one = seen(name, where, shape, places, rows, scene)
-        blocks.append(_block(terms, slice(first, first + one.shape[1])))
-        columns.append(one)
-        first += one.shape[1]
-    return Dictionary(tuple(blocks), np.hstack(columns))
+    columns = [seen(block.effect, block.where, block.shape, places, rows, scene) for block in blocks]
+    return Dictionary(blocks, np.hstack(columns))
 
 
 def _shows(term: Term, scene: Scene) -> bool:
@@ -112,12 +117,10 @@ def _shows(term: Term, scene: Scene) -> bool:
     return moved[term.where] if effect.acts is Acts.DRIVE else all(moved)
 
 
-def _block(terms: Sequence[Term], at: slice) -> Block:
-    one = terms[0]
-    return Block(
-        one.effect, one.where, one.shape, at,
-        np.array([term.sd_mm for term in terms]), np.array([term.log_odds for term in terms]), one.positive,
-    )  # fmt: skip
+def _block(terms: Sequence[Term]) -> Block:
+    one, sds_mm = terms[0], np.array([term.sd_mm for term in terms])
+    log_odds = np.array([term.log_odds for term in terms])
+    return Block(one.effect, one.where, one.shape, slice(0, sds_mm.shape[1]), sds_mm, log_odds, one.positive)
 
 
 @dataclass(frozen=True, eq=False)
