@@ -20,10 +20,10 @@ from printmend.machine.contacts import contacts_of
 from printmend.measure.silhouette import ACROSS_MM
 from printmend.measure.walls import Walls
 from printmend.messages import say
+from printmend.metrics.robust import own_share, scale_of, weights_of
 from printmend.path import FLATBED, Instrument
 from printmend.printer import Printer
 from printmend.twin import Twin
-from printmend.units import SIGMA_PER_MEDIAN
 
 SHARE_MM = 100.0  # scales, turns and skew are in mm per this distance
 OFFSET_SD_MM, HOLE_SD_MM, SHIFT_SD_MM = 0.3, 0.3, 1.0  # before anything is measured
@@ -32,7 +32,7 @@ TURN_SD_MM, SKEW_SD_MM, PLAY_SD_MM = 1.0, 0.5, 0.1
 ANY_MEAN, ANY_SD, MACHINE_SD = -0.004, 0.004, 0.002
 EDGE_SD_MM = 0.008  # by which all edges of a scan may be seen too far out or in
 UPPER_SD_MM = 0.01  # … above the first layer, beside which the foot shows
-LEAST_SIGMA_MM, HUBER_SIGMAS, ROUNDS = 0.004, 2.0, 12
+LEAST_SIGMA_MM, ROUNDS = 0.004, 12
 LEAST_SHARE = 0.08  # of the places that tells something of its own
 RANGE = 1.645  # standard deviations of a 90 % range
 # A ray is averaged with its neighbours, over which a bent wall recedes by this times its curvature [mm²].
@@ -198,19 +198,9 @@ def _solved(
         covariance = np.linalg.inv(inverse + columns.T @ scaled / sigma**2)
         values = covariance @ (inverse @ mean + scaled.T @ wanted / sigma**2)
         left = wanted - columns @ values
-        sigma = max(SIGMA_PER_MEDIAN * float(np.median(np.abs(left))), LEAST_SIGMA_MM)
-        weight = np.minimum(1.0, HUBER_SIGMAS / np.maximum(np.abs(left) / sigma, 1e-9))
-        share = _own_share(left, sigma)
+        sigma = scale_of(left, LEAST_SIGMA_MM)
+        weight, share = weights_of(left, sigma), max(own_share(left, sigma), LEAST_SHARE)
     return values, covariance, left, sigma
-
-
-def _own_share(left: np.ndarray, sigma: float) -> float:
-    """Return the share of places, in their order, that tell something of their own: where neighbours are correlated by
-    ρ at a distance, 1 + 2 Σ ρ of them tell the same."""
-    clipped = np.clip(left, -3 * sigma, 3 * sigma)
-    square = float(clipped @ clipped) + 1e-12
-    alike = sum(max(float(clipped[:-lag] @ clipped[lag:]) / square, 0.0) for lag in range(1, 9))
-    return float(np.clip(1 / (1 + 2 * alike), LEAST_SHARE, 1.0))
 
 
 def _side(

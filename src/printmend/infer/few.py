@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.infer.fit import DEGREES
 from printmend.infer.gram import Block
 from printmend.infer.normal import log_below
 from printmend.infer.part import DRAWS
+from printmend.metrics.robust import DEGREES
 
 OFFERED = 4  # states drawn from the prior that each place chooses among, beside its own
 # Factors on the noise, sweep by sweep: what is far from every machine is approached from afar.

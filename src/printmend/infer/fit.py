@@ -24,10 +24,9 @@ from printmend.infer.gram import (
 from printmend.infer.machine import machine_of
 from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
 from printmend.machine import Contacts, Mechanism, contacts_of
+from printmend.metrics.robust import own_share, scale_of, weights_of
 from printmend.path import Trace
-from printmend.units import SIGMA_PER_MEDIAN
 
-DEGREES = 5.0  # of freedom of the Student's t whose tails noise has: one wrong row in twenty is nothing unusual
 LEAST_BESIDE = -9.0  # of the score that a block adds, below which it is left out of the last fit
 CHUNK_ROWS = 2048  # that are summed at once
 MOST_MARKS = 1200  # marks that are looked at: more take time and say the same
@@ -35,7 +34,6 @@ FEW_MARKS = 600  # that a first look is for
 PASSES = 4  # of contacts, then search, at most
 SETTLED_MM = 0.02  # belts that move less from pass to pass change no column worth a word
 WEIGHINGS = 2  # of rows in each pass
-NEIGHBOURS = 8  # of a wall's place whose errors may be alike
 NEWS, LEAST_NEWS, MOST_NEWS = 0.25, 0.08, 0.99  # share of a wall's place that is news: at first, least, and most
 FEWEST_READ = 4  # marks, below which nobody can say that a coordinate was never measured
 HOME_SD_MM = 0.1  # of an end stop's place: switches scatter by as much
@@ -215,7 +213,8 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
         part = rows.some(slice(at, at + CHUNK_ROWS))
         some = _columns_of(kept, fit.places, part, fit.scene)
         left_mm = part.error_mm - some[:, known] @ fit.state.mean_mm
-        one = gram_of(some, part, _by_distance(part, left_mm, fit.state.sigma_mm))
+        away = left_mm * np.sqrt(part.weight) / fit.state.sigma_mm
+        one = gram_of(some, part, part.weight * weights_of(away, 1.0))
         whole = Gram(
             whole.matrix + one.matrix, whole.slope + one.slope, whole.square + one.square, whole.count + one.count
         )
@@ -348,32 +347,17 @@ def left_of(rows: Rows, dictionary: Dictionary, state: State) -> np.ndarray:
 def weighed(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
     """Return the weights [M] of rows by what is left of them, its scale taken from the median."""
     away = np.abs(left_mm) * np.sqrt(rows.weight)
-    return _by_distance(rows, left_mm, max(SIGMA_PER_MEDIAN * float(np.median(away)), LEAST_SIGMA_MM))
-
-
-def _by_distance(rows: Rows, left_mm: np.ndarray, scale_mm: float) -> np.ndarray:
-    """Return the weights [M] of noise that is normal, but for tails as Student's t has them.
-
-    Weights that fall inside, too, as the t's own do, would take normal noise for less than it is.
-    """
-    away2 = rows.weight * (left_mm / scale_mm) ** 2
-    return np.asarray(rows.weight * (DEGREES + 1) / np.maximum(DEGREES + 1, away2))
+    return rows.weight * weights_of(away, scale_of(away, LEAST_SIGMA_MM))
 
 
 def shared(rows: Rows, left_mm: np.ndarray) -> Rows:
-    """Return rows of which walls count by how much news each is: a bead is too wide or too narrow for some millimetres.
-
-    Where neighbours are correlated by ρ at a distance, 1 + 2 Σ ρ of them tell the same.
-    """
+    """Return rows of which walls count by how much news each is: a bead is too wide or too narrow for a while."""
     walls = rows.share < 1.0
     if not walls.any():
         return rows
     left = left_mm[walls]
-    scale = SIGMA_PER_MEDIAN * float(np.median(np.abs(left)))
-    left = np.clip(left, -3 * scale, 3 * scale)
-    square = float(left @ left) + 1e-12
-    alike = sum(max(float(left[:-lag] @ left[lag:]) / square, 0.0) for lag in range(1, NEIGHBOURS + 1))
-    return replace(rows, share=np.where(walls, np.clip(1 / (1 + 2 * alike), LEAST_NEWS, MOST_NEWS), 1.0))
+    news = np.clip(own_share(left, scale_of(left, 0.0)), LEAST_NEWS, MOST_NEWS)
+    return replace(rows, share=np.where(walls, news, 1.0))
 
 
 def thinned(count: int, most: int) -> np.ndarray:

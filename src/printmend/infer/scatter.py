@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from printmend.units import SIGMA_PER_MEDIAN
+from printmend.metrics.robust import scale_of
 
 LEAST_SIGMA_MM = 1e-4  # tables are written no finer
 BLOCKS = (4, 16, 64)  # lengths of the blocks whose means are looked at
@@ -11,7 +11,7 @@ LEAST_BLOCKS = 8
 
 def robust_sigma_mm(residual_mm: np.ndarray) -> float:
     """Return the standard deviation of Gaussian residuals with this median absolute value."""
-    return max(SIGMA_PER_MEDIAN * float(np.median(np.abs(residual_mm))), LEAST_SIGMA_MM)
+    return scale_of(residual_mm, LEAST_SIGMA_MM)
 
 
 def independent_share(residual_mm: np.ndarray, sigma_mm: float) -> float:

@@ -21,11 +21,11 @@ from printmend.measure.axes import AXES_TODO, wrong_axes
 from printmend.measure.follows import FARTHEST_MM
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say, together
+from printmend.metrics.robust import ridge, scale_of
 from printmend.metrics.shape import nearest, spacing
 from printmend.model.misfit import NOTE, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.units import SIGMA_PER_MEDIAN
 
 LEAST_ROWS = 24  # with fewer measured rows nothing is looked for
 LEAST_SPREAD_MM = 20.0  # spread of the places below which nothing is looked for
@@ -141,18 +141,13 @@ def _map(commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
     commanded, measured = commanded[::every], measured[::every]
     middle = np.median(commanded, axis=0)
     columns = np.column_stack([np.ones(len(commanded)), commanded - middle])
-    fit = np.vstack([np.median(measured - commanded, axis=0) + middle, np.eye(2)])
-    prior = np.stack([[0.0, 0.0], *np.where(np.eye(2) > 0, GAIN_SD, LEAN_SD) ** -2.0])
-    for _ in range(12):
-        left = measured - columns @ fit
-        scale = np.maximum(SIGMA_PER_MEDIAN * np.median(np.abs(left), axis=0), LEAST_SCALE_MM)
-        weight = 1.0 / (1.0 + np.square(left / (2 * scale)))
-        for axis in range(2):
-            ridge = np.diag(prior[:, axis]) * scale[axis] ** 2
-            aim = np.zeros(3)
-            aim[1 + axis] = 1.0
-            matrix = (columns * weight[:, [axis]]).T @ columns + ridge
-            fit[:, axis] = np.linalg.solve(matrix, columns.T @ (weight[:, axis] * measured[:, axis]) + ridge @ aim)
+    shift, fit = np.median(measured - commanded, axis=0), np.zeros((3, 2))
+    for axis in range(2):
+        sds = np.array([FARTHEST_MM, *np.where(np.arange(2) == axis, GAIN_SD, LEAN_SD)])
+        off = measured[:, axis] - commanded[:, axis] - shift[axis]
+        first_mm = scale_of(off, LEAST_SCALE_MM)
+        fit[:, axis], _, _ = ridge(columns, off, sds, first_mm=first_mm, least_mm=LEAST_SCALE_MM)
+        fit[[0, 1 + axis], axis] += shift[axis] + middle[axis], 1.0
     return np.vstack([fit[0] - middle @ fit[1:], fit[1:]])
 
 

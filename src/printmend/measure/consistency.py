@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.measure.plan import ProbePlan
-from printmend.units import SIGMA_PER_MEDIAN
+from printmend.metrics.robust import ridge, scale_of
 
 HARMONICS_OF_TURN = 10  # waves of a pulley's turn that the rough model has
 COSINES_OF_BED = 14  # bends along an axis that it has
@@ -18,7 +18,6 @@ SIDE_ROUNDS = 3  # how often the side of each belt and the model are found in tu
 SURE_OF_SIDE_MM = 2.5  # having moved this far, a belt is on the side it pushes, in the first round
 NEIGHBOUR_MARKS = 5  # marks printed one after the other: an error that they share is a jump, not a mistake
 LEAST_DOUBT_MM = 0.15  # a mark that lies nearer than this to where it is expected is never doubted
-FIT_ROUNDS = 5  # of weighing the marks anew
 FIRST_SPREAD_MM, LEAST_SPREAD_MM = 0.5, 0.02  # of marks about the rough model: first guess, and smallest believed
 # Prior standard deviations, as large as damaged printers need (physics.md §3), in the order of `_columns`: origin,
 # scale over half a bed, fading waves, the pulley's waves, bends without a period; then terms of the other motor.
@@ -95,7 +94,9 @@ def _expected(
     for _ in range(SIDE_ROUNDS):
         design = np.hstack([_sided(columns[contact[rows]], side[rows]), cross])
         error = measured - motor[contact[rows]]
-        fit, covariance, left_out[use] = _robust_fit(design[use], (error - shared)[use], prior)
+        fit, covariance, left_out[use] = ridge(
+            design[use], (error - shared)[use], prior, first_mm=FIRST_SPREAD_MM, least_mm=LEAST_SPREAD_MM
+        )
         shared = _shared_error(np.where(known, error - design @ fit, np.nan))
         # contacts under these branches: where the belt was last pushed, and from which side
         width = 2 * columns.shape[1]
@@ -108,7 +109,7 @@ def _expected(
     unsure = np.sqrt(np.einsum("mi,ij,mj->m", design, covariance, design, optimize=True))
     shared = _shared_error(np.where(known, measured - prediction, np.nan))
     prediction = prediction + shared
-    spread = SIGMA_PER_MEDIAN * float(np.median(np.abs((measured - prediction)[known])))
+    spread = scale_of((measured - prediction)[known], 0.0)
     return prediction, unsure, left_out, shared, spread
 
 
@@ -124,27 +125,6 @@ def _columns(motor: np.ndarray, turn_mm: float) -> np.ndarray:
 def _sided(columns: np.ndarray, side: np.ndarray) -> np.ndarray:
     """Return the columns for both branches: their mean, and half their difference times the side."""
     return np.hstack([columns, side[:, None] * columns])
-
-
-def _robust_fit(
-    design: np.ndarray, target: np.ndarray, prior_mm: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit with Cauchy weights and a prior standard deviation for each coefficient.
-
-    Returns fit, covariance, and what each row's residual would be in a fit without it: e / (1 − leverage).
-    """
-    weight = np.ones(len(target))
-    scale = FIRST_SPREAD_MM
-    for _ in range(FIT_ROUNDS):
-        normal = design.T @ (weight[:, None] * design) / scale**2 + np.diag(prior_mm**-2)
-        covariance = np.linalg.inv(normal)
-        fit = covariance @ (design.T @ (weight * target)) / scale**2
-        residual = target - design @ fit
-        used, spread = weight, scale
-        scale = max(SIGMA_PER_MEDIAN * float(np.median(np.abs(residual))), LEAST_SPREAD_MM)
-        weight = 1.0 / (1.0 + (residual / (2 * scale)) ** 2)
-    leverage = np.einsum("mi,ij,mj->m", design, covariance, design, optimize=True) * used / spread**2
-    return fit, covariance, residual / np.maximum(1.0 - leverage, 1e-6)
 
 
 def _contacts_by_run(motor: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
