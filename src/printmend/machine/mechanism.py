@@ -139,11 +139,6 @@ class Frame:
         x, y = np.asarray(xy_mm)[..., 0] / self.scale_mm, np.asarray(xy_mm)[..., 1] / self.scale_mm
         return np.stack([x**p * y**q for p, q in self.exponents], axis=-1)
 
-    def waves_at_mm(self, xy_mm: np.ndarray) -> np.ndarray:
-        """Return what the waves alone add [..., 2] to positions given by the belts [..., 2]."""
-        alone = Frame(np.zeros((2, 10)), self.scale_mm, self.waves)
-        return np.asarray(alone.apply(xy_mm) - xy_mm)
-
     @cached_property
     def _straight_motors(self) -> BedMap:
         return self.bed_map(corexy=False)

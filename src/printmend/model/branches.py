@@ -65,11 +65,6 @@ class Wave:
                 total += cos_mm * np.cos(k * phase_rad) + sin_mm * np.sin(k * phase_rad)
         return total
 
-    def amplitude_mm(self, harmonic: int) -> float:
-        """Return √(a² + b²) of one harmonic, 0 where the wave has none."""
-        at = self.harmonics == harmonic
-        return float(np.hypot(self.cos_mm[at].sum(), self.sin_mm[at].sum()))
-
 
 @dataclass(frozen=True, eq=False)
 class Branches:

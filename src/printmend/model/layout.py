@@ -88,11 +88,6 @@ class Design:
         """The number of the parameter that is the play at the axis' middle: the constant of the play."""
         return self.parts["play_powers"].start
 
-    @property
-    def cross_at(self) -> int:
-        """The number of the first of the frame's terms: the skew, where there is one."""
-        return self.parts["cross"].start
-
     def wave_at(self, name: str, which: int) -> list[int]:
         """Return the numbers of cosine and sine of one harmonic of ripple, second, mean, play or elastic.
 

@@ -58,17 +58,6 @@ def said_of(document: Mapping[str, Any], kind: str) -> tuple[str, ...]:
     return tuple(each["words"] for each in found if isinstance(each, dict) and each.get("kind") == kind)
 
 
-def misfit_sizes(document: Mapping[str, Any]) -> tuple[tuple[str, float], ...]:
-    """Return the kinds and sizes [mm] of what a model's document says of misfits."""
-    section = document.get("misfit")
-    found = section.get("found", []) if isinstance(section, dict) else []
-    return tuple(
-        (str(each["kind"]), float(each["size_mm"]))
-        for each in found
-        if isinstance(each, dict) and {"kind", "size_mm"} <= set(each) and isinstance(each["size_mm"], int | float)
-    )
-
-
 def refusals(document: Mapping[str, Any]) -> tuple[str, ...]:
     """Return why a model's document says that nothing should be mended with it, a sentence each."""
     section = document.get("misfit")
