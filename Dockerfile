@@ -15,9 +15,10 @@ COPY . .
 # The locked environment compiles the kernels and builds the wheels; versions without hashes bind what `lab` installs.
 RUN make kernels \
     && .venv/bin/python -m hatchling build -t wheel -d /dist \
-    && (cd lab && ../.venv/bin/python -m hatchling build -t wheel -d /dist) \
     && cp owner.lock pip.lock /dist \
     && sed -n 's/^\([A-Za-z0-9._-]*==[^\\]*\)\\$/\1/p' requirements.lock >/dist/constraints.txt
+WORKDIR /src/lab
+RUN ../.venv/bin/python -m hatchling build -t wheel -d /dist
 
 FROM python:3.11-slim-bookworm AS base
 # LightGBM needs OpenMP.

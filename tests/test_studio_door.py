@@ -25,6 +25,7 @@ from printmend.errors import InputError
 from printmend.studio import door
 from printmend.studio.app import create_app
 from printmend.studio.devices import Devices
+from printmend.studio.serve import serve
 from printmend.studio.service import service, write_service
 from printmend.studio.store import Store
 
@@ -71,6 +72,26 @@ def test_a_folder_of_devices_holds_no_token_and_is_its_owners_alone(folder: Path
     kept.write_text("{")
     with pytest.raises(InputError, match="another file"):
         Devices(folder).known()
+
+
+@pytest.mark.parametrize(("names", "asks"), [((), False), (("studio.example",), True)])
+def test_a_studio_behind_a_proxy_asks_for_a_token(
+    names: tuple[str, ...], asks: bool, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a proxy on this computer passes on comes from this computer, whoever sent it."""
+    told: list[str] = []
+    answers = []
+
+    def run(server: uvicorn.Server, sockets: list[socket.socket]) -> None:
+        with TestClient(server.config.app, base_url=HERE) as client:
+            token = told[0].partition("token=")[2].partition(" ")[0]
+            headers = {"Authorization": f"Bearer {token}", "Host": names[0] if names else "127.0.0.1"}
+            answers.extend(client.get("/api/printers", headers=h).status_code for h in ({}, headers))
+        sockets[0].close()
+
+    monkeypatch.setattr(uvicorn.Server, "run", run)
+    serve(folder, host="127.0.0.1", port=0, names=names, browser=False, told=told.append)
+    assert answers == [401 if asks else 200, 200]
 
 
 def test_devices_are_let_in_and_revoked_by_name(folder: Path) -> None:

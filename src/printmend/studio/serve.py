@@ -30,11 +30,12 @@ def serve(
 ) -> None:  # fmt: skip
     """Serve until Ctrl-C. From another ``host`` than this computer only known devices come in, see `Devices`.
 
-    ``names`` are further names by which browsers reach it; ``cluster`` runs the jobs elsewhere (see `executor`). Raises
-    `InputError` where the port is not free, another studio has the folder, or nobody answers at the cluster's address.
+    ``names`` are further names by which browsers reach it, as through a proxy: then, too. ``cluster`` runs the jobs
+    elsewhere (see `executor`). Raises `InputError` where the port is not free, another studio has the folder, or
+    nobody answers at the cluster's address.
     """
     remote = None if cluster is None else cast(Cluster, executor(1, cluster))
-    devices = None if host in LOOPBACK else Devices(folder)
+    devices = None if host in LOOPBACK and not names else Devices(folder)
     known = () if devices is None else devices.known()
     reached = _everywhere() if host in _EVERYWHERE else [host]
     hosts = {*LOOPBACK, *names, *reached}
