@@ -1,4 +1,4 @@
-"""How much longer a mended print takes at the least: what it costs to cross the slack of loose axes at corners.
+"""How much a mended print costs at the least: the time to cross the slack of loose axes at corners, and the moves.
 
     .venv/bin/python benchmarks/klippy_least.py ../shared/corpus/gcode --severity realistic --moves 3000
 
@@ -11,6 +11,9 @@ time as printmend reads it, acceleration left out.
 
 *straight s* is what the same crossings cost where each is one straight command along its axis, between the two lines
 that it parts: Klipper brakes for both of its corners by their angles (its docs/Kinematics.md, "junction deviation").
+
+*moves* is moves after ÷ before for whoever stays within the tolerance: each line of the file needs as many straight
+commands as straight strips of that half width cover the exact command, whatever joins them. The frame is left out.
 """
 
 import numpy as np
@@ -25,6 +28,8 @@ from printmend.printer import read_printer
 
 ACCELERATION_MM_S2, CORNER_MM_S, TOLERANCE_MM = 3000.0, 5.0, 0.01
 _LEAST_SLACK_MM = 0.005
+_LOOK_MM = 0.1  # how densely the exact command is looked at
+_BEGINNINGS = 21  # of a strip's middle, across its width
 _ROOM = 0.75  # mm of slack a mm of path that cost nothing, as printmend crosses them
 
 
@@ -138,20 +143,59 @@ def crossings(moves: Moves, machine: Mechanism) -> list[tuple[float, float]]:
     return found
 
 
+def least_moves_times(moves: Moves, machine: Mechanism) -> float:
+    """Return moves after ÷ before at the least, of a cartesian machine; see the head of this file."""
+    way = (moves.end_mm - moves.start_mm)[:, :2]
+    drawn = np.flatnonzero(moves.extruding & moves.known[:, :2].all(axis=1) & (np.hypot(*way.T) > 0))
+    needed = len(way) - len(drawn)
+    for row in drawn:
+        long = np.hypot(*way[row])
+        s = np.linspace(0.0, long, 2 + int(long / _LOOK_MM))
+        off = []
+        for k, drive in enumerate(machine.transmissions):
+            u = moves.start_mm[row, k] + way[row, k] * s / long
+            off.append(np.interp(u, drive.lower_mm if way[row, k] > 0 else drive.upper_mm, drive.motor_mm) - u)
+        needed += strips(s, (way[row, 0] * off[1] - way[row, 1] * off[0]) / long)
+    return needed / len(way)
+
+
+def strips(s_mm: np.ndarray, off_mm: np.ndarray) -> int:
+    """Return how many straight strips of half width `TOLERANCE_MM` cover a curve at the least."""
+    if np.ptp(off_mm) <= 2 * TOLERANCE_MM:
+        return 1
+    count, i = 0, 0
+    most = TOLERANCE_MM * (1 + 1 / (_BEGINNINGS - 1))  # as the middle may lie between two beginnings
+    while i < len(s_mm):
+        begin = off_mm[i] + np.linspace(-TOLERANCE_MM, TOLERANCE_MM, _BEGINNINGS)
+        low, high = np.full(_BEGINNINGS, -np.inf), np.full(_BEGINNINGS, np.inf)
+        j = i + 1
+        while j < len(s_mm):
+            way = s_mm[j] - s_mm[i]
+            low = np.maximum(low, (off_mm[j] - most - begin) / way)
+            high = np.minimum(high, (off_mm[j] + most - begin) / way)
+            if (low > high).all():
+                break
+            j += 1
+        count, i = count + 1, j
+    return count
+
+
 def main() -> None:
     options = arguments(__doc__).parse_args()
-    print("  turns  least s  straight s  file")
+    print("  turns  least s  straight s  moves  file")
     for source, family in cases(options):
         printer = read_printer(options.preset)
         try:
             text = text_of(source, printer, options)
-            moves = straightened(read_gcode(text, printer=printer).moves, TOLERANCE_MM)
+            read = read_gcode(text, printer=printer).moves
+            moves = straightened(read, TOLERANCE_MM)
         except PrintmendError as error:
             print(f"  {type(error).__name__}: {str(error)[:100]}  {source.name}")
             continue
-        found = crossings(moves, drawn(family, options).lower(around(printer, moves)))  # type: ignore[arg-type] — gain tables are no family here
+        machine = drawn(family, options).lower(around(printer, moves))
+        found, times = crossings(moves, machine), least_moves_times(read, machine)  # type: ignore[arg-type] — gain tables are no family here
         least, straight = np.sum(found, axis=0) if found else (0.0, 0.0)
-        print(f"{len(found):7} {least:8.2f} {straight:11.2f}  {source.name} ({family})", flush=True)
+        print(f"{len(found):7} {least:8.2f} {straight:11.2f} {times:6.2f}  {source.name} ({family})", flush=True)
 
 
 if __name__ == "__main__":
