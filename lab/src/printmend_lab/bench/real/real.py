@@ -2,11 +2,11 @@
 
 ``shipped`` is what `printmend learn` makes of them. ``plain`` is a least-squares fit of eight harmonics a direction,
 the travel of a turn fitted too. The floor is what no predictor can pass: the scatter of the later traverses about
-their own mean. ``periodic`` is the plain fit to the later traverses themselves, the best that anything can do which repeats every
-turn: what lies between it and the floor repeats, but not by turns. A ``copy`` of the first traverse comes to √2 floors
-if the first is of the same kind as the later ones. Places are counted from the middle of the bed (`middles_mm`), which
-uses the lengths of the later traverses but never their errors; ``blind`` counts travel from each traverse's first
-sample instead.
+their own mean. ``periodic`` is the plain fit to the later traverses themselves, the best that anything can do which
+repeats every turn: what lies between it and the floor repeats, but not by turns. A ``copy`` of the first traverse comes
+to √2 floors if the first is of the same kind as the later ones. Places are counted from the middle of the bed
+(`middles_mm`), which uses the lengths of the later traverses but never their errors; ``blind`` counts travel from each
+traverse's first sample instead.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,7 +32,6 @@ BLIND = ("plain", "shipped", FLOOR)
 _PLAIN_HARMONICS = 8  # of a turn that the plain fit knows
 _TURNS_MM = 20.0, 72.0  # of pulleys of 10 to 36 teeth: lengths of a turn that it tries
 _GRID_TURNS = 0.05  # of a turn, by which a wave may be off at the end of the span between two of them
-_AVERAGED_SAMPLES = 2  # into one before learning: it is three times faster and no less accurate
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ class RealStand:
     def _samples(self, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Return places from the middle of the bed and errors [N] of a traverse."""
         item = self.items[n]
-        return _averaged(item.direction * (item.travel_mm - self.middles[n])), _averaged(item.error_mm)
+        return item.direction * (item.travel_mm - self.middles[n]), item.error_mm
 
     def _predictor(self, direction: int, shipped: Guess) -> Callable[[int, float, str], np.ndarray]:
         """Return what guesses the error [N] of traverse n, its middle at a travel, by the name of a row."""
@@ -173,11 +172,6 @@ def _line(items: Sequence[Result]) -> RealLine:
     sizes = {f"{item.row}_mm": item.values["mm"] for item in items}
     sizes |= {f"{item.row}_blind_mm": item.values["blind_mm"] for item in items if item.row in BLIND}
     return RealLine(shape=shape, speed_mm_s=float(speed), later=items[0].values["later"], **sizes)
-
-
-def _averaged(values: np.ndarray) -> np.ndarray:
-    whole = len(values) // _AVERAGED_SAMPLES * _AVERAGED_SAMPLES
-    return values[:whole].reshape(-1, _AVERAGED_SAMPLES).mean(axis=1)
 
 
 def plain_fit(traces: Sequence[tuple[np.ndarray, np.ndarray]]) -> Callable[[np.ndarray], np.ndarray]:
