@@ -20,9 +20,7 @@ from printmend.twin import Twin
 from printmend_lab.control.registry import controller
 
 OPTIMUM = "optimum"
-PAPER_ROWS = (
-    "naive", "lightgbm", "lightgbm-axis", "forest", "forest-axis", "printmend", "greybox", "oracle", OPTIMUM,
-)  # fmt: skip
+PAPER_ROWS = ("naive", "lightgbm", "lightgbm-axis", "forest", "forest-axis", "greybox", "oracle", OPTIMUM)
 _LIBRARIES = {"lightgbm": "lightgbm", "forest": "sklearn", "knn": "sklearn", "linear": "sklearn"}  # by learner's name
 MAX_NOISE_MM = 10.0  # of a coordinate, standard deviation
 
