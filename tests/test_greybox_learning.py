@@ -215,7 +215,7 @@ def test_half_a_turn_does_not_explode(name: str) -> None:
         assert np.sqrt(np.mean(np.square(error))) < 10.0
         seen = [table.branches_mm(m)[0] - drive.branches(m)[0] for m in np.linspace(112.0, 116.0, 9)]
         assert np.abs(seen).max() < 0.05
-        assert model.drives[i].sight.angles < 0.95
+        assert model.drives[i].seen < 0.95
 
 
 def test_nine_tenths_of_a_turn_show_a_triangle_whole() -> None:
@@ -228,7 +228,7 @@ def test_nine_tenths_of_a_turn_show_a_triangle_whole() -> None:
     trace = Trace(way, Twin(mechanism).follow(way) + np.random.default_rng(5).normal(0, 0.05, way.shape))
     model = learn(trace)
     for true, found, drive in zip(mechanism.transmissions, model.mechanism.transmissions, model.drives, strict=True):
-        assert drive.sight.angles == pytest.approx(0.905, abs=0.01)
+        assert drive.seen == pytest.approx(0.905, abs=0.01)
         beyond = np.linspace(100.0, 100.0 + turn, 81)
         error = found.branches_mm(beyond)[0] - true.branches_mm(beyond)[0]
         assert np.ptp(error) < 0.1

@@ -93,7 +93,6 @@ class OnePrintVectorEnv(VectorEnv):
         self._dense, self._count = reward == "dense", scenes
         middle = np.array(self.printer.bed_steps) // 2
         self._test_print = Layer(0, 0.2, middle, np.zeros((probe_ticks, 2)), np.ones(probe_ticks, bool))
-        self._probe_ticks = probe_ticks
         self._done = np.zeros(num_envs, bool)
         self._way = np.zeros((num_envs, probe_ticks + 1, 4))
         self.scenes: tuple[Scene, ...] = ()

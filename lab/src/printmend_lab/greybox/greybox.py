@@ -19,7 +19,7 @@ from printmend_lab.greybox.drive.jumps import find_jumps
 from printmend_lab.greybox.drive.left_out import left_out
 from printmend_lab.greybox.drive.second import with_second
 from printmend_lab.greybox.drive.select import Choice, Structure, fitted, folded, prune, refined
-from printmend_lab.greybox.drive.sight import ALL_SEEN, GLIMPSED_TURN, sight
+from printmend_lab.greybox.drive.sight import ALL_SEEN, GLIMPSED_TURN, seen_share
 from printmend_lab.greybox.drive.turn import turned
 from printmend_lab.greybox.model import GreyboxModel, model_of
 from printmend_lab.greybox.pulley import outlined
@@ -76,7 +76,7 @@ def fit_greybox(
         chosen = _on_all_rows(on_micro_steps(full, printer) if rounded else full, jumps, chosen, ripples)
     model = model_of(trace, printer, chosen.rows, [outlined(*each, complete) for each in chosen])
     drives = [
-        replace(drive, left_out=left_out(row, choice, ripple)) if drive.sight.angles >= ALL_SEEN else drive
+        replace(drive, left_out=left_out(row, choice, ripple)) if drive.seen >= ALL_SEEN else drive
         for drive, (row, choice), ripple in zip(model.drives, chosen, ripples, strict=True)
     ]
     return replace(model, drives=(drives[0], drives[1]), jumps=(jumps[0], jumps[1]))
@@ -134,7 +134,7 @@ def _with_parts(stage: Stage, ripples: list[Ripple], *, scaled: bool) -> Stage:
     for (row, found), ripple in zip(stage, ripples, strict=True):
         structure = _glimpsed(row, prune(row, found, ripple, scaled=scaled))
         choice = with_second(row, fitted(row, structure, ripple, found, passes=SEARCH_PASSES), ripple)
-        seen_in_part = GLIMPSED_TURN < sight(row, choice.fit.touch).angles < ALL_SEEN
+        seen_in_part = GLIMPSED_TURN < seen_share(row, choice.fit.touch) < ALL_SEEN
         chosen.append(folded(row, choice, ripple) if seen_in_part else choice)
     return Stage(stage.rows, chosen)
 

@@ -13,12 +13,12 @@ from printmend.printer import Printer
 from printmend_lab.greybox.drive import Choice, Jump, Rows, Structure, bed_middle
 from printmend_lab.greybox.drive.left_out import OmittedParts
 from printmend_lab.greybox.drive.rest import CENTRED, rest_shares
-from printmend_lab.greybox.drive.sight import Sight, sight
+from printmend_lab.greybox.drive.sight import seen_share
 
 
 @dataclass(frozen=True, eq=False)
 class LearnedDrive:
-    """What was learned about one motor: its ``branches``, the fit that they come from, and what the trace could see.
+    """What was learned about one motor: its ``branches``, their fit, and the share of a turn ``seen``.
 
     ``left_out`` is what the parts that were left out may do; None where less than a turn was seen, and all is a guess.
     """
@@ -26,7 +26,7 @@ class LearnedDrive:
     name: str
     branches: Branches
     choice: Choice
-    sight: Sight
+    seen: float
     left_out: OmittedParts | None = None
 
     @property
@@ -102,7 +102,7 @@ def model_of(trace: Trace, printer: Printer, rows: list[Rows], chosen: list[Choi
         branches = choice.design.branches(
             choice.fit.posterior.values, period_mm=row.period_mm, origin_mm=row.origin_mm, reach_mm=row.reach_mm
         )
-        drives.append(LearnedDrive(printer.motors[i], branches, choice, sight(row, choice.fit.touch)))
+        drives.append(LearnedDrive(printer.motors[i], branches, choice, seen_share(row, choice.fit.touch)))
     frame = frame_of(printer, chosen)
     tables = (drives[0].branches.lower(printer, 0), drives[1].branches.lower(printer, 1))
     known = trace.measured_rows

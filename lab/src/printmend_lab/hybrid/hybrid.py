@@ -34,8 +34,6 @@ MOST_STAGES = 3  # residuals that are learned one after the other, each of what 
 WORLD_NATS = 30.0  # log evidence that the published world must have over any machine
 EXACT_SHARE = 0.1  # that world explains all where it leaves less than this share of the machine's residual
 GOOD_ENOUGH_MM = SELECT_LEAST_SIGMA_MM  # a machine that leaves no more than this, beside noise, is good enough
-LEAST_REPORTED_MM = 0.01  # a smaller residual is not told: a scanner makes as much
-REPORTED_BEYOND_MM = 20.0  # how far beyond what was seen it is told that only what repeats is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +43,7 @@ class HybridModel(MachineLearned):
     ``box`` is the grey box; ``mechanism`` is its machine with the ``residuals`` of either motor added (None: nothing to
     add). In the published simulator's ``world`` no machine can say what steps do: there the model plans with the
     world's gains, and ``mechanism`` is the nearest machine. ``noise_mm`` is the standard deviation of a measured
-    coordinate about the model, and ``residual_after_mm`` the RMS distance of the measured points from it; ``left_mm``
-    [N, 2] is what it leaves of each row, motor by motor, None where nothing was added.
+    coordinate about the model, and ``residual_after_mm`` the RMS distance of the measured points from it.
     """
 
     box: GreyboxModel
@@ -55,40 +52,6 @@ class HybridModel(MachineLearned):
     residual_after_mm: float
     residuals: tuple[Residual | None, Residual | None] = (None, None)
     world: GainMechanism | None = None
-    left_mm: np.ndarray | None = None
-
-    @property
-    def left_and_doubt(self) -> tuple[np.ndarray | None, tuple[float, float]]:
-        """What is left of each row, ``left_mm``, and the variance of what was added to either motor [mm²]."""
-        first, second = (0.0 if each is None else each.doubt_mm2 for each in self.residuals)
-        return self.left_mm, (first, second)
-
-    @property
-    def findings(self) -> tuple[str, ...]:
-        """What was added to the grey box, a sentence each."""
-        if self.world is not None:
-            return ("the steps of this print do not come back to where they were: that is no machine, but the lattice "
-                    "simulator of the paper",)  # fmt: skip
-        found = []
-        for motor, (name, residual) in enumerate(zip(self.printer.motors, self.residuals, strict=True)):
-            if residual is None:
-                continue
-            size = max(float(np.abs(part).max()) for part in (residual.common_mm, residual.play_mm))
-            if size >= LEAST_REPORTED_MM:
-                found.append(f"{name.upper()} has an error that no known fault makes, up to {size:.3f} mm "
-                             f"(learned: {residual.words})")  # fmt: skip
-            elif self._goes_on_mm(motor, residual) > LEAST_REPORTED_MM:
-                low, high = residual.grid_mm[[0, -1]]
-                found.append(f"{name.upper()} was seen from {low:.0f} to {high:.0f} mm; beyond, only what repeats "
-                             "every turn is known")  # fmt: skip
-        return tuple(found)
-
-    def _goes_on_mm(self, motor: int, residual: Residual) -> float:
-        """Return how far a motor's tables differ from the grey box's beyond what was seen, at most."""
-        low, high = residual.grid_mm[[0, -1]]
-        near = np.concatenate([low - np.arange(REPORTED_BEYOND_MM), high + np.arange(REPORTED_BEYOND_MM)])
-        mine, boxed = (each.transmissions[motor].branches_mm(near) for each in (self.mechanism, self.box.mechanism))
-        return float(np.abs(np.subtract(mine, boxed)).max())
 
     @property
     def imagined(self) -> Mechanism | GainMechanism:
@@ -129,7 +92,7 @@ def with_residuals(box: GreyboxModel, trace: Trace, *, seed: int) -> HybridModel
     left = np.stack([_left_mm(box, trace, motor, table) for motor, table in enumerate((first, second))], axis=1)
     bed = box.printer.from_motor(left)[trace.measured_rows]
     after = float(np.sqrt(np.nanmean(np.square(bed).sum(axis=1))))
-    return HybridModel(box, mechanism, robust_sigma_mm(bed[np.isfinite(bed)]), after, (x, y), left_mm=left)
+    return HybridModel(box, mechanism, robust_sigma_mm(bed[np.isfinite(bed)]), after, (x, y))
 
 
 def _left_mm(box: GreyboxModel, trace: Trace, motor: int, table: Transmission) -> np.ndarray:

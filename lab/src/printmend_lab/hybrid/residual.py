@@ -62,10 +62,6 @@ class Kind:
     sides: bool = False
     timed: bool = False
 
-    def __str__(self) -> str:
-        length = f" of {self.length_mm:g} mm" if self.length_mm else ""
-        return f"{self.name}{length}{', each direction its own' if self.sides else ''}"
-
 
 PROCESSES = (
     *(Kind("smooth", length, sides) for sides in (False, True) for length in PROCESS_LENGTHS_MM),
@@ -106,7 +102,7 @@ class Residual:
     seen.
 
     ``kinds`` are those of the learners that it is the sum of. Without any it is zero, and only says that the tables are
-    to be continued beyond the grid by what repeats. ``doubt_mm2`` is its own variance, by the scatter of the points.
+    to be continued beyond the grid by what repeats.
     """
 
     kinds: tuple[Kind, ...]
@@ -114,17 +110,11 @@ class Residual:
     common_mm: np.ndarray
     play_mm: np.ndarray
     turn_mm: float
-    doubt_mm2: float = 0.0
-
-    @property
-    def words(self) -> str:
-        return ", then ".join(dict.fromkeys(map(str, self.kinds)))
 
     def plus(self, other: "Residual") -> "Residual":
         """Return the sum of two residuals on one grid."""
         common, play = self.common_mm + other.common_mm, self.play_mm + other.play_mm
-        doubt_mm2 = max(self.doubt_mm2, other.doubt_mm2)  # the later ones only mend the earlier
-        return Residual((*self.kinds, *other.kinds), self.grid_mm, common, play, self.turn_mm, doubt_mm2)
+        return Residual((*self.kinds, *other.kinds), self.grid_mm, common, play, self.turn_mm)
 
     def at_mm(self, motor_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
         """Return the residual [N] at contacts; beyond the grid it stays as at the grid's ends."""
@@ -232,16 +222,12 @@ def column_variances(kind: Kind, reach_mm: tuple[float, float]) -> np.ndarray:
     return np.tile(power, 2) if kind.sides else power
 
 
-def process(design: np.ndarray, root: np.ndarray, data: Points) -> tuple[np.ndarray, float]:
-    """Return the weights [P] of a Gaussian process by ridge regression, its variance and the noise learned, too, and
-    the variance of what it says at its points: a point's share for each parameter that they settle, all that the points
-    scatter taken for noise. That is too much where a pattern is larger than the noise.
+def process(design: np.ndarray, root: np.ndarray, data: Points) -> np.ndarray:
+    """Return the weights [P] of a Gaussian process by ridge regression, its variance and the noise learned, too.
 
     ``design`` [M, P] are its columns, ``root`` [P] the roots of their prior variances.
     """
-    gram = _gram(design * root, data)
-    weights, settled = _ridge(gram)
-    return root * weights, gram.square / gram.count * settled / gram.count
+    return root * _ridge(_gram(design * root, data))
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,8 +249,8 @@ def _gram(scaled: np.ndarray, data: Points) -> _Gram:
     return _Gram(weighted.T @ scaled, weighted.T @ clipped, float(data.weight @ clipped**2), float(data.weight.sum()))
 
 
-def _ridge(gram: _Gram) -> tuple[np.ndarray, float]:
-    """Return the weights [P] of scaled columns, and how many of them the points settle."""
+def _ridge(gram: _Gram) -> np.ndarray:
+    """Return the weights [P] of scaled columns."""
     values, vectors = np.linalg.eigh(gram.matrix)
     values, slope = np.maximum(values, 0.0), vectors.T @ gram.slope
     noise = size = max(gram.square / gram.count, LEAST_SIGMA_MM**2)
@@ -274,7 +260,7 @@ def _ridge(gram: _Gram) -> tuple[np.ndarray, float]:
         left = max(gram.square - 2 * float(slope @ weights) + float(values @ weights**2), 0.0)
         noise = max(left / max(gram.count - known, 1.0), LEAST_SIGMA_MM**2)
         size = max(float(weights @ weights) / max(known, 1e-6), 1e-12)
-    return vectors @ (slope / (values + noise / size)), float((values / (values + noise / size)).sum())
+    return np.asarray(vectors @ (slope / (values + noise / size)))
 
 
 def trees(data: Points, seed: int) -> Any:
@@ -326,7 +312,7 @@ def held_out(kind: Kind, data: Points, fold: np.ndarray, reach_mm: tuple[float, 
     grams = [_gram(scaled[held], data.where(held)) for held in masks]
     whole = _Gram(*(sum(getattr(gram, name) for gram in grams) for name in vars(grams[0])))
     for held, gram in zip(masks, grams, strict=True):
-        guess[held] = scaled[held] @ _ridge(whole.less(gram))[0]
+        guess[held] = scaled[held] @ _ridge(whole.less(gram))
     return guess
 
 
@@ -386,7 +372,7 @@ def fit_residual(
     kind: Kind, data: Points, reach_mm: tuple[float, float], grid_mm: np.ndarray, *, seed: int
 ) -> Residual:
     """Fit a kind to all points; return it as a table at motor positions ``grid_mm`` [G]."""
-    branches, doubt_mm2 = [], 0.0
+    branches = []
     data = _without_drift(data) if kind.timed else data
     for side in (-1.0, 1.0):
         none, sides = np.zeros(0), np.full(len(grid_mm), side)
@@ -400,6 +386,6 @@ def fit_residual(
     else:
         design = process_columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm)
         design, root = _beside_drift(design, data) if kind.timed else design, np.sqrt(column_variances(kind, reach_mm))
-        weights, doubt_mm2 = process(design, root, data)
+        weights = process(design, root, data)
         low, high = (process_columns(kind, b.motor_mm, b.side, b.turn_mm, reach_mm) @ weights for b in branches)
-    return Residual((kind,), grid_mm, (low + high) / 2, high - low, data.turn_mm, doubt_mm2)
+    return Residual((kind,), grid_mm, (low + high) / 2, high - low, data.turn_mm)

@@ -18,7 +18,7 @@ from printmend_lab.greybox.drive.design import Design, Normal, Rows, contacts, n
 from printmend_lab.greybox.drive.fit import Fit, Posterior, Prior, refine, robust_weights, variances
 from printmend_lab.greybox.drive.machines import SEED, drawn_about
 from printmend_lab.greybox.drive.select import HARMONICS, Choice
-from printmend_lab.greybox.drive.sight import ALL_SEEN, GLIMPSED_TURN, sight
+from printmend_lab.greybox.drive.sight import ALL_SEEN, GLIMPSED_TURN, seen_share
 from printmend_lab.greybox.pulley import to_parameters
 from printmend_lab.prior.mixture import Mixture, shape_posterior, shipped
 
@@ -39,7 +39,7 @@ class PriorLearner:
             return fit_greybox(trace, printer, rng, complete=self._complete)
 
     def _complete(self, rows: Rows, choice: Choice) -> Choice:
-        if not GLIMPSED_TURN < sight(rows, choice.fit.touch).angles < ALL_SEEN or not _applies(choice):
+        if not GLIMPSED_TURN < seen_share(rows, choice.fit.touch) < ALL_SEEN or not _applies(choice):
             return choice
         return with_learned_pulley(rows, choice, self.mixture or shipped())
 

@@ -17,7 +17,7 @@ from printmend_lab.greybox.drive import Design, Rows, contacts
 from printmend_lab.greybox.drive.fit import Fit, Posterior, robust_weights
 from printmend_lab.greybox.drive.machines import MACHINES, SEED, drawn_about
 from printmend_lab.greybox.drive.select import HARMONICS, Choice
-from printmend_lab.greybox.drive.sight import sight
+from printmend_lab.greybox.drive.sight import seen_share
 from printmend_lab.greybox.pulley.fit import LEAST_LEFT_MM, MotorPlaces, OutlineFit, fitted_outline
 from printmend_lab.greybox.pulley.outline import ANY_PULLEY, OUTLINES, ROUND, EggOutline, FlatOutline, Outline
 from printmend_lab.greybox.pulley.shapes import ANGLES, series
@@ -48,7 +48,7 @@ def outlined(rows: Rows, choice: Choice, complete: Callable[[Rows, Choice], Choi
     looks like half of one with sharp corners, and beyond these nothing is known.
     """
     found = None
-    if sight(rows, choice.fit.touch).angles < WHOLE_TURN and _applies(choice):
+    if seen_share(rows, choice.fit.touch) < WHOLE_TURN and _applies(choice):
         found = _found(rows, choice)
     if found is not None and found.fit.posterior.sigma_mm < NOISELESS_MM:
         return found
