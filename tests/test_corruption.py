@@ -231,7 +231,7 @@ def test_a_frame_and_its_effects_are_one_law(
     ("text", "named"),
     [
         ("banana", "no such name"),
-        ("pulleys", "did you mean pulley"),
+        ("pulleys", "did you mean one of pulley"),
         ("play:size_mm", "key=value"),
         ("play:size=1", "'size'"),
         ("play:on=z,size_mm=1", "'z'"),
