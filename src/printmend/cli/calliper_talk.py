@@ -1,4 +1,4 @@
-"""Callipers that talk: one distance after the other, each the most telling one now, each checked at once."""
+"""Ask for callipers' distances one by one: each time the most informative one, and check every reading at once."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`printmend completion`: what makes a shell complete commands, options and models' names."""
+"""`printmend completion`: print the script that lets a shell complete commands, options and model names."""
 
 import click
 from click.shell_completion import get_completion_class

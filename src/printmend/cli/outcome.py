@@ -1,4 +1,4 @@
-"""What is said of each file that was mended, or was not: a line for people, or a line of JSON for programs."""
+"""Report each file that was mended or refused: one line for people, or one line of JSON for programs."""
 
 import json
 from typing import TYPE_CHECKING

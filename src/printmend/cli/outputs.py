@@ -1,4 +1,4 @@
-"""Look at where a command will write, before it works: its inputs stay, and the place can be written to."""
+"""Check a command's outputs before it works: inputs are never overwritten, and each place must be writable."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`printmend pair`: a model and its updates come from a studio by themselves."""
+"""`printmend pair`: fetch a printer's model from a studio, and each update of it."""
 
 import socket
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`printmend printers`: the printers that one has models of."""
+"""`printmend printers`: list the printers that have a model here."""
 
 import json
 from typing import Any

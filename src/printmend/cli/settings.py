@@ -1,4 +1,4 @@
-"""What a user always wants, in TOML: the values that options have where the command line does not say.
+"""Read a user's default options from TOML; the command line overrides them.
 
     [mend]
     model = "e3-07"

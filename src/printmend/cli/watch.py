@@ -1,4 +1,4 @@
-"""`printmend watch`: mend whatever is put into a folder."""
+"""`printmend watch`: mend every file that is put into a folder."""
 
 from functools import partial
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A diagnosis for someone who is no engineer: what a fault means, what to repair, what software carries."""
+"""Advice for an owner: what a fault means, what to repair, and what the software corrects."""
 
 import math
 from dataclasses import dataclass

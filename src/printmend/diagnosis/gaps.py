@@ -1,4 +1,4 @@
-"""What a trace could not tell of a motor, and which print would."""
+"""What a trace could not show of a motor, and the print that would."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A scale that a scan shows and that may as well be its own: what is said of it, until callipers settle it.
+"""A scale error that a scan shows but may have caused itself: the words for it, until callipers settle it.
 
 Of all that a scan tells this is what an owner can settle, and the one fault that mending may carry wrongly.
 """

@@ -1,4 +1,4 @@
-"""What measured heights say of the Z screw: how it lifts, and what they cannot tell of that.
+"""What measured heights show of the Z screw's lift, and what they leave open.
 
 How it pushes the layers aside is an effect like others (`effects.wobble`).
 """

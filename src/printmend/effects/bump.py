@@ -1,4 +1,4 @@
-"""A dent or a missing tooth of the belt: about one place the carriage is ahead or behind, and nowhere else."""
+"""A dent or a missing tooth of the belt: the carriage is ahead or behind near one place, and nowhere else."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""A guide that is crooked by no rule, or dented: it pushes the head aside by a Gaussian process of the place on it."""
+"""A crooked or dented guide without a pattern: it pushes the head aside by a Gaussian process of the place on it."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

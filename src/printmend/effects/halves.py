@@ -1,4 +1,4 @@
-"""Two sheets that were measured as one: one part of the bed is off against the other."""
+"""Two sheets that were measured as one: one part of the bed is offset from the other."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

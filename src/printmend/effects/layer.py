@@ -1,4 +1,4 @@
-"""Layers that lie aside of one another, each by an amount of its own."""
+"""Layers that are offset from one another, each by its own amount."""
 
 from collections.abc import Iterator
 

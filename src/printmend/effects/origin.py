@@ -1,4 +1,4 @@
-"""A measurement whose places have an origin of their own, as a sheet on a scanner has."""
+"""A measurement with an origin of its own, as a sheet on a scanner has."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Lost motion that changes along the belt by no rule, as where it rubs, or a guide binds: a Gaussian process."""
+"""Lost motion that varies along the belt without a pattern, where it rubs or a guide binds: a Gaussian process."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

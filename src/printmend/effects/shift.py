@@ -1,4 +1,4 @@
-"""A plate that was shifted, or a nozzle with an offset: everything lies elsewhere than home says."""
+"""A plate that was shifted, or a nozzle with an offset: the whole print is displaced from home."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

@@ -1,4 +1,4 @@
-"""A motor that slipped, a plate that was pushed: all is off from one moment on."""
+"""A motor that slipped or a plate that was pushed: a constant offset from one moment on."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

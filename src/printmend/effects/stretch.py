@@ -1,4 +1,4 @@
-"""What an instrument does not know of itself: its scale, the difference of its axes' scales, their lean."""
+"""The unknowns of an instrument: its scale, the difference of its axes' scales, and their lean."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A head or gantry that tilts: where one axis lies depends on the way the other one came."""
+"""A head or gantry that tilts: the place of one axis depends on the direction from which the other one came."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

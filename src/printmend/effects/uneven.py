@@ -1,4 +1,4 @@
-"""A belt or guide whose error along the axis repeats nothing: a Gaussian process of its place."""
+"""A belt or guide with an error that has no period: a Gaussian process of the place along the axis."""
 
 from collections.abc import Iterator, Sequence
 

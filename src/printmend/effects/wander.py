@@ -1,4 +1,4 @@
-"""Something that wanders with time, of which nobody knows what it is: a random walk."""
+"""A slow drift of unknown cause: a random walk in time."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

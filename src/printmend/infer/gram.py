@@ -1,4 +1,4 @@
-"""Every candidate column of a measurement, and the sums of their products: all that the search looks at."""
+"""Every candidate column of a measurement and the sums of their products: all the data that the search needs."""
 
 import itertools
 from collections.abc import Callable, Iterable, Sequence

@@ -1,4 +1,4 @@
-"""An old machine as the prior of a new measurement: its drawn sizes, what wears of them, and sums without it."""
+"""Use an old machine as the prior of a new measurement: its drawn sizes, and how they wear."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""One effect of a machine as it is believed after a measurement; without the search that found it."""
+"""One effect of a machine with its sizes after a measurement."""
 
 from dataclasses import dataclass
 

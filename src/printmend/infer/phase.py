@@ -1,4 +1,4 @@
-"""By how much the motors of a known machine stand elsewhere: the shifts of their waves that fit a print best.
+"""Find how far the motors of a known machine have turned since: the shifts of their waves that best fit a print.
 
 The old machine's mean is kept; what of the print and of its measurement is always there, and place and play, are free.
 All pairs of shifts are weighed at once: their errors are sums of products of the two motors' columns.

@@ -1,4 +1,4 @@
-"""What is believed of a machine after a measurement: machines drawn from all sets of effects, each by its weight.
+"""The posterior of a machine: draws from all likely sets of effects, weighted by evidence.
 
 Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999): those of a chain that
 begins at the likeliest (Madigan & York 1995). Most printers have several effects too small to be found, so sets that

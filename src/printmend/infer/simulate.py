@@ -1,4 +1,4 @@
-"""Printers and sessions drawn from the priors, printed and measured: what the engine's own calibration is judged by."""
+"""Draw printers and sessions from the priors, print and measure them: the data of the engine's calibration test."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A second measurement of a known machine: its drawn machines are the prior, and effects are what changed since.
+"""Learn from a second measurement of a known machine: its drawn machines are the prior, and only changes are sought.
 
 The rows are freed of what the old machine does. What was not known of it, and what wears, are columns of unit prior
 that every set has: they are summed out of the Gram matrix. The search then finds changes alone. Beside it other stories

@@ -1,4 +1,4 @@
-"""Walls show one direction only: what they say by themselves, for learners that see both coordinates of a place.
+"""Walls show one direction only: turn them into rows for learners that need both coordinates.
 
 A wall is a row along its normal, and the width of beads an effect like any other. So the one search reads them; here
 it looks at effects without a place or a length of their own alone, which is quick, and near enough to look again.

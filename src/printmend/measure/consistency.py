@@ -1,4 +1,4 @@
-"""Does every mark lie where the others say? A rough model of the fault, to catch dust taken for a mark.
+"""Check every mark against its neighbours with a rough model of the fault, to catch dust taken for a mark.
 
 Two smooth branches for each motor, with the waves of its pulley, and play between them explain any single fault
 well enough to see a stranger that is off by a fraction of a millimetre. What all marks of a stretch of the print

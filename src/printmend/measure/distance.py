@@ -1,4 +1,4 @@
-"""One distance by callipers settles the scale of a scan: which one, and what it says.
+"""Settle the scale of a scan by one distance with callipers: choose the distance, and apply the reading.
 
 An instrument stretches a length that lies at the angle θ on the bed by c + d cos 2θ + s sin 2θ, c its common scale, d
 half the difference of its axes, s half their lean. One length is one equation for the three, solved with the

@@ -1,4 +1,4 @@
-"""Can a trace teach anything? Enough measured places, possible ones, and such as follow the motors' commands."""
+"""Check that a trace can teach: enough measured places, all possible, and following the motors' commands."""
 
 from dataclasses import replace
 

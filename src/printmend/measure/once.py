@@ -1,4 +1,4 @@
-"""A measurement is counted once: rows that repeat others to the last digit, and a table that a model knows already.
+"""Count a measurement once: find rows that repeat others exactly, and tables that a model already contains.
 
 Two measurements of one place differ by the noise of each. A second paste or export of a table does not; where the
 measurement has no noise at all, a repeated row tells nothing that the first did not.

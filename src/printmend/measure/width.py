@@ -1,4 +1,4 @@
-"""Widths of a part by callipers settle the scale of its scan: which ones, and what they say.
+"""Settle the scale of a part's scan by its widths with callipers: choose the widths, and apply the readings.
 
 Flat jaws touch the outermost places of a part in a direction. A width can be asked for where walls, not corners, lie
 there: corners carry blobs, and no ray finds them.

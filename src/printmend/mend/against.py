@@ -1,4 +1,4 @@
-"""Judge a finished file against the one it was made from: both are read again and printed by the model."""
+"""Compare a mended file with its original: read both again and let the model print them."""
 
 from dataclasses import replace
 from pathlib import Path

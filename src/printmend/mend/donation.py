@@ -1,4 +1,4 @@
-"""A donation: one zip file with what an owner measured, learned and checked, for whoever improves printmend.
+"""Pack what an owner measured, learned and checked into one zip file, for the people who improve printmend.
 
 Each file is read, checked and written anew from what printmend knows of it: numbers, and words of its own. So names of
 files and folders, dates, notes and the metadata of pictures do not come along. Names and times in the zip are fixed:

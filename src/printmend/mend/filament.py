@@ -1,4 +1,4 @@
-"""Models that know filaments: a measured scale is split into the machine's and the filament's, and mended together.
+"""Split a measured scale into the machine's and the filament's, and mend both together.
 
 A model's own numbers are the machine's alone. Its section ``filaments`` keeps the scales that were measured, and by how
 much parts shrink in each filament. `printed_in` is the model as it prints in one of them.

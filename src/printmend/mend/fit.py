@@ -1,4 +1,4 @@
-"""From scans of a part and its file to whether it fits: the whole way of `printmend fit`."""
+"""The whole way of `printmend fit`: from scans of a part and its file to sizes and slicer settings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The life of a printer: every measurement of it, one JSON object a line beside its model, and where its wear leads.
+"""A printer's history: every measurement as one JSON line beside the model, and the trend of its wear.
 
 The history of printer.mend.json is printer.mend.history.jsonl. Each line has its ``event`` (learned, updated or
 verified), ``time`` and the ``model`` that resulted. A fault's trend is a straight line through its sizes since the last

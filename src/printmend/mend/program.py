@@ -1,4 +1,4 @@
-"""The programs of a file on their way through the planner: how each begins, what looks on, what is to be said of it."""
+"""Take the programs of a file through the planner: their starting state, their observers, and their notes."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

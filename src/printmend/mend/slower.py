@@ -1,4 +1,4 @@
-"""Limits on the time and the moves that mending adds: what matters least is drawn more coarsely until it keeps them."""
+"""Keep the added time and moves within a limit: draw the least important lines more coarsely until it holds."""
 
 from collections.abc import Callable
 from dataclasses import replace

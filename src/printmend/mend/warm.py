@@ -1,4 +1,4 @@
-"""Compile beforehand what the commands would compile when they first need it: do all of it once, in the small."""
+"""Compile the kernels of all commands beforehand, by running each once on a small example."""
 
 import tempfile
 from collections.abc import Callable

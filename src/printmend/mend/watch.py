@@ -1,4 +1,4 @@
-"""Mend whatever is put into a folder, for as long as it runs; a restart goes on where it was.
+"""Mend every file that is put into a folder, until stopped; a restart continues where it was.
 
 Folders are looked at again and again, which works on network drives too. A file is taken when it has not changed
 between two looks; one that was still being copied, after a pause, changes again and is mended again. What was begun

@@ -1,4 +1,4 @@
-"""What marks tell about a machine: the covariance of its effects' sizes, before anything is measured.
+"""How much marks tell about a machine: the covariance of its effects' sizes, before anything is measured.
 
 With the contacts of the play known every effect is linear: a mark measured with noise σ whose row of columns is φ adds
 φφᵀ/σ² to the inverse covariance of the sizes, whatever the measurement will say. So the worth of marks can be told

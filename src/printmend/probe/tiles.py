@@ -1,4 +1,4 @@
-"""Test prints that are chosen, not drawn: tile after tile of marks, each the one that teaches most for its time.
+"""Test prints that are chosen by gain: add the tile of marks that teaches most for its printing time.
 
 A tile is a square block of the lattice of marks. It is printed along both diagonals of its cells, to and fro, straight
 or with shrinking reversals, and must touch a tile that was chosen before, so that a scanner finds one whole lattice.

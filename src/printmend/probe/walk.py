@@ -1,4 +1,4 @@
-"""The motion of a probe print: way-points that bring every mark its direction of approach and its reversal.
+"""The motion of a probe print: way-points that give every mark its direction of approach and its reversal.
 
 Along a row the marks are passed in one direction. Every third mark is overshot and approached from the other
 side, by a distance that differs for the two motors; some are approached through a staircase of shrinking

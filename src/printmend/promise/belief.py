@@ -1,4 +1,4 @@
-"""What a model is believed to be: its section ``promise`` in the model file, as drawn machines.
+"""The section ``promise`` of a model file: what is believed of the printer, as drawn machines.
 
 Each part of the section is one effect at one place: the sizes that act, and those of the drawn machines that have it.
 """

@@ -1,4 +1,4 @@
-"""What a model file says of filaments: scales that were measured, and by how much parts shrink in each filament."""
+"""The filament sections of a model file: measured scales, and the shrinkage of parts in each filament."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The next print's homing: each drawn machine gets its waves where the end stops put them then."""
+"""Shift each drawn machine's waves to where the next homing may put them."""
 
 from dataclasses import replace
 
