@@ -157,6 +157,14 @@ def test_a_scan_knows_a_corexys_skew_better_than_its_scales() -> None:
     assert "frame skewed by" in model.findings[0]
 
 
+def test_a_carriage_that_jitters_is_no_dented_belt(rng: np.random.Generator) -> None:
+    seen = scanned(measured(HEALTHY, 0.003, 3), np.zeros((2, 2)))
+    jitter_mm = np.cumsum(rng.normal(0, 0.0015, 1101))  # 0.022 mm from one end of the bed to the other, each 0.2 mm
+    off_mm = np.interp(seen.commanded_mm[:, 1], np.linspace(0, 220, 1101), jitter_mm)
+    model = learn_model(replace(seen, measured_mm=seen.measured_mm + off_mm[:, None] * [0.0, 1.0]), ENDER3)
+    assert model.document["diagnosis"] == []
+
+
 @pytest.mark.parametrize(
     ("preset", "frame", "kinds"),
     [

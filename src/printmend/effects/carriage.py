@@ -1,4 +1,5 @@
-"""A scanner whose carriage runs unevenly: places are off along each of its axes, by a process of the place there."""
+"""A scanner whose carriage runs unevenly: places are off along its way by a process of the place there, and where it
+yaws, across, too."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -7,17 +8,19 @@ import numpy as np
 
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Whole
-from printmend.effects.prior import alternatives
+from printmend.effects.prior import alternatives, share_of
 from printmend.effects.words import Found, Told
 from printmend.messages import say
 
-COUNT = 24  # cosines over the picture, of a random process whose power falls with the square of the frequency
+# Cosines over the picture, of a random process whose power falls with the square of the frequency, and of how many
+# coordinates: along the carriage's way, where steps of its motor jitter from line to line, or, more smoothly, of both.
+COURSES = ((64.0, 1.0), (24.0, 2.0))
 
 RUNS = partial(say, "scanner-carriage-runs-unevenly-along-up")
 
 
 class Carriage(Usual):
-    """Cosines along one axis of the picture, for both coordinates."""
+    """Cosines of the place along one axis of the picture."""
 
     name = "carriage"
     of = Of.INSTRUMENT
@@ -27,18 +30,23 @@ class Carriage(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.instrument.wave_mm:
-            profile = tuple(np.tile(1.0 / np.arange(1, COUNT + 1), 2))
+            odds = share_of(self.name) / (1 - share_of(self.name)) / len(COURSES)
             for axis in range(2):
-                yield from alternatives(self.name, axis, [()], profile)
+                for count, ways in COURSES:
+                    profile = tuple(np.tile(1.0 / np.arange(1, count + 1), int(ways)))
+                    yield from alternatives(self.name, axis, [(count, ways)], profile, share=odds / (1 + odds))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         low, high = scene.bed_span_mm[where]
         place = np.clip((places.bed_mm[:, where] - low) / max(high - low, 1.0), 0.0, 1.0)
-        series = np.cos(np.pi * place[:, None] * np.arange(1, COUNT + 1))
-        return np.concatenate([along(where, series), along(1 - where, series)], axis=2)
+        series, ways = _series(place, shape), (where, 1 - where)[: int(shape[1])]
+        return np.concatenate([along(axis, series) for axis in ways], axis=2)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        place = np.linspace(0.0, 1.0, 241)
-        series = np.cos(np.pi * place[:, None] * np.arange(1, COUNT + 1))
-        moved = np.hypot(*(series @ each for each in found.sizes_mm.reshape(2, -1)))
-        yield Told("carriage", RUNS("XY"[found.where], f"{moved.max():.2f}"), is_harmless=True)
+        moved = _series(np.linspace(0.0, 1.0, 241), found.shape) @ found.sizes_mm.reshape(int(found.shape[1]), -1).T
+        largest = float(np.linalg.norm(moved, axis=1).max())
+        yield Told("carriage", RUNS("XY"[found.where], f"{largest:.2f}"), is_harmless=True)
+
+
+def _series(place: np.ndarray, shape: tuple[float, ...]) -> np.ndarray:
+    return np.asarray(np.cos(np.pi * place[:, None] * np.arange(1, shape[0] + 1)))
