@@ -21,7 +21,8 @@ class Skew(Usual):
     keys = Numbers(("angle_deg",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        for axis in range(2):
+        # without a place nobody sees which axis leans: the other way the whole print lies turned, of the same shape
+        for axis in range(2 if scene.placed else 1):
             yield from alternatives(self.name, axis, [()], (1.0,))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
@@ -32,5 +33,6 @@ class Skew(Usual):
         if is_first(found, (self.name,), beside):
             leans = those_of(self.name, beside)
             value = float(np.degrees(sum(np.arctan(each.sizes_mm[0] / SCALE_MM) for each in leans)))
-            sd = float(np.degrees(np.std(sum(each.draws_mm[0] for each in leans))) / SCALE_MM)
+            drawn = np.sum([each.draws_mm[0] for each in leans], axis=0)
+            sd = float(np.degrees(np.std(drawn[drawn != 0])) / SCALE_MM)
             yield Fault("frame", "skew", value, sd, "°", say("fault-skew", amount(value, sd, "°")))

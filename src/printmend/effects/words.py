@@ -101,9 +101,9 @@ class Found:
         return self.law.columns(places, self.where, self.shape, scene)
 
     def size(self, measure: Callable[[np.ndarray], float]) -> tuple[float, float]:
-        """Return a measure of the sizes [P], and its standard deviation over the drawn machines."""
-        drawn = np.array([measure(each) for each in self.draws_mm.T])
-        return float(measure(self.sizes_mm)), float(drawn.std())
+        """Return a measure of the sizes [P], and its standard deviation over the drawn machines that have it."""
+        drawn = np.array([measure(each) for each in self.draws_mm[:, self.draws_mm.any(axis=0)].T])
+        return float(measure(self.sizes_mm)), float(drawn.std()) if len(drawn) else 0.0
 
 
 def amount(value: float, sd: float, unit: str = "mm") -> str:

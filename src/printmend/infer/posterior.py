@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of
+from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
 from printmend.effects.homing import lasting
 from printmend.effects.sample import drawn_places
 from printmend.infer.fit import Fit
@@ -89,9 +89,18 @@ def _gains(scene: Scene, parts: Sequence[Part]) -> bool:
             drawn_mm += np.einsum("ncp,pd->ncd", columns, part.draws_mm)
             acts_mm += np.einsum("ncp,pd->ncd", columns, part.acts_mm[:, None])
     if not scene.placed:
-        drawn_mm, acts_mm = drawn_mm - drawn_mm.mean(axis=0), acts_mm - acts_mm.mean(axis=0)
-    before, after = (np.square(each).sum(axis=1).mean(axis=0) for each in (drawn_mm, drawn_mm - acts_mm))
+        drawn_mm, acts_mm = _of_shape(drawn_mm, places), _of_shape(acts_mm, places)
+    before, after = (np.square(each).sum(axis=(0, 1)) for each in (drawn_mm, drawn_mm - acts_mm))
     return float(np.mean(after >= before)) <= MOST_WORSE_SHARE
+
+
+def _of_shape(moved_mm: np.ndarray, places: Places) -> np.ndarray:
+    """Return what of errors [N, 2, D] no shift and no turn of the whole print makes, as [2, N, D]."""
+    x, y = (places.bed_mm - places.bed_mm.mean(axis=0)).T
+    rigid = np.stack([[np.ones_like(x), 0 * x], [0 * x, np.ones_like(x)], [-y, x]]).reshape(3, -1)
+    rigid /= np.linalg.norm(rigid, axis=1, keepdims=True)
+    flat = moved_mm.transpose(1, 0, 2).reshape(rigid.shape[1], -1)
+    return np.asarray(flat - rigid.T @ (rigid @ flat)).reshape(2, len(x), -1)
 
 
 def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> Iterator[Set]:
