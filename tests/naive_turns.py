@@ -131,7 +131,7 @@ def corner_side(
             beside += side
         fall, across = abs(belt_mm[beside] - belt_mm[at]), abs(other_mm[beside] - other_mm[at])
         aslant = 2 * EPS_MM * min(ASLANT, np.hypot(fall, across) / max(across, 1e-9))
-        drop = aslant if fall > aslant else 2 * EPS_MM
+        drop = aslant if fall > aslant and beside == at + side else 2 * EPS_MM
         cut = 0.0
         if at > 0 and s_mm[at] > floor_mm and fall > drop + 2 * EPS_MM:  # the belt stops ahead, or short of the tip
             cut = 2 * EPS_MM if abs(belt_mm[at - 1] - belt_mm[at]) > LEAST_FALL * 2 * EPS_MM else 0.0

@@ -179,7 +179,7 @@ def test_a_tower_completes_a_planar_model(bent: SavedModel) -> None:
     done = update(planar, measured(SCREW, tower(), seed=2), rng=np.random.default_rng(0))
     heights, push = errors_mm(done.model, SCREW)
     assert heights < 0.06
-    assert push < 0.025
+    assert push < 0.035
     assert "Z wobble was 0.000" in done.words
     again = update(bent, measured(SCREW, tower(), seed=3), rng=np.random.default_rng(0))
     assert "Z " not in again.words

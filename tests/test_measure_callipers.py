@@ -201,7 +201,7 @@ def test_the_doubt_of_a_firmware_setting_is_that_of_the_machines(case):
     acts, drawn = float(play.acts_mm[0]), play.draws_mm[0]
     assert acts == pytest.approx(drawn.mean(), abs=drawn.std())
     if printer.kinematics == "corexy":
-        with pytest.raises(RefusedError, match="a motor of a CoreXY is none"):
+        with pytest.raises(RefusedError, match="a CoreXY motor moves both axes"):
             export_supported(model, "marlin")
         return
     export = export_supported(model, "marlin")

@@ -19,7 +19,7 @@ from printmend.studio.play import Faults, play_printer, shown
 from printmend.studio.scene import as_printed, read_drawing
 from printmend.twin import Twin
 
-SHAPELESS = {"place", "origin", "shift", "bead"}  # all of a layer lies elsewhere alike, or only its lines are wider
+SHAPELESS = {"place", "origin", "shift", "bead", "wobble"}  # a layer lies elsewhere as a whole, or its lines are wider
 
 
 def _row(card: dict[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives, share_of
-from printmend.effects.words import Found, Told
+from printmend.effects.words import LEAST_SHOWN_MM, Found, Told
 from printmend.messages import say
 
 # Cosines over the picture, of a random process whose power falls with the square of the frequency, and of how many
@@ -45,7 +45,8 @@ class Carriage(Usual):
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         moved = _series(np.linspace(0.0, 1.0, 241), found.shape) @ found.sizes_mm.reshape(int(found.shape[1]), -1).T
         largest = float(np.linalg.norm(moved, axis=1).max())
-        yield Told("carriage", RUNS("XY"[found.where], f"{largest:.2f}"), is_harmless=True)
+        if largest >= LEAST_SHOWN_MM:
+            yield Told("carriage", RUNS("XY"[found.where], f"{largest:.2f}"), is_harmless=True)
 
 
 def _series(place: np.ndarray, shape: tuple[float, ...]) -> np.ndarray:

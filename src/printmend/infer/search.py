@@ -17,7 +17,7 @@ from printmend.infer import kernels
 from printmend.infer.gram import Block, Dictionary, Gram, Rows, extended, laid_side_by_side
 from printmend.infer.normal import log_below
 
-LEAST_SIGMA_MM = 1e-3  # tables and G-code are written to this; less beside an open origin loses all digits of a double
+LEAST_SIGMA_MM = 2e-3  # of any instrument; tables and G-code are written to half of it
 LEAST_BETTER = 1e-6  # of the score: what rounding leaves
 MOST_STEPS = 80  # of the search: more blocks than any printer's
 Set = tuple[tuple[int, int], ...]  # (block, alternative in size) of each member
@@ -144,8 +144,10 @@ class Search:
     @cached_property
     def _positive(self) -> np.ndarray:
         """Which columns [P] have sizes above 0."""
-        blocks = self.dictionary.blocks
-        return np.repeat([block.positive for block in blocks], [block.at.stop - block.at.start for block in blocks])
+        found = np.zeros(len(self.gram.slope), bool)
+        for block in self.dictionary.blocks:
+            found[block.at] = block.positive
+        return found
 
     def offered(self, members: Set) -> np.ndarray:
         """Return the blocks that a set may take in."""

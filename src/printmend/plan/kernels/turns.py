@@ -396,7 +396,7 @@ def _stretch_beside_corner(model, run, k, at, n, trend, floor):
             fall = abs(run.nodes[b].belt[k] - run.nodes[at].belt[k])
         across = abs(run.nodes[b].belt[1 - k] - run.nodes[at].belt[1 - k])
         aslant = hold * min(ASLANT_PER_TOLERANCE, norm(fall, across) / max(across, 1e-9))
-        if fall > aslant:  # else the path may bend within the stretch
+        if fall > aslant and b == at + way:  # else the path may bend within the stretch
             drop = aslant
         cut = hold if corner > floor and fall > drop + hold else 0.0
         if cut > 0.0 and abs(run.nodes[at - 1].belt[k] - run.nodes[at].belt[k]) <= LEAST_FALL_PER_TOLERANCE * hold:
