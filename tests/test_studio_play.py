@@ -19,7 +19,8 @@ from printmend.studio.play import Faults, play_printer, shown
 from printmend.studio.scene import as_printed, read_drawing
 from printmend.twin import Twin
 
-SHAPELESS = {"place", "origin", "shift", "bead", "wobble"}  # a layer lies elsewhere as a whole, or its lines are wider
+# a layer lies elsewhere as a whole, or only its lines are wider
+SHAPELESS = {"place", "origin", "shift", "bead", "wobble", "layer"}
 
 
 def _row(card: dict[str, Any]) -> dict[str, Any]:
