@@ -62,11 +62,11 @@ def among(names: Collection[str]) -> Callable[[Term], bool]:
 
 def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
     """Return a fit of few effects, in whose scene the motors' turns are as long as the trace says, and the trace as the
-    motors really went: where one lost steps, its pulley turned by less."""
+    motors really went: where one lost steps, its pulley turned by less. Each length is judged at its own contacts."""
     still = fitted(trace, scene, healthy_mechanism(scene.printer), kept=among(STILL), quick=True)
 
     def told(scene: Scene, before: Fit) -> Fit:
-        return fitted(trace, scene, before.mechanism, kept=among(FEW), quick=True, passes=1)
+        return fitted(trace, scene, before.mechanism, kept=among(FEW), quick=True)
 
     best, odds = told(scene, still), 0.0
     for round_, base in enumerate((still, None)):

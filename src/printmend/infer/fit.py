@@ -96,9 +96,8 @@ class Fit:
 
 
 def fitted(
-    trace: Trace, scene: Scene, first: Mechanism, *, kept: Callable[[Term], bool] | None = None, quick: bool = False,
-    passes: int = PASSES,
-) -> Fit:  # fmt: skip
+    trace: Trace, scene: Scene, first: Mechanism, *, kept: Callable[[Term], bool] | None = None, quick: bool = False
+) -> Fit:
     """Return the effects that a trace shows; ``first`` is a machine that is nearly right, for the first contacts. Only
     terms that are ``kept`` are looked for, all without; where it is to be ``quick`` in few marks."""
     most = FEW_MARKS if quick else MOST_MARKS
@@ -107,7 +106,7 @@ def fitted(
     if scene.homed:
         scene = replace(scene, home_sd_mm=home_sd_of(first, scene))
     blocks = blocks_of(scene, kept)
-    for _ in range(passes):
+    for _ in range(PASSES):
         trace = turned_back(whole, turned_rad, scene)
         contacts, places, rows = looked(trace, scene, mechanism, most, is_first=fit is None)
         rows = _with_turn(rows, places, turned_rad, scene)
