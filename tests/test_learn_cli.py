@@ -146,8 +146,7 @@ def test_a_table_says_its_place_itself_even_where_home_was_not_measured() -> Non
     fault = Corruption((Drive(belt=Play(0.9)), Drive()))
     twin = Twin.of(fault, ENDER3)
     aside = np.array([0.3, -0.2])  # of the end stops: nothing but the table can tell
-    noise = np.random.default_rng(1).normal(0, 0.002, (len(PLAN.rows), 2))
-    marks = twin.follow(PLAN.waypoints_mm)[PLAN.rows] + aside + noise
+    marks = twin.follow(PLAN.waypoints_mm)[PLAN.rows] + aside
     model = learn_model(replace(PLAN.trace(marks), placed=True), ENDER3, rng=np.random.default_rng(0))
     motor = np.linspace(30, 190, 9)
     for axis in range(2):
