@@ -118,11 +118,13 @@ def test_the_part_is_mended_in_the_browser_with_the_programs_numbers(site: Path,
     (path := tmp_path / "part.gcode").write_bytes(plate.plate_gcode(printer))
     drawing = read_drawing(path, printer)
     for model, said, pieces in zip(models, *json.loads((folder / "out.json").read_text()), strict=True):
-        tap = Tap()
+        tap, other = taps = Tap(), Tap()
+        for number, each in enumerate(taps):
+            mend_gcode(path, model, tmp_path / f"mended-{number}.gcode", watch=each.watch)
         scene = as_printed(drawing, model.mechanism, aligned=True)
-        mend_gcode(path, model, tmp_path / "mended.gcode", watch=tap.watch)
         scene = as_mended(scene, drawing, model.mechanism, tap, aligned=True)
-        wanted = np.column_stack([tap.kept()[1][name] for name in ("x", "y", "z", "share", "feed")])
+        told = other.taken()[1]
+        wanted = np.column_stack([told[name] for name in ("x", "y", "z", "share", "feed")])
         np.testing.assert_allclose(np.array(pieces), wanted, rtol=0, atol=1e-9)
         for name, error in (("before", scene.raw_error_mm), ("after", scene.mended_error_mm)):
             assert said[name]["rms_mm"] == pytest.approx(scene.rms_mm(error), abs=1e-6)

@@ -129,11 +129,11 @@ class Tap:
 
         return noticed
 
-    def kept(self) -> tuple[np.ndarray, np.ndarray]:
+    def taken(self) -> tuple[np.ndarray, np.ndarray]:
         """Return how many pieces each motion became [R], and the pieces, and keep them no longer."""
-        kept = np.concatenate(self._counts), np.concatenate(self._pieces)
-        self._counts, self._pieces = [kept[0][:0]], [kept[1][:0]]
-        return kept
+        taken = np.concatenate(self._counts), np.concatenate(self._pieces)
+        self._counts, self._pieces = [taken[0][:0]], [taken[1][:0]]
+        return taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +287,7 @@ def as_mended(
     scene: Scene, drawing: Drawing, truth: Mechanism, tap: Tap, *, aligned: bool = False, along: Sequence[Sized] = ()
 ) -> Scene:
     """Add to a scene how ``truth`` prints the same file mended; ``tap`` has seen it planned."""
-    counts, pieces = tap.kept()
+    counts, pieces = tap.taken()
     lines, feed = drawing.motion.lines, drawing.motion.records["feed"]
     told = _given_lines(lines, counts, pieces)
     paces = busiest(lines.end_mm - lines.start_mm, feed / 60), _busiest_told(told, feed, counts, pieces)
