@@ -24,7 +24,8 @@ FOREIGN = (
 )  # fmt: skip
 # Of these the names of presets, and those of a sibling with the same bed and belts.
 SHARED = {
-    "p1s": ("Bambu Lab P1S", "Bambu Lab H9"), "x1c": ("Bambu Lab X1 Carbon 0.4 nozzle", "X1C", "Bambu Lab H9"),
+    "a1": ("Bambu Lab A1", "Bambu Lab H9"), "p1s": ("Bambu Lab P1S", "Bambu Lab H9"),
+    "x1c": ("Bambu Lab X1 Carbon 0.4 nozzle", "X1C", "Bambu Lab H9"),
     "k1": ("Creality K1",), "k1c": ("Creality K1",), "sv08": ("Sovol SV08",),
     "prusa-mk4s": ("Original Prusa MK4S", "MK4"), "prusa-core-one": ("Prusa CORE One", "COREONE"),
     "trident-300": ("Voron Trident 300",), "voron0": ("Voron_v0_120",), "kobra2": ("Anycubic Kobra 2 Pro",),
@@ -51,6 +52,7 @@ OWN = {
     "kp3s": ("KP3S",), "neptune2": ("NEPTUNE2S", "Elegoo Neptune 2D"), "aquila": ("AQUILA", "Voxelab Aquila X2"),
     "sapphire-plus": ("Two Trees Sapphire Plus", "Sapphire Plus", "TwoTrees SapphirePlus"),
     # as printer_model and printer_settings_id of PrusaSlicer, OrcaSlicer and Bambu Studio have them
+    "a1": ("Bambu Lab A1", "Bambu Lab A1 0.4 nozzle"),
     "p1s": ("Bambu Lab P1S", "Bambu Lab P1S 0.4 nozzle", "Bambu Lab P1P"),
     "x1c": ("Bambu Lab X1 Carbon", "Bambu Lab X1 Carbon 0.4 nozzle", "Bambu Lab X1E"),
     "k1": ("Creality K1", "K1", "Creality K1 (0.4 nozzle)", "Creality K1 SE"), "k1c": ("Creality K1C", "Creality K1"),
