@@ -1,5 +1,7 @@
 """The diagnosis as a document: the right faults, the right advice, a true picture of the pulley, one whole file."""
 
+import base64
+import html
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -24,10 +26,11 @@ from printmend.errors import GcodeError, InputError, TraceError
 from printmend.learn.learned import learn_model, report
 from printmend.measure.table import read_trace, write_trace
 from printmend.mend.mend import check_gcode
+from printmend.messages import catalogue, say
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend.report.examination import NOTHING_KNOWN, Examination, examine, standard_rows, summary
+from printmend.report.examination import Examination, examine, standard_rows, summary
 from printmend.report.examination_file import write_examination
 from printmend.report.pictures import pictures
 from printmend.twin import Twin
@@ -210,7 +213,7 @@ def test_a_healthy_printer_needs_nothing(rng: np.random.Generator, tmp_path: Pat
     assert examination.advice == ()
     assert examination.title == "This printer is healthy"
     assert "healthy" in examination.headline
-    for one in pictures(examination):  # no star is drawn of a round pulley, and its noise not twice
+    for one in pictures(examination, str):  # no star is drawn of a round pulley, and its noise not twice
         assert len(one.figures) == 1
     noted = replace(examination, misfit=("note: everything is shifted by (+0.57, -1.29) mm from the home position",))
     assert (noted.title, noted.headline) == (examination.title, examination.headline)
@@ -225,7 +228,7 @@ def test_a_healthy_printer_needs_nothing(rng: np.random.Generator, tmp_path: Pat
     assert standard_rows(examination)[1][2:] == ("0.000", "0.000")
     write_examination(tmp_path / "healthy.html", examination)  # as in the PDF: no table of noughts
     page = (tmp_path / "healthy.html").read_text()
-    assert NOTHING_KNOWN in page
+    assert say("standard-nothing-known") in page
     assert "reversal error B" not in page
 
 
@@ -244,7 +247,7 @@ def test_a_chart_over_layers_needs_two(examined: Examination, layers: int, tmp_p
     assert examined.prediction is not None
     prediction = replace(examined.prediction, layers=examined.prediction.layers[:1] * layers)
     write_examination(tmp_path / "report.html", replace(examined, prediction=prediction))
-    assert ("layer by layer" in (tmp_path / "report.html").read_text()) == (layers > 1)
+    assert ("expected error of each layer" in (tmp_path / "report.html").read_text()) == (layers > 1)
 
 
 def test_one_self_contained_file(folder: Path, examined: Examination, tmp_path: Path) -> None:
@@ -260,13 +263,29 @@ def test_one_self_contained_file(folder: Path, examined: Examination, tmp_path: 
     assert page.count("data:image/svg+xml;base64,") == 7  # two motors and their pulleys, the bed twice, a circle
     assert "reversal error B" in page
     assert "expanded, k = 2" in page
-    assert "combined, of nine prints in ten" in page
+    assert "combined, in 90 % of prints" in page
     assert "<script" not in page
     assert "http" not in page
     assert "part &lt;1&gt;.gcode" in page
     pdf = (tmp_path / "report.pdf").read_bytes()
     assert pdf.startswith(b"%PDF")
     assert 3 <= pdf.count(b"/Type /Page\n") + pdf.count(b"/Type /Page ") <= 4
+
+
+def test_a_report_in_german_has_no_english_sentence(examined: Examination, tmp_path: Path) -> None:
+    write_examination(tmp_path / "bericht.html", examined, language="de")
+    page = html.unescape((tmp_path / "bericht.html").read_text())
+    assert '<html lang="de">' in page
+    assert "Was zu tun ist" in page
+    assert re.search(r"<td>\d,\d{3}</td>", page)
+    english = {
+        texts[0] for texts in catalogue().values() if texts[0] != texts[1] and re.match(r"[\w ,]{12,}$", texts[0])
+    }
+    assert len(english) > 500
+    assert not [each for each in english if each in page]
+    pictures = [base64.b64decode(each).decode() for each in re.findall(r"svg\+xml;base64,([^\"]+)", page)]
+    assert any("vorwärts" in each for each in pictures)
+    assert not any("moving forwards" in each for each in pictures)
 
 
 def test_bad_input_ends_in_one_line(folder: Path, tmp_path: Path) -> None:

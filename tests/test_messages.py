@@ -13,6 +13,7 @@ import pytest
 import printmend
 from printmend.errors import InputError
 from printmend.messages import (
+    MANY,
     PAGE,
     Said,
     catalogue,
@@ -20,7 +21,9 @@ from printmend.messages import (
     page_messages,
     restored,
     say,
+    say_count,
     together,
+    translated,
     within,
 )  # fmt: skip
 
@@ -38,12 +41,12 @@ def said_in(path: Path) -> Iterator[tuple[str, int | None, int]]:
     """Yield each id that a module says, with how many values, None where that is not written there, and its line."""
     text = path.read_text(encoding="utf-8")
     for node in ast.walk(ast.parse(text)) if "from printmend.messages import" in text else ():
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "say":
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("say", "say_count"):
             name, *values = node.args
             count = None if any(isinstance(value, ast.Starred) for value in values) else len(values)
             for each in (name.body, name.orelse) if isinstance(name, ast.IfExp) else (name,):
                 if isinstance(each, ast.Constant):
-                    yield each.value, count, node.lineno
+                    yield each.value + (MANY if node.func.id == "say_count" else ""), count, node.lineno
 
 
 def test_every_message_has_both_languages_with_the_same_places() -> None:
@@ -66,8 +69,16 @@ def test_every_id_that_is_said_is_in_the_catalogue_and_the_other_way_round() -> 
         used |= set(re.findall(r'"([a-z0-9-]+)"', text))
         for made in re.findall(r'say\(f"([a-z0-9{}_.-]+)"', text):  # an id that is put together
             used |= {name for name in catalogue() if re.fullmatch(re.sub(r"{[^}]*}", "[a-z0-9-]*", made), name)}
-    unused = {name for name in catalogue() if not name.endswith(PAGE)} - used
+    unused = {name for name in catalogue() if not name.endswith((PAGE, MANY))} - used
     assert not unused, f"nothing says {sorted(unused)}"
+
+
+def test_a_count_is_said_in_the_singular_or_the_plural() -> None:
+    assert [say_count("so-many-layers", count) for count in (0, 1, 2)] == ["0 layers", "1 layer", "2 layers"]
+    assert [translated(say_count("so-many-layers", count), "de") for count in (1, 2)] == ["1 Schicht", "2 Schichten"]
+    for name in catalogue():
+        if name.endswith(MANY):
+            assert places(catalogue()[name.removesuffix(MANY)][0]) <= places(catalogue()[name][0]), name
 
 
 def plain_words_of_errors(tree: ast.AST) -> Iterator[ast.expr]:

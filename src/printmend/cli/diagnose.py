@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from printmend.cli.terminal import echo
+from printmend.cli.terminal import echo, language
 from printmend.messages import say
 
 
@@ -41,6 +41,6 @@ def command(trace: Path, printer_name: str, report: Path, part: Path | None, fil
         check_filament(filament)
     rng = np.random.default_rng(seed)
     examination = examine(read_trace(trace, printer), printer, part=part, filament=filament, rng=rng)
-    write_examination(report, examination)
+    write_examination(report, examination, language=language())
     echo(summary(examination))
     echo(say("written", report))

@@ -8,7 +8,7 @@ import click
 from printmend.cli.model import ModelType, read_model_in
 from printmend.cli.number import Finite, Percent
 from printmend.cli.outcome import tell
-from printmend.cli.terminal import echo
+from printmend.cli.terminal import echo, language
 from printmend.messages import say
 
 if TYPE_CHECKING:
@@ -95,7 +95,9 @@ def _mend_one(
     with progress(source) as tick:
         done = mend_gcode(source, model, target, force=force, fineness=fineness, progress=tick)
     if report is not None:
-        write_report(report, str(source), model, done.prediction, output=None if in_place else target)
+        write_report(
+            report, str(source), model, done.prediction, output=None if in_place else target, language=language()
+        )
     if not quiet:
         echo(done.prediction.summary(), err=target is None)
         echo(say("written", target or say("standard-output")), err=target is None)

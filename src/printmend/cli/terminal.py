@@ -28,7 +28,11 @@ def usual_language(environment: Mapping[str, str] = os.environ) -> str:
     return GERMAN if next(filter(None, names), "").lower().startswith("de") else ENGLISH
 
 
+def language() -> str:
+    """Return the language that this command speaks."""
+    return (click.get_current_context().find_object(Terminal) or Terminal()).language
+
+
 def echo(message: str, *, err: bool = False) -> None:
     """Print a message in the user's language."""
-    terminal = click.get_current_context().find_object(Terminal) or Terminal()
-    click.echo(terminal.say(message), err=err)
+    click.echo(translated(message, language()), err=err)

@@ -10,11 +10,12 @@ from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.ticker import MaxNLocator
 
 from printmend.draw.figure import ERROR_COLOURS, FINE_COLOURS, INK, draw_scale_bar, fit_view, plain
+from printmend.messages import Tell, say
 
 
 def draw_coloured(
     axes: Axes, lines_mm: Sequence[np.ndarray], error_mm: np.ndarray, *, corners_mm: tuple[np.ndarray, np.ndarray],
-    worst_mm: float, title: str, fine_mm: float | None = None,
+    worst_mm: float, title: str, fine_mm: float | None = None, tell: Tell = str,
 ) -> Axes:  # fmt: skip
     """Draw lines [K] of [N, 2] in the colour of their errors [K], up to ``worst_mm``, and a colour bar below them.
 
@@ -36,8 +37,8 @@ def draw_coloured(
         )
         if fine_mm is not None:
             bar.set_ticklabels(["0", f"{fine_mm:.3f}", f"{worst_mm:.2f}"])
-        bar.set_label("off by [mm]", color=INK, fontsize=9)
+        bar.set_label(tell(say("draw-error")), color=INK, fontsize=9)
         bar.ax.tick_params(labelsize=8, colors=INK)
         bar.outline.set_visible(False)
-    axes.set_title(title, color=INK, fontsize=11)
+    axes.set_title(tell(title), color=INK, fontsize=11)
     return draw_scale_bar(plain(axes))

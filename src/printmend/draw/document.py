@@ -1,4 +1,7 @@
-"""Figures for documents: as SVG text for a page, and documents in A4 as PDF."""
+"""A document as blocks, written as PDF in A4 (`printmend.report.page` writes the same blocks as HTML).
+
+Each function that draws or writes takes ``tell``: it puts a message into the reader's language.
+"""
 
 import io
 from collections.abc import Sequence
@@ -11,6 +14,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from printmend.files import replacing
+from printmend.messages import Tell, say
 
 _DPI = 200  # of a picture in a PDF
 _FONT, _BOLD = "DejaVuSans", "DejaVuSans-Bold"  # matplotlib brings them; they have all of our signs
@@ -30,19 +34,30 @@ def svg(figure: Figure, *, dpi: int = 100) -> str:
 
 @dataclass(frozen=True)
 class Words:
-    """A paragraph; a title, a heading, text, or small print."""
+    """A paragraph: a title, the sentence below it (lead), a heading, text, or small print."""
 
-    style: Literal["title", "heading", "text", "small"]
+    style: Literal["title", "lead", "heading", "text", "small"]
     text: str
 
 
 @dataclass(frozen=True)
+class Items:
+    """A list of sentences; a capital at the beginning and the full stop are set where they lack."""
+
+    texts: Sequence[str]
+
+
+@dataclass(frozen=True)
 class Numbers:
-    """A table: its first row is the head, its first ``words`` columns are text. ``caption`` stands above it."""
+    """A table: its first row is the head, its first ``words`` columns are text. ``caption`` stands above it.
+
+    A page in HTML shows a ``folded`` table only when its caption is clicked.
+    """
 
     caption: str
     rows: Sequence[Sequence[str]]
     words: int = 1
+    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,10 +85,15 @@ class Pictures:
     caption: str
 
 
-Block = Words | Numbers | Strip | Card | Pictures
+Block = Words | Items | Numbers | Strip | Card | Pictures
 
 
-def write_pdf(path: Path, title: str, blocks: Sequence[Block], *, foot: str) -> None:
+def sentence(text: str) -> str:
+    """Return words with a capital at the beginning and a full stop at the end."""
+    return f"{text[:1].upper()}{text[1:].removesuffix('.')}." if text else text
+
+
+def write_pdf(path: Path, title: str, blocks: Sequence[Block], *, foot: str, tell: Tell = str) -> None:
     """Write blocks as a PDF in A4, ``foot`` and the page's number at the bottom; equal blocks give equal bytes.
 
     What belongs together (a picture and its caption, a heading and what follows) stays on one page.
@@ -88,19 +108,19 @@ def write_pdf(path: Path, title: str, blocks: Sequence[Block], *, foot: str) -> 
         canvas.setFont(_FONT, 7)
         canvas.setFillColor(_SOFT)
         canvas.drawString(_MARGIN_MM * mm, 9 * mm, foot)
-        canvas.drawRightString(A4[0] - _MARGIN_MM * mm, 9 * mm, f"page {document.page}")
+        canvas.drawRightString(A4[0] - _MARGIN_MM * mm, 9 * mm, tell(say("pdf-page", document.page)))
 
     width = A4[0] - 2 * _MARGIN_MM * mm
     with replacing(path, "wb") as file:
         document = SimpleDocTemplate(
             file, pagesize=A4, leftMargin=_MARGIN_MM * mm, rightMargin=_MARGIN_MM * mm, topMargin=_MARGIN_MM * mm,
-            bottomMargin=_MARGIN_MM * mm, title=title, author="printmend", invariant=1,
+            bottomMargin=_MARGIN_MM * mm, title=tell(title), author="printmend", invariant=1,
         )  # fmt: skip
         flowables: list[Any] = []
         for block in blocks:
             if isinstance(block, Words) and block.style == "heading":
                 flowables.append(CondPageBreak(_HEADED_MM * mm))
-            flowables.append(_flowable(block, width))
+            flowables += _flowables(block, width, tell)
         document.build(flowables, onFirstPage=margins, onLaterPages=margins)
 
 
@@ -116,16 +136,16 @@ def _take_fonts() -> None:
         addMapping(_FONT, bold, 1, name)
 
 
-def _flowable(block: Block, width: float) -> Any:
+def _flowables(block: Block, width: float, tell: Tell) -> list[Any]:
     if isinstance(block, Words):
-        return _paragraph(block.text, block.style)
+        return [_paragraph(tell(block.text), "text" if block.style == "lead" else block.style)]
+    if isinstance(block, Items):
+        return [_paragraph(f"• {sentence(tell(text))}", "text") for text in block.texts]
     if isinstance(block, Numbers):
-        return _table(block, width)
+        return [_table(block, tell)]
     if isinstance(block, Strip):
-        return _strip(block, width)
-    if isinstance(block, Card):
-        return _card(block, width)
-    return _pictures(block, width)
+        return [_strip(block, width, tell)]
+    return [_card(block, width, tell) if isinstance(block, Card) else _pictures(block, width, tell)]
 
 
 def _paragraph(text: str, style: str, *, colour: str = _INK) -> Any:
@@ -146,7 +166,7 @@ def _paragraph(text: str, style: str, *, colour: str = _INK) -> Any:
     )  # fmt: skip
 
 
-def _table(block: Numbers, width: float) -> Any:
+def _table(block: Numbers, tell: Tell) -> Any:
     from reportlab.platypus import KeepTogether, Table
 
     style: list[tuple[Any, ...]] = [
@@ -155,15 +175,18 @@ def _table(block: Numbers, width: float) -> Any:
         ("ALIGN", (block.words, 0), (-1, -1), "RIGHT"), ("LEFTPADDING", (0, 0), (0, -1), 0),
         ("TOPPADDING", (0, 0), (-1, -1), 2), ("BOTTOMPADDING", (0, 0), (-1, -1), 2),
     ]  # fmt: skip
-    table = Table([list(row) for row in block.rows], style=style, hAlign="LEFT", spaceAfter=8)
-    caption = [_paragraph(block.caption, "text")] if block.caption else []
+    table = Table([[tell(cell) for cell in row] for row in block.rows], style=style, hAlign="LEFT", spaceAfter=8)
+    caption = [_paragraph(tell(block.caption), "text")] if block.caption else []
     return KeepTogether([*caption, table])
 
 
-def _strip(block: Strip, width: float) -> Any:
+def _strip(block: Strip, width: float, tell: Tell) -> Any:
     from reportlab.platypus import Table
 
-    cells = [[_paragraph(value, "number"), _paragraph(about, "cell", colour=_SOFT)] for value, about in block.numbers]
+    cells = [
+        [_paragraph(tell(value), "number"), _paragraph(tell(about), "cell", colour=_SOFT)]
+        for value, about in block.numbers
+    ]
     style = [
         ("BOX", (0, 0), (-1, -1), 0.4, _LINE), ("INNERGRID", (0, 0), (-1, -1), 0.4, _LINE),
         ("BACKGROUND", (0, 0), (-1, -1), _CARD), ("VALIGN", (0, 0), (-1, -1), "TOP"),
@@ -172,17 +195,16 @@ def _strip(block: Strip, width: float) -> Any:
     return Table([cells], colWidths=[width / len(cells)] * len(cells), style=style, spaceBefore=4, spaceAfter=8)
 
 
-def _card(block: Card, width: float) -> Any:
+def _card(block: Card, width: float, tell: Tell) -> Any:
     from reportlab.lib.units import mm
     from reportlab.platypus import KeepTogether, Table
 
     name = 26 * mm
-    rows = [
-        [_paragraph(f"{block.title} – {block.mark}" if block.mark else block.title, "card", colour=block.colour), ""]
-    ]
+    title = " – ".join(map(tell, filter(None, (block.title, block.mark))))
+    rows = [[_paragraph(title, "card", colour=block.colour), ""]]
     for key, text in block.lines:
-        words = _paragraph(text, "cell")
-        rows.append([_paragraph(key, "cell", colour=_SOFT), words] if key else [words, ""])
+        words = _paragraph(tell(text), "cell")
+        rows.append([_paragraph(tell(key), "cell", colour=_SOFT), words] if key else [words, ""])
     style = [
         *(("SPAN", (0, row), (1, row)) for row in range(len(rows)) if rows[row][1] == ""),
         ("LINEBEFORE", (0, 0), (0, -1), 3, block.colour), ("VALIGN", (0, 0), (-1, -1), "TOP"),
@@ -192,7 +214,7 @@ def _card(block: Card, width: float) -> Any:
     return KeepTogether([Table(rows, colWidths=[name, width - name], style=style, spaceAfter=6)])
 
 
-def _pictures(block: Pictures, width: float) -> Any:
+def _pictures(block: Pictures, width: float, tell: Tell) -> Any:
     from reportlab.lib.units import mm
     from reportlab.platypus import Image, KeepTogether, Table
 
@@ -214,6 +236,6 @@ def _pictures(block: Pictures, width: float) -> Any:
     return KeepTogether(
         [
             Table([images], colWidths=columns, style=style, hAlign="CENTER"),
-            _paragraph(block.caption, "caption", colour=_SOFT),
+            _paragraph(tell(block.caption), "caption", colour=_SOFT),
         ]
     )

@@ -5,8 +5,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from printmend.draw.figure import INK, PALETTE, quiet
+from printmend.messages import Tell, say
 
-WAYS = ("moving forwards", "moving backwards")
+WAYS = (say("moving-forwards"), say("moving-backwards"))
 ENLARGED = (1, 2, 5, 10, 20, 50, 100, 200)
 LEAST_UNROUND_MM = 0.02  # a pulley as round as this is drawn as it is, not enlarged into a star
 LEAST_SPAN_MM = 0.05  # a healthy axis should not look wild
@@ -21,6 +22,7 @@ def draw_fit(
     *,
     name: str,
     mm_per_turn: float,
+    tell: Tell = str,
 ) -> Axes:
     """Draw the learned error [2, N] over the motor's position [N], one colour a direction, over the measured points.
 
@@ -36,19 +38,21 @@ def draw_fit(
         axes.plot(place[side == way], off[side == way], ".", color=colour, markersize=2.5, alpha=0.5, zorder=2)
         low, high = error_mm[way] - band_mm[way], error_mm[way] + band_mm[way]
         axes.fill_between(motor_mm, low, high, color=colour, alpha=0.22, linewidth=0, zorder=3)
-        axes.plot(motor_mm, error_mm[way], color=colour, linewidth=1.4, label=WAYS[way], zorder=4)
+        axes.plot(motor_mm, error_mm[way], color=colour, linewidth=1.4, label=tell(WAYS[way]), zorder=4)
     low, high = float(error_mm.min()), float(error_mm.max())
     room = 0.15 * (high - low) + 2 * float(np.median(band_mm)) + LEAST_SPAN_MM / 2
     axes.set_ylim(low - room, high + room + 0.12 * (high - low + 2 * room))  # above, the legend
     axes.set_xlim(motor_mm[0], motor_mm[-1])
-    axes.set_xlabel(f"position of {name} [mm]; grey: whole turns of the motor", fontsize=8)
-    axes.set_ylabel("printed − commanded [mm]", fontsize=8)
-    axes.set_title(f"{name}: dots measured, lines learned", color=INK, fontsize=10)
+    axes.set_xlabel(tell(say("draw-position-turns", name)), fontsize=8)
+    axes.set_ylabel(tell(say("draw-printed-commanded")), fontsize=8)
+    axes.set_title(tell(say("draw-dots-lines", name)), color=INK, fontsize=10)
     axes.legend(fontsize=7, frameon=False, loc="upper left", ncols=2)
     return quiet(axes)
 
 
-def draw_play(axes: Axes, motor_mm: np.ndarray, play_mm: np.ndarray, sd_mm: np.ndarray, *, name: str) -> Axes:
+def draw_play(
+    axes: Axes, motor_mm: np.ndarray, play_mm: np.ndarray, sd_mm: np.ndarray, *, name: str, tell: Tell = str
+) -> Axes:
     """Draw the play [N] mm along the axis, with a band of two standard deviations [N]."""
     axes.fill_between(
         motor_mm, np.maximum(play_mm - 2 * sd_mm, 0), play_mm + 2 * sd_mm, color=PALETTE[2], alpha=0.25, linewidth=0
@@ -56,13 +60,13 @@ def draw_play(axes: Axes, motor_mm: np.ndarray, play_mm: np.ndarray, sd_mm: np.n
     axes.plot(motor_mm, play_mm, color=PALETTE[2], linewidth=1.4)
     axes.set_xlim(motor_mm[0], motor_mm[-1])
     axes.set_ylim(0, max(1.25 * float((play_mm + 2 * sd_mm).max()), LEAST_SPAN_MM))
-    axes.set_xlabel(f"position of {name} [mm]", fontsize=8)
-    axes.set_ylabel("play [mm]", fontsize=8)
-    axes.set_title(f"{name}: slack at each change of direction", color=INK, fontsize=10)
+    axes.set_xlabel(tell(say("draw-position", name)), fontsize=8)
+    axes.set_ylabel(tell(say("draw-play")), fontsize=8)
+    axes.set_title(tell(say("draw-slack", name)), color=INK, fontsize=10)
     return quiet(axes)
 
 
-def draw_hull(axes: Axes, outline_mm: np.ndarray, *, radius_mm: float, name: str) -> Axes:
+def draw_hull(axes: Axes, outline_mm: np.ndarray, *, radius_mm: float, name: str, tell: Tell = str) -> Axes:
     """Draw a pulley's hull [N, 2] over the round one, about the shaft; small differences are enlarged."""
     reach = np.hypot(*outline_mm.T)
     most = float(np.abs(reach - radius_mm).max())
@@ -80,7 +84,7 @@ def draw_hull(axes: Axes, outline_mm: np.ndarray, *, radius_mm: float, name: str
     axes.set_yticks([])
     for spine in axes.spines.values():
         spine.set_visible(False)
-    shown = "true to scale" if factor == 1 else f"differences enlarged {factor} times"
-    axes.set_title(f"{name}: the pulley", color=INK, fontsize=10)
-    axes.set_xlabel(f"{shown}; dashed: round", fontsize=8)
+    shown = say("draw-true-to-scale") if factor == 1 else say("draw-enlarged", factor)
+    axes.set_title(tell(say("draw-pulley", name)), color=INK, fontsize=10)
+    axes.set_xlabel(tell(say("draw-dashed-round", shown)), fontsize=8)
     return axes

@@ -14,7 +14,7 @@ import numpy as np
 from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, Program
-from printmend.messages import say
+from printmend.messages import say, say_count
 from printmend.path import Trace
 from printmend.printer import Printer
 
@@ -132,7 +132,7 @@ def _layer_of(program: Program, moves: Moves, layer: int) -> tuple[int, int, boo
         raise GcodeError(
             program.name,
             wanted=say("layer", layer),
-            came=say("so-many-layers", len(numbers)),
+            came=say_count("so-many-layers", len(numbers)),
             todo=say("say-another-layer"),
         )
     index = int(numbers[layer - 1])

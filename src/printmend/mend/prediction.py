@@ -9,7 +9,7 @@ import numpy as np
 
 from printmend.clock import Duration
 from printmend.diagnosis.scale import knows_a_length, knows_all_but_a_reading
-from printmend.messages import say, together
+from printmend.messages import say, say_count, together
 from printmend.model.misfit import said_of
 from printmend.model.model import SavedModel
 from printmend.plan import Planner
@@ -181,9 +181,9 @@ class Prediction:
             rows.append(say("causes-after-mending" if len(told) > 1 else "causes", causes))
         rows += [say("before-you-print", each) for each in self.advice]
         rows += [say("warning", each) for each in self.warnings]
-        return together("\n", [*rows, *self._moves_words()])
+        return together("\n", [*rows, *self.moves_words()])
 
-    def _moves_words(self) -> Iterator[str]:
+    def moves_words(self) -> Iterator[str]:
         """Say what becomes of the moves, and which stay as they are."""
         if not (self.clamped_extruding or self.unknown or self.splines) and self.extruding:
             (x0, y0), (x1, y1) = self.printed_low_mm, self.printed_high_mm
@@ -192,7 +192,7 @@ class Prediction:
         if self.is_untouched:
             yield say("nothing-to-mend-every-move-stays")
         else:
-            words = say("move-becomes" if self.moves == 1 else "moves-become", self.moves, self.commands)
+            words = say_count("moves-become", self.moves, self.commands)
             if self.takeups:
                 words = say("slack-taken-up-at", words, self.takeups)
             yield say("nozzle-stops-at", words, self.stops) if self.stops else words

@@ -8,7 +8,7 @@ takes these along (`messages_of`) and looks the id up (`translated`). `together`
 
 import re
 import string
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -16,11 +16,13 @@ from typing import Any
 import polib
 
 ENGLISH, GERMAN = "en", "de"
+Tell = Callable[[str], str]  # puts a message into the reader's language
 _DEEPEST = 8  # messages within messages
 # Numbers that a German reader gets with a comma: no version of a program among them.
 _NUMBERS = re.compile(r"(?!.*\d\.\d+\.)[\s\d.±+–-]*\d\.\d[\s\d.±+–-]*( ?[%°a-z]+)?")
 _AFTER_SEMICOLON = re.compile(r"; (Der|Die|Das|Ein|Eine|Es|Alle|Jede)\b")
-PAGE = "/page"  # ends the id of a message that a page says otherwise, where the terminal's names a command or an option
+PAGE = "/page"  # ends the id of a message that a page words differently: the terminal's names a command or an option
+MANY = "/many"  # ends the id of a message's plural
 
 
 class Said(str):
@@ -55,6 +57,14 @@ def say(name: str, *values: object) -> Said:
     return said(name, filled, catalogue()[name][0].format(**filled))
 
 
+def say_count(name: str, number: int, *values: object) -> Said:
+    """Return the message of an id in its singular or plural; ``number`` fills {a}, ``values`` {b}, {c}, …
+
+    English and German have the same rule: one is singular, every other number plural.
+    """
+    return say(name if number == 1 else name + MANY, number, *values)
+
+
 def say_own(texts: tuple[str, str], *values: object) -> Said:
     """Return a message that is not in the catalogue, from its English and German."""
     filled = places_of(values)
@@ -81,8 +91,13 @@ def is_one_of(text: str, names: Iterable[str]) -> bool:
 
 
 def translated(text: str, language: str) -> str:
-    """Return a message in a language; a text without an id stays as it is."""
-    return _german(text) if language == GERMAN else str(text)
+    """Return a message in a language; a text without an id stays as it is, except that German numbers get a comma."""
+    return _value(text) if language == GERMAN else str(text)
+
+
+def tell_in(language: str) -> Tell:
+    """Return what puts messages into a language."""
+    return lambda text: translated(text, language)
 
 
 def _german(text: str) -> str:
@@ -96,7 +111,7 @@ def _german(text: str) -> str:
 
 
 def _value(text: str) -> str:
-    """Return what fills a place of a message in German: numbers get a comma."""
+    """Return a message, or what fills one of its places, in German: numbers get a comma."""
     if isinstance(text, Said):
         return _german(text)
     return text.replace(".", ",") if _NUMBERS.fullmatch(text) else text
@@ -136,7 +151,12 @@ def page_messages() -> dict[str, dict[str, str]]:
 def catalogue() -> dict[str, tuple[str, str]]:
     """Return every message's English and German by its id."""
     text = resources.files(__name__).joinpath("de.po").read_text(encoding="utf-8")
-    return {entry.msgctxt: (entry.msgid, entry.msgstr) for entry in polib.pofile(text)}
+    found = {}
+    for entry in polib.pofile(text):
+        found[entry.msgctxt] = entry.msgid, entry.msgstr or entry.msgstr_plural[0]
+        if entry.msgid_plural:
+            found[entry.msgctxt + MANY] = entry.msgid_plural, entry.msgstr_plural[1]
+    return found
 
 
 def _gather(value: Any, found: dict[str, Any]) -> None:

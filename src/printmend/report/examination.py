@@ -25,6 +25,7 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.predict import Promise
+from printmend.report.part import before_and_after
 
 SUFFIXES = (".html", ".htm", ".pdf")
 MOST_ARROWS = 1200  # in a picture
@@ -172,19 +173,16 @@ def part_said(part: str, prediction: Prediction) -> str:
 
 
 def numbers(examination: Examination) -> list[tuple[str, str]]:
-    """Return the few numbers that matter, each with its words: what to expect after mending comes first."""
-    found = []
+    """Return the few numbers that matter, each with its words: the expected error after mending comes first."""
+    found: list[tuple[str, str]] = []
     if (prediction := examination.prediction) is not None:
-        before, after = prediction.before, prediction.after
-        ranged = f"; mended between {after.rms_low_mm:.3f} and {after.rms_high_mm:.3f} in nine of ten prints"
-        about = f"your part {examination.part}, as it is → mended{ranged if after.made_of else ''}"
-        found.append((f"{before.rms_mm:.2f} → {after.rms_mm:.3f} mm", about))
+        found.append(before_and_after(prediction, say("number-your-part", examination.part or "")))
     return [
         *found,
-        (f"{examination.before_rms_mm:.3f} mm", "how far the test print typically lies from where it belongs"),
+        (say("mm-2", f"{examination.before_rms_mm:.3f}"), say("number-test-print")),
         (
-            f"{examination.after_rms_mm:.3f} mm",
-            f"of that nothing explains; {scatter_words(examination.saved)}",
+            say("mm-2", f"{examination.after_rms_mm:.3f}"),
+            say("number-unexplained", scatter_words(examination.saved)),
         ),
     ]
 
@@ -194,41 +192,32 @@ def standard_rows(examination: Examination) -> list[tuple[str, ...]]:
     x, y = examination.axes
     run = examination.circle
 
-    def row(name: str, words: str, *sizes: float) -> tuple[str, ...]:
-        return (name, words, *(f"{size:.3f}" for size in sizes), *[""] * (2 - len(sizes)))
+    def row(name: str, *sizes: float) -> tuple[str, ...]:
+        values = (f"{size:.3f}" for size in sizes)
+        return (say(f"standard-{name}"), say(f"words-{name}"), *values, *[""] * (2 - len(sizes)))
 
     return [
-        ("in the standard", "in other words", "X", "Y"),
-        row("reversal error B", "play: what is lost when it turns back, at most", x.reversal_mm, y.reversal_mm),
-        row("mean reversal error B̄", "the same, on average", x.mean_reversal_mm, y.mean_reversal_mm),
-        row("bidirectional systematic error E", "farthest too far to farthest too short", x.systematic_mm,
-            y.systematic_mm),
-        row("mean bidirectional error M", "the same without the play", x.mean_mm, y.mean_mm),
-        row("circular error G", "how unround a circle is, clockwise; counter-clockwise", *run.circular_mm),
-        row("bidirectional circular error G(b)", "both together", run.both_mm),
-        row("mean radial error D", "how much too large it is", run.mean_mm),
-    ]  # fmt: skip
-
-
-NOTHING_KNOWN = "No error of positioning and no error of a circle is known of this printer."
-STANDARD_SAID = (
-    "Positioning along the bed's middle by the names of ISO 230-2, and a circle by those of ISO 230-4, in mm. The "
-    "learned model ran these paths, not the printer: accuracy A and repeatability R need five measured runs, and are "
-    "not here."
-)
+        (say("standard-name"), say("standard-words"), "X", "Y"),
+        row("reversal", x.reversal_mm, y.reversal_mm),
+        row("mean-reversal", x.mean_reversal_mm, y.mean_reversal_mm),
+        row("systematic", x.systematic_mm, y.systematic_mm),
+        row("mean", x.mean_mm, y.mean_mm),
+        row("circular", *run.circular_mm),
+        row("both-circular", run.both_mm),
+        row("radial", run.mean_mm),
+    ]
 
 
 def facts(examination: Examination) -> list[str]:
-    """Return the small print."""
+    """Return where the report comes from."""
     saved = examination.saved
     return [
-        f"{saved.printer.name}, {saved.document['trace']['measured']} measured points, each with about "
-        f"{saved.noise_mm:.3f} mm of measuring noise in x and in y",
-        f"in short: {saved.findings[0]}",
-        f"model {saved.digest}, printmend {printmend.__version__}; learned, not looked at: check before you buy parts",
+        say("fact-measured", saved.printer.name, saved.document["trace"]["measured"], f"{saved.noise_mm:.3f}"),
+        say("fact-in-short", saved.findings[0]),
+        say("fact-model", saved.digest, printmend.__version__),
     ]
 
 
 def closing(examination: Examination) -> tuple[str, ...]:
-    """Return what the trace could not tell, and which print would."""
+    """Return what the trace did not show, and which print would show it."""
     return (*examination.gaps, *todo(examination.gaps))

@@ -1,12 +1,12 @@
-"""A page of its own in HTML: one style, escaped words, drawings within it. Readable from 360 pixels on."""
+"""A document as one self-contained page in HTML: its style and drawings are within it. Readable from 360 pixels on."""
 
 import base64
 import html
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable
 
-from printmend.draw.document import svg
-from printmend.report.pictures import Group
+from printmend.draw.document import Block, Card, Items, Numbers, Pictures, Strip, Words, sentence, svg
+from printmend.messages import Tell
 
 _STYLE = """
 :root { --ink: #1c1917; --soft: #57534e; --line: #e7e5e4; --paper: #ffffff; --card: #fafaf9; }
@@ -18,13 +18,11 @@ h1 { font-size: 1.9em; line-height: 1.2; margin: 0 0 .2em; } h2 { margin: 2.2em 
 .strip { display: grid; grid-template-columns: repeat(auto-fit, minmax(190px, 1fr)); gap: .8em; margin: 1.2em 0; }
 .strip div { background: var(--card); border: 1px solid var(--line); border-radius: 10px; padding: .8em 1em; }
 .strip b { display: block; font-size: 1.55em; line-height: 1.25; } .strip span { color: var(--soft); font-size: .9em; }
-.fault { border: 1px solid var(--line); border-left: 7px solid #86868b; border-radius: 10px; background: var(--card);
-  padding: .4em 1.2em .7em; margin: .9em 0; break-inside: avoid; }
+.fault { border: 1px solid var(--line); border-left: 7px solid var(--mark); border-radius: 10px;
+  background: var(--card); padding: .4em 1.2em .7em; margin: .9em 0; break-inside: avoid; }
 .fault h3 { margin: .4em 0 .2em; font-size: 1.1em; } .fault p { margin: .3em 0; }
 .tag { font-size: .72em; font-weight: 600; border-radius: 1em; padding: .2em .8em; margin-left: .5em; color: #fff;
-  white-space: nowrap; vertical-align: .12em; }
-.repair { border-left-color: #c2410c; } .soon { border-left-color: #ca8a04; } .software { border-left-color: #15803d; }
-.repair .tag { background: #c2410c; } .soon .tag { background: #a16207; } .software .tag { background: #15803d; }
+  background: var(--mark); white-space: nowrap; vertical-align: .12em; }
 dt { font-weight: 600; color: var(--soft); } dd { margin: 0; }
 dl { display: grid; grid-template-columns: 8.5em 1fr; gap: .2em 1em; margin: .5em 0; }
 .wide { overflow-x: auto; margin: .8em 0; } table { border-collapse: collapse; font-size: .95em; }
@@ -43,43 +41,67 @@ figure.one img { flex: 0 1 560px; } figure.long img { flex: 1 1 100%; }
 _WIDE_RATIO = 2.0  # times as wide as high: on a narrow screen it is moved sideways, so that it stays legible
 
 
-def say(text: str) -> str:
+def page(title: str, blocks: Iterable[Block], *, tell: Tell, language: str) -> str:
+    """Return blocks as a whole page."""
+    body = "\n".join(_html(block, tell) for block in blocks)
+    return f"""<!doctype html>
+<html lang="{language}"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>{_escaped(tell(title))}</title><style>{_STYLE}</style></head><body>
+{body}
+</body></html>
+"""
+
+
+def _html(block: Block, tell: Tell) -> str:
+    def words(text: str) -> str:
+        return _escaped(tell(text))
+
+    if isinstance(block, Words):
+        text = words(block.text)
+        return {
+            "title": f"<h1>{text}</h1>", "lead": f'<p class="big">{text}</p>', "heading": f"<h2>{text}</h2>",
+            "text": f"<p>{text}</p>", "small": f"<p><small>{text}</small></p>",
+        }[block.style]  # fmt: skip
+    if isinstance(block, Items):
+        return f"<ul>{''.join(f'<li>{_escaped(sentence(tell(text)))}</li>' for text in block.texts)}</ul>"
+    if isinstance(block, Strip):
+        cells = "".join(
+            f"<div><b>{words(value)}</b><span>{words(about)}</span></div>" for value, about in block.numbers
+        )
+        return f'<div class="strip">{cells}</div>'
+    if isinstance(block, Card):
+        mark = f' <span class="tag">{words(block.mark)}</span>' if block.mark else ""
+        lines = "".join(
+            f"<dl><dt>{words(key)}</dt><dd>{words(text)}</dd></dl>" if key else f"<p>{words(text)}</p>"
+            for key, text in block.lines
+        )
+        return f'<div class="fault" style="--mark:{block.colour}"><h3>{words(block.title)}{mark}</h3>{lines}</div>'
+    return _table(block, words) if isinstance(block, Numbers) else _picture(block, words)
+
+
+def _escaped(text: str) -> str:
     """Return words as HTML; what stands in backticks is code."""
     return re.sub(r"`(.+?)`", r"<code>\1</code>", html.escape(text))
 
 
-def table(rows: Sequence[Sequence[str]], *, words: bool = False) -> str:
-    """Return a table whose first row is the head; with ``words`` its second column is text, too."""
-    head = "".join(f"<th>{say(cell)}</th>" for cell in rows[0])
-    body = "".join("<tr>" + "".join(f"<td>{say(cell)}</td>" for cell in row) + "</tr>" for row in rows[1:])
-    return f'<div class="wide"><table{" class=words" if words else ""}><tr>{head}</tr>{body}</table></div>'
+def _table(block: Numbers, words: Tell) -> str:
+    head, *body = ([words(cell) for cell in row] for row in block.rows)
+    rows = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in body)
+    kind = " class=words" if block.words > 1 else ""
+    shown = (
+        f'<div class="wide"><table{kind}><tr>{"".join(f"<th>{cell}</th>" for cell in head)}</tr>{rows}</table></div>'
+    )
+    if block.folded:
+        return f"<details><summary>{words(block.caption)}</summary>{shown}</details>"
+    return (f"<p>{words(block.caption)}</p>" if block.caption else "") + shown
 
 
-def strip(numbers: Sequence[tuple[str, str]]) -> str:
-    """Return the few numbers that matter, each with its words."""
-    return '<div class="strip">' + "".join(
-        f"<div><b>{say(value)}</b><span>{say(about)}</span></div>" for value, about in numbers
-    ) + "</div>"  # fmt: skip
-
-
-def picture(group: Group) -> str:
+def _picture(block: Pictures, words: Tell) -> str:
     """Return drawings and their caption; each is an image of its own, for the names inside inline drawings clash."""
-    images = ""
-    for i, figure in enumerate(group.figures):
+    images, caption = "", words(block.caption)
+    for i, figure in enumerate(block.figures):
         data = base64.b64encode(svg(figure).encode()).decode()
-        about = say(group.caption) if i == 0 else ""
-        images += f'<img alt="{about}" src="data:image/svg+xml;base64,{data}">'
-    wide, high = group.figures[0].get_size_inches()
-    kind = "" if len(group.figures) > 1 else ' class="long"' if wide > _WIDE_RATIO * high else ' class="one"'
-    return f"<figure{kind}><div>{images}</div><figcaption>{say(group.caption)}</figcaption></figure>"
-
-
-def page(title: str, body: str) -> str:
-    """Return the whole page."""
-    return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<title>{say(title)}</title><style>{_STYLE}</style></head><body>
-<h1>{say(title)}</h1>
-{body}
-</body></html>
-"""
+        images += f'<img alt="{"" if i else caption}" src="data:image/svg+xml;base64,{data}">'
+    wide, high = block.figures[0].get_size_inches()
+    kind = "" if len(block.figures) > 1 else ' class="long"' if wide > _WIDE_RATIO * high else ' class="one"'
+    return f"<figure{kind}><div>{images}</div><figcaption>{caption}</figcaption></figure>"

@@ -1,7 +1,7 @@
 """The prediction as a file: JSON for programs, one self-contained HTML page for people."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,16 +11,17 @@ from printmend.errors import InputError
 from printmend.extras import require
 from printmend.files import replacing
 from printmend.mend.prediction import Prediction
-from printmend.messages import say
+from printmend.messages import ENGLISH, Tell, say, say_count, tell_in, together
 from printmend.model import SavedModel
 from printmend.printer import Axis
-from printmend.units import counted
+from printmend.promise.predict import Promise
+from printmend.promise.words import in_a_table
 
 if TYPE_CHECKING:
+    from printmend.draw.document import Block
     from printmend.report.part_view import PartView
 
 _MOST_ROWS = 400  # of the table; the drawing has them all
-_SAME_S = 1.0  # a printing time that differs by less is the same
 
 
 def check_report_name(path: Path | None) -> None:
@@ -28,20 +29,27 @@ def check_report_name(path: Path | None) -> None:
     if path is not None and path.suffix.lower() not in (".html", ".htm", ".json"):
         raise InputError(path, wanted=say("report-html-json"), came=repr(path.suffix), todo=say("change-name"))
     if path is not None and path.suffix.lower() != ".json":
-        require(f"a report in {path.suffix}", "matplotlib")
+        require(say("report-in", path.suffix), "matplotlib")
 
 
 def write_report(
-    path: Path, source: str, model: SavedModel, prediction: Prediction, *, output: Path | None = None
-) -> None:
-    """Write the prediction for ``source`` in the form that the name of ``path`` asks for.
+    path: Path, source: str, model: SavedModel, prediction: Prediction, *, output: Path | None = None,
+    language: str = ENGLISH,
+) -> None:  # fmt: skip
+    """Write the prediction for ``source`` in the format that the name of ``path`` asks for; a page in a language.
 
-    A page shows the part before and after where ``output``, the mended file, is at hand.
+    A page shows the part before and after where ``output``, the mended file, is given.
     """
     check_report_name(path)
-    as_json = path.suffix.lower() == ".json"
+    if path.suffix.lower() == ".json":
+        text = _json(source, model, prediction)
+    else:
+        from printmend.report.page import page
+
+        tell = tell_in(language)
+        text = page(Path(source).name, _blocks(source, model, prediction, output, tell), tell=tell, language=language)
     with replacing(path) as file:
-        file.write(_json(source, model, prediction) if as_json else _page(source, model, prediction, output))
+        file.write(text)
 
 
 def _json(source: str, model: SavedModel, prediction: Prediction) -> str:
@@ -49,9 +57,10 @@ def _json(source: str, model: SavedModel, prediction: Prediction) -> str:
     return json.dumps({**about, **prediction.json()}, indent=1) + "\n"
 
 
-def _page(source: str, model: SavedModel, prediction: Prediction, output: Path | None) -> str:
-    from printmend.report import budget
-    from printmend.report.page import page, picture, say, strip, table
+def _blocks(
+    source: str, model: SavedModel, prediction: Prediction, output: Path | None, tell: Tell
+) -> "Iterator[Block]":
+    from printmend.draw.document import Items, Numbers, Strip, Words
     from printmend.report.part_view import look_at
     from printmend.report.pictures import layers_picture, part_picture
 
@@ -60,108 +69,109 @@ def _page(source: str, model: SavedModel, prediction: Prediction, output: Path |
     if output is not None and Path(source).is_file():
         shift_mm = prediction.shift_mm if prediction.of_shape else (0.0, 0.0)
         view = look_at(Path(source), output, model.mechanism, shift_mm=shift_mm)
-    advice = "".join(f"<li>{say(each)}</li>" for each in _before_printing(model, prediction, view))
-    body = strip(_numbers(prediction, view)) + f"<h2>Before you print</h2><ul>{advice}</ul>"
+    yield Words("title", name)
+    yield Strip(_numbers(prediction))
+    yield Words("heading", say("report-before-printing"))
+    yield Items(_before_printing(model, prediction, view))
     if view is not None:
-        body += f"<h2>The part</h2>{picture(part_picture(view))}"
-    body += f"<h2>How far it is off</h2>{table(part_rows(prediction))}"
+        yield Words("heading", say("report-part"))
+        yield part_picture(view, tell)
+    yield Words("heading", say("report-expected"))
+    yield Numbers("", part_rows(prediction))
     if len(prediction.layers) > 1:
-        body += picture(layers_picture(prediction.layers, name))
+        yield layers_picture(prediction.layers, name, tell)
     if prediction.gain_mm is not None:
-        body += f"<h2>What the expectation is made of</h2><p>{say(budget.SAID)}</p>"
-        body += table(budget.budget_rows(prediction.after))
-    findings = "".join(f"<li>{say(line)}</li>" for line in model.findings)
-    body += f"<h2>The printer</h2><p>{say(model.printer.name)}</p><ul>{findings}</ul>{_layers(prediction)}"
-    foot = f"model {model.digest}, printmend {printmend.__version__}. Predicted by the learned model, not measured."
-    return page(name, f"{body}<p><small>{say(foot)}</small></p>")
+        yield Words("heading", say("report-causes"))
+        yield Numbers(say("budget-said"), budget_rows(prediction.after))
+    yield Words("heading", say("report-printer"))
+    yield Words("text", model.printer.name)
+    yield Items(model.findings)
+    yield Numbers(say("report-all-layers"), _layer_rows(prediction), folded=True)
+    if (more := len(prediction.layers) - _MOST_ROWS) > 0:
+        yield Words("small", say_count("terminal-report-more-layers", more))
+    yield Words("small", say("report-foot", model.digest, printmend.__version__))
+
+
+def before_and_after(prediction: Prediction, of: str) -> tuple[str, str]:
+    """Return a file's error before and after mending, and the words for it; ``of`` says whose error it is."""
+    before, after = prediction.before, prediction.after
+    value = say("from-to-mm", f"{before.rms_mm:.3f}", f"{after.rms_mm:.3f}")
+    if not after.made_of:
+        return value, say("number-error", of)
+    return value, say("number-error-range", of, f"{after.rms_low_mm:.3f}", f"{after.rms_high_mm:.3f}")
 
 
 def part_rows(prediction: Prediction) -> list[tuple[str, ...]]:
     """Return the table of a part's expected errors, its head first."""
-    rows: list[tuple[str, ...]] = [
-        ("distance from where it belongs [mm]", "typical", "nine of ten prints", "95 % of it within", "largest")
-    ]
-    for name, errors in (("as it is", prediction.before), ("mended", prediction.after)):
+    head = ("report-error", "report-rms", "report-range", "report-p95", "report-largest")
+    rows: list[tuple[str, ...]] = [tuple(map(say, head))]
+    names = (say("as-it-is"), say("mended"))
+    for name, errors in zip(names, (prediction.before, prediction.after), strict=True):
         ranged = f"{errors.rms_low_mm:.3f}–{errors.rms_high_mm:.3f}" if errors.made_of else ""
         rows.append((name, f"{errors.rms_mm:.3f}", ranged, f"{errors.p95_mm:.3f}", f"{errors.max_mm:.3f}"))
-    for name, height in zip(("as it is", "mended"), prediction.heights or (), strict=False):
-        rows.append((f"{name}, in height", f"{height.rms_mm:.3f}", "", "", f"{height.max_mm:.3f}"))
+    for name, height in zip(names, prediction.heights or (), strict=False):
+        rows.append((say("in-height", name), f"{height.rms_mm:.3f}", "", "", f"{height.max_mm:.3f}"))
     return rows
 
 
-def _numbers(prediction: Prediction, view: "PartView | None") -> list[tuple[str, str]]:
-    before, after = prediction.before, prediction.after
-    ranged = f" ({after.rms_low_mm:.3f}–{after.rms_high_mm:.3f} in nine of ten prints)" if after.made_of else ""
-    found = [(f"{before.rms_mm:.3f} → {after.rms_mm:.3f} mm", f"typical error as it is → mended{ranged}")]
+def budget_rows(promise: Promise) -> list[tuple[str, ...]]:
+    """Return the uncertainty budget of an expected error after the GUM (JCGM 100:2008), its head first [mm].
+
+    A row is a cause, the largest first.
+    """
+    made = sorted(promise.made_of.items(), key=lambda item: -item[1])
+    return [
+        (say("budget-cause"), say("budget-type"), say("budget-uncertainty")),
+        *((*in_a_table(name), f"{share:.4f}") for name, share in made),
+        (say("budget-combined"), "", f"{promise.rms_mm:.4f}"),
+        (say("budget-expanded"), "", f"{2 * promise.rms_mm:.4f}"),
+        (say("budget-range"), "", f"{promise.rms_low_mm:.4f}–{promise.rms_high_mm:.4f}"),
+    ]
+
+
+def _numbers(prediction: Prediction) -> list[tuple[str, str]]:
+    found = [before_and_after(prediction, say("number-this-part"))]
     if (duration := prediction.duration) is not None:
-        longer_s = duration.after_s - duration.before_s
-        more = "as long as before" if abs(longer_s) < _SAME_S else f"{span_words(longer_s)} of it for mending"
-        found.append((span_words(duration.after_s), f"printing time, {more}, as {duration.limits.words}"))
+        found.append((span_words(duration.after_s), duration.words(mended=True)))
     if prediction.clamped_extruding or prediction.unknown or prediction.splines:
-        return [*found, ("look below", "not all of it stays on the bed, or is understood")]
-    where = "stays on the bed" if prediction.on_bed else "is where the file says, some of it beyond the edge of the bed"
-    return [*found, ("safe to print", f"all of it {where}, and every printing move is understood")]
+        return [*found, (say("number-read-on"), say("number-not-all"))]
+    return [*found, (say("number-safe"), say("number-all-on-bed" if prediction.on_bed else "number-all-as-written"))]
 
 
 def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView | None") -> list[str]:
     """Return what an owner should know before printing, a sentence each."""
-    said = []
+    found = [*prediction.advice, *prediction.warnings, *filter(None, [prediction.shift_words])]
     if view is not None:
         axes = (model.printer.x, model.printer.y)
         printed = zip(axes, prediction.printed_low_mm, prediction.printed_high_mm, strict=True)
         sent = zip(axes, view.low_mm, view.high_mm, strict=True)
-        bed = " and ".join(f"{axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm" for axis in axes)
-        said.append(
-            f"It is printed over {_reach(printed)}; what the file commands goes over {_reach(sent)}. The bed has {bed}."
-        )
-    if prediction.clamped_extruding:
-        said.append(
-            f"{prediction.clamped_extruding} printing moves would leave the bed by up to {prediction.beyond_mm:.2f} mm "
-            "and are held back at its edge: move the part away from there."
-        )
-    if prediction.stops:
-        said.append(
-            f"At {counted(prediction.stops, 'place')} the nozzle stops for a moment amid a line, while a belt turns "
-            "back: a small seam may show there. A coarser --tolerance makes fewer."
-        )
-    moves = f"{counted(prediction.moves, 'move')} {'becomes' if prediction.moves == 1 else 'become'}"
-    layers = counted(len(prediction.layers), "layer")
-    said.append(
-        f"{moves} {prediction.commands}, over {prediction.length_mm / 1000:.1f} m of printed path in {layers}; "
-        "speeds, temperatures and plastic stay as they were."
-    )
-    if prediction.unknown:
-        said.append(
-            f"Left as written: {counted(prediction.unknown, 'printing move')}{prediction.where_unknown}, for words "
-            "that cannot be read, or because the file does not say where the head is there."
-        )
-    if prediction.splines:
-        said.append(
-            f"Not corrected: {counted(prediction.splines, 'curve')} (G5), because the file does not say where such a "
-            "curve begins, or lacks I J or P Q."
-        )
-    words = (*prediction.advice, *prediction.warnings, *filter(None, [prediction.shift_words]))
-    advice = (f"{each[0].upper()}{each[1:].removesuffix('.')}." for each in words)
-    return [*advice, *said]
+        bed = ((axis, axis.min_mm, axis.max_mm) for axis in axes)
+        found.append(say("report-reach", _reach(printed), _reach(sent), _reach(bed)))
+    found += prediction.moves_words()
+    length = f"{prediction.length_mm / 1000:.1f}"
+    found.append(say("report-length", length, say_count("so-many-layers", len(prediction.layers))))
+    return found
 
 
 def _reach(spans: Iterable[tuple[Axis, float, float]]) -> str:
-    """Return between which places [mm] of its axes something lies."""
-    return " and ".join(f"{axis.name.upper()} {round(low, 1) + 0.0:.1f} to {high:.1f} mm" for axis, low, high in spans)
+    """Return from where to where [mm] something reaches along its axes."""
+    reaches = (
+        say("axis-reach", axis.name.upper(), f"{round(low, 1) + 0.0:.1f}", f"{high:.1f}") for axis, low, high in spans
+    )
+    return together(", ", reaches)
 
 
-def _layers(prediction: Prediction) -> str:
-    """Return the table of all layers, folded."""
-    from printmend.report.page import table
-
-    head = ("layer", "z [mm]", "path [m]", "as it is, typical", "largest", "mended, typical", "largest")
-    rows = [
+def _layer_rows(prediction: Prediction) -> list[tuple[str, ...]]:
+    """Return the table of all layers, its head first."""
+    rms, largest = say("report-rms"), say("report-largest")
+    head = (
+        say("layer-2"), "z [mm]", say("report-path"), say("value-of", say("as-it-is"), rms), largest,
+        say("value-of", say("mended"), rms), largest,
+    )  # fmt: skip
+    return [head] + [
         (
             str(i + 1), f"{layer['z_mm']:g}", f"{layer['length_mm'] / 1000:.2f}", f"{layer['before_rms_mm']:.3f}",
             f"{layer['before_max_mm']:.3f}", f"{layer['after_rms_mm']:.3f}", f"{layer['after_max_mm']:.3f}",
         )
         for i, layer in enumerate(prediction.layers[:_MOST_ROWS])
     ]  # fmt: skip
-    more = len(prediction.layers) - _MOST_ROWS
-    note = f"<p><small>and {more} more; --report FILE.json has them all</small></p>" if more > 0 else ""
-    return f"<details><summary>All layers</summary>{table([head, *rows])}{note}</details>"
