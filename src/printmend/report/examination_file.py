@@ -32,7 +32,8 @@ def write_examination(path: Path, examination: Examination, *, language: str = E
         from printmend.draw.document import write_pdf  # reportlab is heavy, and a page needs none of it
 
         saved = examination.saved
-        foot = f"{saved.printer.name}, {tell(say('model-digest', saved.digest))}, printmend {printmend.__version__}"
+        model = tell(say("model-digest", saved.digest))
+        foot = f"{saved.printer.name}, {model}, printmend {printmend.__version__}"
         write_pdf(path, examination.title, blocks, foot=foot, tell=tell)
         return
     from printmend.report.page import page
