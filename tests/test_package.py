@@ -45,7 +45,7 @@ def test_the_package_runs_as_a_program() -> None:
         [sys.executable, "-m", "printmend", "nonsense"], capture_output=True, text=True, check=False
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "printmend: No such command 'nonsense'; see printmend --help\n"
+    assert done.stderr == "printmend: there is no command nonsense; see printmend --help\n"
 
 
 @pytest.mark.parametrize("asked", ["none", "its own", "another"])

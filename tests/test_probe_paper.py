@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from printmend.cli.main import group
 from printmend.cli.probe import command
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.errors import ConfigError, ScanError
@@ -50,14 +51,24 @@ def leaflet(folder, *words: str) -> bytes:
     return data
 
 
+def test_the_page_speaks_german(tmp_path):
+    gcode = tmp_path / "probe.gcode"
+    asked = ["--lang", "de", "probe", "--printer", "ender3", "--on", "paper", "-o", str(gcode)]
+    assert CliRunner().invoke(group, asked).exit_code == 0
+    page = leaflet(tmp_path, "Ihr Testdruck, auf Papier", "Das Blatt mit der bedruckten Seite nach unten scannen",
+                   "Schwarz")  # fmt: skip
+    assert b"Scan the" not in page
+    assert b"sheet" not in page
+
+
 def test_a_pen_shows_what_plastic_would(tmp_path):
     gcode, plan = run(tmp_path, "--pen", "--size", "80")
     text = gcode.read_text()
     assert not read_gcode(gcode, printer=PRINTER).moves.extrusion_mm.any()
     assert "\nM109" not in text
     assert "tip 104 mm from its left edge, 4 mm from its front edge" in text
-    leaflet(tmp_path, "with a pen on paper", "It pauses \\(M0\\)", "The first dot is a guided one",
-            "the paper lies where the pen draws")  # fmt: skip
+    leaflet(tmp_path, "with a pen on paper", "It pauses \\(M0\\)",
+            "The first dot sets the height")  # fmt: skip
     dabs = text.split("\nM0 ")  # until the pen is in; until the paper is under it; the guided dot; the drawing
     assert len(dabs) == 4
     assert not re.search(r"[XY]\d", dabs[2])
@@ -117,7 +128,7 @@ def _radii(filament: np.ndarray, small: float, large: float) -> np.ndarray:
 def test_a_net_joins_the_dots_and_does_not_hide_them(tmp_path):
     rng = np.random.default_rng(4)
     gcode, plan = run(tmp_path, "--net", "--size", "70")
-    leaflet(tmp_path, "joined by a net", "all comes off as one sheet")
+    leaflet(tmp_path, "joined by a net", "lift the frame")
     assert np.allclose(foreign.way(gcode)[0], plan.waypoints_mm[1:])
     dots, filament, threads = foreign.printed_dots(gcode, BROKEN)
     radii = _radii(filament, plan.dot_mm, plan.big_dot_mm)

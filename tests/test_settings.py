@@ -50,7 +50,7 @@ def test_the_command_line_comes_before_the_project_and_the_project_before_the_us
         ("[mend\n", "settings in TOML"),
         (
             '[mend]\njobs = "four"\n',
-            "printmend.toml: expected a value for jobs in .mend., found 'four' is not a whole number;",
+            "printmend.toml: expected jobs in .mend. must be a whole number from 1 to 64, found 'four';",
         ),
     ],
 )
@@ -64,10 +64,10 @@ def test_settings_that_are_none_are_refused(place: Path, text: str, said: str) -
 
 def test_a_slip_gets_one_line(place: Path) -> None:
     for arguments, said in (
-        (["mend", "part.gcode", "--modle", "bent"], "No such option"),
-        (["mned"], "No such command 'mned'"),
-        (["completion"], "Missing argument"),
-        (["check", str(place), "-m", "bent"], "is a directory"),
+        (["mend", "part.gcode", "--modle", "bent"], "there is no option --modle; did you mean --model?"),
+        (["mned"], "there is no command mned"),
+        (["completion"], "is missing"),
+        (["check", str(place), "-m", "bent"], "no folder"),
     ):
         done = subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, check=False)  # noqa: S603
         assert done.returncode == 2

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from printmend.messages import Tell
 from printmend.units import A4_MM, MM_PER_INCH
 
 POINTS_PER_MM = 72.0 / MM_PER_INCH
@@ -26,9 +27,10 @@ Place = Sequence[float] | np.ndarray  # x and y, or width and height [2] mm
 
 @dataclass(frozen=True, eq=False)
 class PdfPage:
-    """A page that is drawn on, one operator after the other."""
+    """A page that is drawn on, one operator after the other; ``tell`` puts its words into a language."""
 
     size_mm: tuple[float, float] = A4_MM
+    tell: Tell = str
     drawn: list[str] = field(default_factory=list)
 
     def rectangle(self, corner_mm: Place, size_mm: Place, colour: Colour = BLACK) -> None:
@@ -54,7 +56,7 @@ class PdfPage:
         self, at_mm: Place, text: str, size_pt: float = 10.0, *, font: str = "plain", colour: Colour = BLACK
     ) -> None:
         """Write one line of words, its left end on the base line at a place."""
-        plain = text.encode("cp1252", "replace").decode("cp1252")
+        plain = self.tell(text).encode("cp1252", "replace").decode("cp1252")
         for mark in "\\()":
             plain = plain.replace(mark, f"\\{mark}")
         self.drawn.append(f"{_said(colour)} rg BT /{font} {size_pt:g} Tf {self._at(at_mm)} Td ({plain}) Tj ET")
@@ -64,7 +66,7 @@ class PdfPage:
     ) -> float:
         """Write words in lines of at most so many letters; return where the next line would be [mm]."""
         x, y = at_mm
-        for row in textwrap.wrap(text, letters):
+        for row in textwrap.wrap(self.tell(text), letters):
             self.words((x, y), row, size_pt, font=font)
             y += 1.3 * size_pt / POINTS_PER_MM
         return y

@@ -38,7 +38,7 @@ def command(
     if any(path.suffix.lower() != ".csv" for path in (*scans, *checks)):
         require("printmend donate", "cv2", "PIL")
     if not any((plan, scans, trace, model, checks)):
-        raise click.UsageError("name what to give: --probe, --scan, --trace, --model or --check")
+        raise click.UsageError(say("terminal-usage-donate"))
     spare((output,), (plan, *scans, trace, model, *checks))
     parts = donation(plan=plan, scans=scans, trace=trace, model=model, checks=checks)
     write_donation(output, parts)

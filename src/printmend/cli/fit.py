@@ -57,7 +57,7 @@ def command(
     from printmend.printer import read_printer
 
     if printer_name is None and model_path is None:
-        raise click.UsageError("--printer or --model says what printed it")
+        raise click.UsageError(say("terminal-usage-fit"))
     require("printmend fit", "cv2", "PIL", "scipy")
     spare((overlay,), (scan, part_path, top))
     model = None if model_path is None else read_model(model_path)

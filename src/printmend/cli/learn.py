@@ -76,20 +76,20 @@ def command(
     from printmend.printer import read_printer
 
     if old is not None and moved is not None:
-        raise click.UsageError("--phase finds where the motors stand, --update what changed: leave one out")
+        raise click.UsageError(say("terminal-usage-phase-or-update"))
     old = old or moved
     if printer_name is None and old is None:
-        raise click.UsageError("--printer says which machine the trace is from")
+        raise click.UsageError(say("terminal-usage-learn-printer"))
     if moved is not None and (filament is not None or travels):
-        raise click.UsageError("--phase takes neither --filament nor --travel: they are for a whole print")
+        raise click.UsageError(say("terminal-usage-phase-filament"))
     if trace is None and not (old is not None and travels):
-        raise click.UsageError("TRACE.csv is what was measured; only --update with --travel does without")
+        raise click.UsageError(say("terminal-usage-trace"))
     rules = [parse_travel(each) for each in travels]
     if filament is not None:
         check_name(filament)
     if name is not None:
         if output is not None or Path(name).name != name or name.startswith("."):
-            raise click.UsageError("--name is a plain name, without -o")
+            raise click.UsageError(say("terminal-usage-plain-name"))
         output = models_folder() / f"{name}{SUFFIX}"
         output.parent.mkdir(parents=True, exist_ok=True)
     output = output or old or Path("printer.mend.json")

@@ -12,8 +12,8 @@ from typing import NoReturn
 import click
 
 from printmend import __version__
-from printmend.cli.plain import in_plain_words
 from printmend.cli.terminal import LANGUAGES, Terminal, usual_language
+from printmend.cli.usage import usage_words
 from printmend.errors import MissingToolError, PrintmendError, reason
 from printmend.extras import missing_extra
 from printmend.messages import say
@@ -117,19 +117,24 @@ def home_of(name: str) -> str | None:
     return "printmend" if any(name in commands for commands in GROUPS.values()) else homes().get(name)
 
 
+def _speak(ctx: click.Context, option: click.Parameter, language: str | None) -> None:
+    """Choose the language before anything else is read, so that errors of the command line have it, too."""
+    terminal = ctx.ensure_object(Terminal)
+    terminal.language = language or terminal.language
+
+
 @click.group(
     cls=LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Example: printmend demo",
 )
 @click.version_option(__version__, prog_name="printmend")
-@click.option("--lang", "language", type=click.Choice(LANGUAGES), metavar="en|de",
+@click.option("--lang", type=click.Choice(LANGUAGES), metavar="en|de", is_eager=True, expose_value=False,
+              callback=_speak,
               help="Language of results and errors [default: the locale's]. Help stays English.")  # fmt: skip
 @click.pass_context
-def group(ctx: click.Context, language: str | None) -> None:
+def group(ctx: click.Context) -> None:
     """Print straight on a broken 3-D printer: learn its fault from one print, rewrite the G-code."""
-    terminal = ctx.ensure_object(Terminal)
-    terminal.language = language or terminal.language
     name = ctx.invoked_subcommand
     if name is not None and home_of(name) is not None:
         from printmend.cli.settings import settings_of
@@ -169,33 +174,25 @@ def main() -> None:
         error.show()
         sys.exit(error.exit_code)
     except click.ClickException as error:
-        _end(
-            f"{' '.join(in_plain_words(error.format_message()).split())}; see {_command(error)} --help", error.exit_code
-        )
+        _end(terminal.say(usage_words(error)), error.exit_code)
     except click.Abort:
-        _end("stopped. Every file written is complete; a command that keeps results goes on where it was", 130)
+        _end(terminal.say(say("terminal-stopped")), 130)
     except BrokenPipeError:
         _silence()
         sys.exit(PIPE_CLOSED)
     except OSError as error:
         _silence()
-        what = error.filename or "a file"
-        _end(f"{what} cannot be read or written ({reason(error)}); check the path and the free space", 2)
+        what = error.filename or say("file")
+        _end(terminal.say(say("terminal-file-fails", what, reason(error))), 2)
     except MemoryError:
-        _end("not enough memory; give a smaller file, or close other programs", 2)
+        _end(terminal.say(say("terminal-no-memory")), 2)
     except Exception as error:
         if isinstance(error, ImportError) and (missing := missing_extra(error)) is not None:
-            _end(str(missing), missing.exit_code)
+            _end(terminal.say(missing.message), missing.exit_code)
         if os.environ.get("PRINTMEND_TRACEBACK"):
             raise
-        said = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-        _end(f"printmend itself failed ({said}); report it, with the command and what PRINTMEND_TRACEBACK=1 shows", 1)
-
-
-def _command(error: click.ClickException) -> str:
-    """Return the command that an error is about."""
-    ctx = getattr(error, "ctx", None)
-    return "printmend" if ctx is None else " ".join(["printmend", *ctx.command_path.split()[1:]])
+        told = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        _end(terminal.say(say("terminal-own-fault", told)), 1)
 
 
 def _end(message: str, code: int) -> NoReturn:

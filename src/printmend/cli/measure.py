@@ -69,16 +69,16 @@ def command(
     output = output or Path("printer.mend.json" if callipers else "trace.csv")
     spare((output, overlay), (plan_path, part_path, *scans))
     if filament is not None and part_path is None:
-        raise click.UsageError("--filament is for a part: dots on a plate or on paper cannot shrink")
+        raise click.UsageError(say("terminal-usage-filament"))
     if filament is not None:
         check_name(filament)
     if scanner_percent is not None and (part_path is not None or callipers):
-        raise click.UsageError("--scanner-error is for scans of a probe")
+        raise click.UsageError(say("terminal-usage-scanner-error"))
     if part_path is not None:
         _measure_layer(scans, part_path, layer, printer_name, dpi, overlay, output, distances_mm, filament)
         return
     if plan_path is None:
-        raise click.UsageError("say what was printed: --probe probe.json, or --gcode part.gcode")
+        raise click.UsageError(say("terminal-usage-what-printed"))
     if callipers:
         _measure_by_hand(scans, plan_path, overlay, printer_name, output)
         return
@@ -98,9 +98,9 @@ def _measure_probe(
 
     plan = read_plan(plan_path)
     if not scans:
-        raise click.UsageError("SCAN is an image of the printed probe; without a scanner, say --callipers")
+        raise click.UsageError(say("terminal-usage-scan"))
     if len(distances_mm) > 1:
-        raise click.UsageError("one --distance settles the scale of a probe: the one that `measure` names")
+        raise click.UsageError(say("terminal-usage-one-distance"))
     distance_mm = distances_mm[0] if distances_mm else None
     measurement = measure_scans(
         scans, plan, dpi=dpi, overlay=overlay, distance_mm=distance_mm, scanner_error=scanner_error
@@ -131,7 +131,7 @@ def _measure_layer(
     from printmend.printer import read_printer
 
     if printer_name is None or len(scans) != 1:
-        raise click.UsageError("--gcode needs --printer and one SCAN")
+        raise click.UsageError(say("terminal-usage-gcode"))
     printer = read_printer(printer_name)
     measured = measure_part(
         scans[0], part_path, printer, layer=layer, dpi=dpi, overlay=overlay, distances_mm=distances_mm

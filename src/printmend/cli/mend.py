@@ -67,7 +67,7 @@ def command(
     fineness = Fineness(tolerance_mm, firmware, slower, crossing_mm_s2)
     if len(sources) > 1 or sources[0].is_dir() or as_json:
         if str(output) == "-" or any(str(source) == "-" for source in sources) or report is not None:
-            raise click.UsageError("standard input or output and --report go with one file, without --json")
+            raise click.UsageError(say("terminal-usage-one-file"))
         model = read_model_in(model_path, filament)
         _mend_many(ctx, sources, model, output, in_place, overwrite, force, fineness, jobs, as_json, quiet)
         return
@@ -113,7 +113,7 @@ def _mend_many(
     from printmend.mend.many import gcode_files, mend_files, mended_path
 
     if in_place and output is not None:
-        raise click.UsageError("--in-place needs files and no -o")
+        raise click.UsageError(say("terminal-usage-in-place"))
     files = gcode_files(sources)
     single = len(files) == 1 and not sources[0].is_dir()
     if output is not None and not (single and not output.is_dir()):

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import click
 
+from printmend.messages import say
+
 _LARGE_BYTES = 20_000_000  # below that it is done before a bar could be read
 
 
@@ -15,7 +17,7 @@ def output_path(source: Path, output: Path | None, *, in_place: bool) -> Path | 
     """Return where the mended file goes; None is the standard output."""
     if in_place:
         if output is not None or str(source) == "-":
-            raise click.UsageError("--in-place needs a file and no -o")
+            raise click.UsageError(say("terminal-usage-in-place"))
         return source
     if output is not None:
         if str(output) == "-":

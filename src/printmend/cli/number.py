@@ -5,6 +5,8 @@ from typing import Any
 
 import click
 
+from printmend.messages import say
+
 
 class Finite(click.FloatRange):
     """A range of real numbers; nan, which no comparison excludes, is none of them."""
@@ -12,7 +14,7 @@ class Finite(click.FloatRange):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
-            self.fail(f"{value!r} is not a number.", param, ctx)
+            self.fail(say("usage-real"), param, ctx)
         return number
 
 

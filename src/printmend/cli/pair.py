@@ -27,11 +27,11 @@ def command(address: str | None, code: str | None, model: Path, name: str, newer
 
     if newer:
         if address is not None:
-            raise click.UsageError("--update needs no ADDRESS and no CODE: they are known")
+            raise click.UsageError(say("terminal-usage-pair-update"))
         echo(say("pair-updated" if update(model) else "pair-newest", model))
         return
     if address is None or code is None:
-        raise click.UsageError("give ADDRESS and CODE as the studio shows them, or --update")
+        raise click.UsageError(say("terminal-usage-pair"))
     if len(code) != 6 or not code.isascii() or not code.isdigit():
         raise InputError(code, wanted=say("six-digits"), came=say("something-else"), todo=say("copy-code-studio-shows"))
     echo(say("pair-done", model, repr(pair(model, address, code, name[:60])), address))

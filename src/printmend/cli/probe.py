@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from printmend.cli.number import Finite
-from printmend.cli.terminal import echo
+from printmend.cli.terminal import echo, language
 from printmend.messages import say, together
 from printmend.units import A4_MM, LETTER_MM
 
@@ -32,7 +32,7 @@ class Glass(click.ParamType):
         if (known := SHEETS_MM.get(value.lower())) is not None:
             return known
         if (found := re.fullmatch(r"(\d+(?:\.\d+)?)[x×](\d+(?:\.\d+)?)", value.lower())) is None:
-            self.fail(f"wanted a4, letter, or width x height in mm as 216x297, got {value!r}", param, ctx)
+            self.fail(say("usage-glass"), param, ctx)
         return float(found[1]), float(found[2])
 
 
@@ -85,7 +85,7 @@ def command(
     """
     if layer_path is not None:
         if pen or net or sheets > 1:
-            raise click.UsageError("--first-layer prints a part as it was sliced: leave out --pen, --net and --sheets")
+            raise click.UsageError(say("terminal-usage-first-layer"))
         _write_first_layer(layer_path, output, printer_name)
         return
     import numpy as np
@@ -114,17 +114,17 @@ def command(
     from printmend.probe.start import homed_start, start_from
 
     if printer_name is None and sheet is None:
-        raise click.UsageError("--printer says which bed the test print is for")
+        raise click.UsageError(say("terminal-usage-probe-printer"))
     papered = pen or surface == "paper"
     if net and papered:
-        raise click.UsageError("--net joins dots on a plate; on paper they are joined already")
+        raise click.UsageError(say("terminal-usage-net"))
     if sheets > 1 and not papered:
-        raise click.UsageError("--sheets is for --on paper or --pen")
+        raise click.UsageError(say("terminal-usage-sheets"))
     if sheets > 1 and (size_mm is not None or part_path is not None or design != "fixed"):
-        raise click.UsageError("--sheets shows as much of the bed as it can: leave out --size, --for and --design")
+        raise click.UsageError(say("terminal-usage-sheets-alone"))
     if phase:
         if size_mm is not None or part_path is not None or design != "fixed" or sheets > 1:
-            raise click.UsageError("--phase chooses its marks: leave out --size, --for, --design and --sheets")
+            raise click.UsageError(say("terminal-usage-phase-alone"))
         marks = PHASE_MARKS
     if sheet is not None:
         require("printmend probe --sheet", "cv2", "PIL", "scipy")
@@ -178,14 +178,8 @@ def command(
     for number, (paper, file) in enumerate(zip(papers, files, strict=False), start=1):
         which = say("sheet-number", number) if sheets > 1 else say("the-sheet")
         echo(say("print-on-sheet", which, paper.name, paper.place, file.name))
-    if (
-        papered
-        and sheets == 1
-        and size_mm is None
-        and part is None
-        and design == "fixed"
-        and (unseen := _unseen(printer, plan))
-    ):
+    is_usual = sheets == 1 and size_mm is None and part is None and design == "fixed"
+    if papered and is_usual and (unseen := _unseen(printer, plan)):
         echo(unseen)
     if phase:
         echo(say("terminal-next-phase", plan_path))
@@ -193,7 +187,7 @@ def command(
     error_mm = expected_error_mm(printer, plan, part=part, after=trace)
     echo(say("expected-after-part" if part else "expected-after", f"{error_mm:.3f}"))
     echo(say("terminal-keep-plan", plan_path))
-    page = write_leaflet(output, plan, printer, printer_name, papers=papers)
+    page = write_leaflet(output, plan, printer, printer_name, papers=papers, language=language())
     echo(say("probe-page", page))
     if not pen:
         echo(say(PAPER_COLOURS if surface == "paper" else PLATE_COLOURS))
@@ -237,7 +231,7 @@ def _write_first_layer(part: Path, output: Path, printer_name: str | None) -> No
         walls = read_walls(program, printer or read_printer(STANDS_IN))
     with replacing(output, "wb") as file:
         file.write(text)
-    page = write_layer_leaflet(output, program, printer, printer_name, walls)
+    page = write_layer_leaflet(output, program, printer, printer_name, walls, language=language())
     echo(say("first-layer-written", output, part.name))
     click.echo(f"printmend measure scan.png --gcode {output} --printer {printer_name or 'YOURS'} -o trace.csv")
     if printer_name is None:

@@ -16,7 +16,7 @@ from typing import Any
 import click
 
 from printmend.cli.model import ModelType
-from printmend.cli.plain import in_plain_words
+from printmend.cli.usage import value_words
 from printmend.errors import ConfigError
 from printmend.messages import say
 
@@ -73,8 +73,8 @@ def _check(path: Path, place: str, option: click.Option, value: Any) -> None:
     try:
         option.type_cast_value(click.Context(click.Command(None)), value)
     except click.BadParameter as error:
-        came = in_plain_words(error.message)
-        raise ConfigError(path, wanted=say("value-2", place), came=came, todo=say("correct")) from None
+        wanted = say("usage-wrong-value", place, value_words(option.type) or error.message)
+        raise ConfigError(path, wanted=wanted, came=repr(value), todo=say("correct")) from None
 
 
 def _options(command: click.Command) -> dict[str, click.Option]:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from printmend.messages import say
+
 
 # Its many parameters are its options.
 @click.group(invoke_without_command=True, epilog="Example: printmend studio")
@@ -92,7 +94,7 @@ def _options(ctx: click.Context) -> list[str]:
         if ctx.get_parameter_source(str(option.name)) != click.core.ParameterSource.COMMANDLINE:
             continue
         if option.name not in ("host", "port", "names", "folder", "workers", "most_gb", "cluster"):
-            raise click.UsageError(f"{option.opts[0]} is not for a service; leave it out")
+            raise click.UsageError(say("terminal-usage-service", option.opts[0]))
         for one in value if isinstance(value, tuple) else [value]:
             given += [option.opts[0], str(one.resolve() if isinstance(one, Path) else one)]
     return given

@@ -53,7 +53,7 @@ def command(
 
     is_table = len(measured) == 1 and measured[0].suffix.lower() == ".csv"
     if not is_table and (plan_path is None) == (part_path is None):
-        raise click.UsageError("scans need --probe, the plan of the check print, or --gcode, the part that was printed")
+        raise click.UsageError(say("terminal-usage-verify"))
     if not is_table:
         require("printmend verify", "cv2", "PIL", "scipy")
     spare((output,), (*measured, plan_path, part_path, history_of(model_path)))

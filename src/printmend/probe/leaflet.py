@@ -10,7 +10,7 @@ from printmend.files import replacing
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan
-from printmend.messages import say
+from printmend.messages import ENGLISH, say, say_count, tell_in, together
 from printmend.pdf import BLACK, BLUE, GREY, PALE, RED, PdfPage
 from printmend.printer import Printer
 from printmend.printer.printer import PAUSE
@@ -32,11 +32,7 @@ CHORD_MM = 0.3  # how far an arc's chords may lie from it
 WHITE, GREEN = (1.0, 1.0, 1.0), (0.1, 0.5, 0.2)
 SHEET_COLOURS = (BLUE, RED, GREEN)
 PLATE_COLOURS, PAPER_COLOURS = "colours-on-plate", "colours-on-paper"  # messages
-AS_IT_IS = "Print the file as it is: do not slice, scale or turn it."
-SETTLE = (
-    "It ends with what is still open: a distance. Take it with callipers, and measure again with --distance and what "
-    "they say: a picture cannot tell a printer whose parts are all 0.4 % too large from its own scale."
-)
+Step = tuple[str, str]  # what to do, and the command that does it; empty where there is none
 
 
 def leaflet_of(gcode: Path) -> Path:
@@ -46,7 +42,7 @@ def leaflet_of(gcode: Path) -> Path:
 
 def pen_and_paper(plan: ProbePlan) -> str:
     """Say what a drawing uses."""
-    return "a pen and " + ("a sheet of paper" if len(plan.sheets) == 1 else f"{len(plan.sheets)} sheets of paper")
+    return say_count("pen-and-paper", len(plan.sheets))
 
 
 def weight(grams: float) -> str:
@@ -54,19 +50,25 @@ def weight(grams: float) -> str:
     return f"{grams:.{1 if grams >= 0.1 else 2}f} g"
 
 
-def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *, papers: Sequence[Paper] = ()) -> Path:
+def write_leaflet(
+    gcode: Path, plan: ProbePlan, printer: Printer, named: str, *, papers: Sequence[Paper] = (),
+    language: str = ENGLISH,
+) -> Path:  # fmt: skip
     """Write the page of a probe for a printer that its owner calls ``named``; return its path.
 
     ``papers`` are the sheets that take it, none for the plate.
     """
     minutes, grams = cost(plan)
-    kind = "with a pen on paper" if plan.pen else "on paper" if papers else "on the plate"
     several = len(plan.sheets) > 1
-    used = pen_and_paper(plan) if plan.pen else f"{weight(grams)} of filament"
+    used = pen_and_paper(plan) if plan.pen else say("grams-of-filament", weight(grams))
     files = ", ".join(one.name for one in gcode_of(gcode, plan))
-    kind += f", {len(plan.sheets)} sheets" if several else ", joined by a net" if plan.net else ""
-    page = PdfPage()
-    _title(page, f"Your test print, {kind}", f"{files}: {len(plan)} dots, about {minutes:.0f} min, {used}")
+    title = say("leaflet-pen" if plan.pen else "leaflet-paper" if papers else "leaflet-plate")
+    if several:
+        title = together(", ", [title, say_count("leaflet-sheets", len(plan.sheets))])
+    elif plan.net:
+        title = together(", ", [title, say("leaflet-net")])
+    page = PdfPage(tell=tell_in(language))
+    _title(page, title, say("leaflet-files", files, len(plan), f"{minutes:.0f}", used))
     net = [plan.waypoints_mm[first : last + 1] for first, last in strokes_of(plan)]
     lines = [*net, *(sheet.waypoints_mm[1:3] for sheet in plan.sheets if not plan.pen)]
     lines += [plan.waypoints_mm[plan.moving :]] if plan.moving else []
@@ -75,57 +77,54 @@ def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *,
         for sheet in plan.sheets:
             _cross(page, bed(sheet.waypoints_mm[2]))
     if papers:
-        _glass(page, "The sheet, printed side down", _sheet_shape(papers[0]))
+        _glass(page, say("glass-sheet"), _sheet_shape(papers[0]))
     elif plan.net:
-        _glass(page, "The net, dots down", (np.ptp(net[0], axis=0), [stroke - net[0].min(axis=0) for stroke in net]))
+        _glass(page, say("glass-net"), (np.ptp(net[0], axis=0), [stroke - net[0].min(axis=0) for stroke in net]))
     else:
         size = np.array([printer.x.length_mm, printer.y.length_mm])
-        _glass(page, "The plate, dots down", (size, []))
+        _glass(page, say("glass-plate"), (size, []))
     trace, seen = gcode.with_suffix(".csv").name, f"{gcode.stem}-seen.png"
     scans = " ".join(f"scan-{number}.png" for number in range(1, len(plan.sheets) + 1)) if several else "scan.png"
+    measure = f"printmend measure {scans} --probe {gcode.with_suffix('.json').name} -o {trace} --overlay {seen}"
+    scanning = [_scanned(plan, papers), say("step-scan-turns"), *([] if papers else [say("step-scan-parts")])]
     steps = [
-        *_before(plan, papers, printer),
-        *_comes(plan, files),
-        f"{_scanned(plan, papers)} at 600 dpi, as PNG or as JPEG of the best quality. Any turn is read. A second scan, "
-        "turned by a quarter, takes the scanner's own error off: name both."
-        + ("" if papers else " What is larger than the glass: scan it in two or three parts that overlap by a third."),
-        f"Measure:  printmend measure {scans} --probe {gcode.with_suffix('.json').name} -o {trace} --overlay {seen}",
-        SETTLE,
-        f"Learn:  printmend learn {trace} --printer {named}",
-        "Mend:  printmend mend part.gcode -m printer.mend.json",
-    ]
+        *_before(plan, papers, printer), *_comes(plan, files), (together(" ", scanning), ""),
+        *_after(measure, trace, named),
+    ]  # fmt: skip
     return _written(gcode, page, steps)
 
 
-def _comes(plan: ProbePlan, files: str) -> list[str]:
-    """Say how it is printed, and what comes out of the printer; how a pen is used `_with_a_pen` has said."""
-    said = [] if plan.pen else [AS_IT_IS]
+def _after(measure: str, trace: str, named: str) -> list[Step]:
+    """Return what is done with the scan."""
+    return [
+        (say("step-measure"), measure), (say("terminal-step-settle"), ""),
+        (say("step-learn"), f"printmend learn {trace} --printer {named}"),
+        (say("step-mend"), "printmend mend part.gcode -m printer.mend.json"),
+    ]  # fmt: skip
+
+
+def _comes(plan: ProbePlan, files: str) -> list[Step]:
+    """Say how it is printed, and what comes out of the printer; `_with_a_pen` says how a pen is used."""
+    told = [] if plan.pen else [say("step-as-it-is")]
     if len(plan.sheets) > 1:
-        said.append(
-            f"Print {files}, each onto a sheet of its own, and number the sheets. Where they overlap the same dots "
-            "come again: by them the sheets are joined."
-        )
+        told.append(say("step-sheets", files))
     elif plan.net:
-        said.append(
-            "What comes out is one layer of dots on a thin net in a frame, and a line along the front edge. When the "
-            "plate is cold, lift the frame: all comes off as one sheet."
-        )
+        told.append(say("step-net"))
     elif not plan.pen:
-        said.append("What comes out is one layer of dots, and a line along the front edge at the start.")
-    return [" ".join(said)] if said else []
+        told.append(say("step-dots"))
+    return [(together(" ", told), "")] if told else []
 
 
 def _scanned(plan: ProbePlan, papers: Sequence[Paper]) -> str:
     if papers:
-        return "Scan the sheet, printed side down," if len(papers) == 1 else "Scan each sheet, printed side down,"
-    if plan.net:
-        return "Scan the net, dots down, paper of another colour than the filament on top of it,"
-    return "Scan the plate, dots down, a cloth over it where the lid stays open,"
+        return say_count("step-scan-sheets", len(papers))
+    return say("step-scan-net" if plan.net else "step-scan-plate")
 
 
 def write_layer_leaflet(
-    gcode: Path, part: Program, printer: Printer | None, named: str | None, walls: "Walls | None"
-) -> Path:
+    gcode: Path, part: Program, printer: Printer | None, named: str | None, walls: "Walls | None", *,
+    language: str = ENGLISH,
+) -> Path:  # fmt: skip
     """Write the page of a part's first layer; return its path. Without a printer only the part is drawn.
 
     ``walls`` are those of the layer: what is no part of them (a skirt, a purge line) is drawn paler. None where OpenCV,
@@ -141,30 +140,21 @@ def write_layer_leaflet(
     is_part = [walls is None or _on_part(stroke, walls) for stroke in strokes]
     own = [stroke for stroke, part_of in zip(strokes, is_part, strict=True) if part_of]
     others = [stroke for stroke, part_of in zip(strokes, is_part, strict=True) if not part_of]
-    page = PdfPage()
-    _title(page, "Your test print, the first layer of a part", f"{gcode.name}: made from {Path(part.name).name}")
+    page = PdfPage(tell=tell_in(language))
+    _title(page, say("leaflet-first-layer"), say("leaflet-made-from", gcode.name, Path(part.name).name))
     _bed(page, printer, own, np.empty((0, 2)), others_mm=others)
     every = np.vstack(own or strokes)
     low = every.min(axis=0)
-    _glass(page, "The layer, the side that lay on the bed down", (np.ptp(every, axis=0), [one - low for one in own]))
-    trace = gcode.with_suffix(".csv").name
-    whose = named or "YOURS"
-    steps = [
-        "Print the file as it is: do not slice, scale or turn it. One layer of the part comes out; the heaters go off "
-        "by themselves.",
-        "Take it off when it is cold, as flat as you can. A brim stays on it; a skirt or a purge line (grey in the "
-        "picture) does not come along.",
-        "Scan the side that lay on the bed at 600 dpi, with paper of another colour behind it and a free margin all "
-        "around. The front edge of a part that looks the same from several sides goes to the lower edge of the glass. "
-        "No scanner? Lay it on the sheet of tags (printmend probe --sheet sheet.pdf), that side up, and take a photo "
-        "from above.",
-        *([] if named else ["For YOURS below write your printer's name; printmend printer lists them."]),
-        f"Measure:  printmend measure scan.png --gcode {gcode.name} --printer {whose} -o {trace}",
-        SETTLE,
-        f"Learn:  printmend learn {trace} --printer {whose}",
-        "Mend:  printmend mend part.gcode -m printer.mend.json",
+    _glass(page, say("glass-layer"), (np.ptp(every, axis=0), [one - low for one in own]))
+    trace, whose = gcode.with_suffix(".csv").name, named or "YOURS"
+    told = [
+        "step-layer-print",
+        "step-layer-take-off",
+        "terminal-step-layer-scan",
+        *([] if named else ["terminal-step-yours"]),
     ]
-    return _written(gcode, page, steps)
+    measure = f"printmend measure scan.png --gcode {gcode.name} --printer {whose} -o {trace}"
+    return _written(gcode, page, [*((say(each), "") for each in told), *_after(measure, trace, whose)])
 
 
 def _on_part(stroke_mm: np.ndarray, walls: "Walls") -> bool:
@@ -177,49 +167,36 @@ def _on_part(stroke_mm: np.ndarray, walls: "Walls") -> bool:
     return bool(walls.plastic[pixel[:, 1], pixel[:, 0]].mean() > 0.5)
 
 
-def _before(plan: ProbePlan, papers: Sequence[Paper], printer: Printer) -> list[str]:
+def _before(plan: ProbePlan, papers: Sequence[Paper], printer: Printer) -> list[Step]:
     """Return what must be done before the print begins."""
     if plan.pen:
-        return [_taped(plan, papers), *_with_a_pen(plan, papers, printer)]
-    heat = "Change the temperatures at the top of the file for another material than PLA."
+        return [(_taped(plan, papers), ""), *_with_a_pen(plan, papers, printer)]
     if papers:
-        return [_taped(plan, papers), heat, say(PAPER_COLOURS)]
-    return [f"Clean the bed. {heat}", say(PLATE_COLOURS)]
+        return [(_taped(plan, papers), ""), (say("step-temperatures"), ""), (say(PAPER_COLOURS), "")]
+    return [(together(" ", [say("step-clean"), say("step-temperatures")]), ""), (say(PLATE_COLOURS), "")]
 
 
-def _with_a_pen(plan: ProbePlan, papers: Sequence[Paper], printer: Printer) -> list[str]:
+def _with_a_pen(plan: ProbePlan, papers: Sequence[Paper], printer: Printer) -> list[Step]:
     """Say how the pen is put in, the paper under it, and how the first dot sets its height."""
-    stands = "waits" if printer.pause_gcode == PAUSE else f"stays there for {LAY_S // 60} minutes"
+    stands = say("pen-waits") if printer.pause_gcode == PAUSE else say("pen-stays", LAY_S // 60)
     touches = [first_touch_mm(sheet, paper) for sheet, paper in zip(plan.sheets, papers, strict=True)]
-    where = "; ".join(
-        dict.fromkeys(f"{left:.0f} mm from its left, {front:.0f} mm from its front" for left, front in touches)
-    )
+    where = dict.fromkeys((f"{left:.0f}", f"{front:.0f}") for left, front in touches)
+    at = together("; ", [say("pen-touches", *each) for each in where])
+    put_in = say("step-pen-in", printer.pause_gcode, stands, at)
     return [
-        f"{AS_IT_IS} It pauses ({printer.pause_gcode}): put a felt pen of 0.8 mm into its clip, loosely, tip up. Then "
-        f"the nozzle stands above the cross in the picture and {stands}: shift the paper until the pen's tip is above "
-        f"the cross ({where} edge), tape its four corners, lower the pen until it touches, and fasten it.",
-        "The first dot is a guided one: the pen dabs at the cross for a minute. Meanwhile lower it by baby-steps (at "
-        "the knob Tune, then Babystep Z, Live Z or Z offset; in Mainsail and Fluidd Z offset) until it leaves a clear "
-        "dot, no further. At the pause after it: no dot? Lower the pen by a hair in its clip. Baby-steps help later, "
-        "too.",
-        "How far the pen sits from the nozzle does not matter: the paper lies where the pen draws. A pen that sits far "
-        "in front draws beyond the bed's edge: then write a smaller print with --size.",
+        (together(" ", [say("step-as-it-is"), put_in]), ""),
+        (say("step-pen-height"), ""),
+        (say("terminal-step-pen-far"), ""),
     ]
 
 
 def _taped(plan: ProbePlan, papers: Sequence[Paper]) -> str:
     """Say where a sheet, or each of several, is taped."""
-    bed = "cold bed" if plan.pen else "bed"
+    cold = "-cold" if plan.pen else ""
     if len(papers) == 1:
-        (paper,) = papers
-        done = "Lay" if plan.pen else "Tape"
-        corners = "" if plan.pen else " by its four corners"
-        return f"{done} a sheet of paper ({paper.name}) flat onto the {bed}{corners}, {paper.place}."
-    said = [f"sheet {number}: {paper.place}" for number, paper in enumerate(papers, start=1)]
-    return (
-        f"One sheet at a time ({papers[0].name}): tape it flat onto the {bed}, print its file, take it off. "
-        f"The picture shows where each goes. {'; '.join(said)}."
-    )
+        return say(f"step-tape{cold}", papers[0].name, papers[0].place)
+    places = [say("sheet-at", number, paper.place) for number, paper in enumerate(papers, start=1)]
+    return say(f"step-tape-each{cold}", papers[0].name, together("; ", places))
 
 
 def _title(page: PdfPage, title: str, below: str) -> None:
@@ -264,7 +241,7 @@ def _bed(
         page.frame(upper, size, colour, 0.6)
         labels.append((upper, size, colour))
     for number, (paper, (upper, size, colour)) in enumerate(zip(papers, labels, strict=True)):  # over all frames
-        words = f"sheet {number + 1}" if len(papers) > 1 else "the sheet"
+        words = say("sheet", number + 1) if len(papers) > 1 else say("sheet-only")
         at = upper + size * (0.06 + 0.38 * number, 0.06)
         page.rectangle(at, (14.5, 4.6), WHITE)
         page.words((at[0] + 0.8, at[1] + 3.5), words, 9.0, colour=colour)
@@ -276,14 +253,14 @@ def _bed(
             )
     front, x0 = PICTURES_MM + height, corner[0]
     _arrow(page, (x0, front + 4.0), (x0 + 25.0, front + 4.0))
-    page.words((x0 + 27.0, front + 5.2), "X: the front edge", 9.0, colour=BLUE)
+    page.words((x0 + 27.0, front + 5.2), say("bed-front-edge"), 9.0, colour=BLUE)
     _arrow(page, (x0 - 4.0, front), (x0 - 4.0, front - 25.0))
     page.words((x0 - 5.2, front - 27.0), "Y", 9.0, colour=BLUE)
-    words = "The bed from above" if printer is not None else "The part from above, as it lies on the bed"
+    words = say("bed-from-above" if printer is not None else "part-from-above")
     if printer is not None:
         home = placed(np.clip(np.array(printer.home_mm), low, high))
         page.dots(home[None], 3.0, RED)
-        words += ". Red: home, where the nozzle goes first"
+        words = together(". ", [words, say("bed-home")])
     page.words((x0, front + 11.0), words, 9.0, colour=GREY)
     return placed
 
@@ -321,9 +298,9 @@ def _glass(page: PdfPage, words: str, shape: Shape) -> None:
     else:
         page.rectangle(low, np.array([wide, high]) * scale, WHITE)
         page.frame(low, np.array([wide, high]) * scale, BLUE, 0.4)
-        page.words((middle[0] - 9.0, middle[1]), "its back:", 9.0, colour=BLUE)
-        page.words((middle[0] - 9.0, middle[1] + 5.0), "face down", 9.0, colour=BLUE)
-    page.words((x, y + GLASS_MM + 14.0), "On the scanner's glass (A4), true to scale:", 9.0, colour=GREY)
+        page.words((middle[0] - 9.0, middle[1]), say("sheet-back"), 9.0, colour=BLUE)
+        page.words((middle[0] - 9.0, middle[1] + 5.0), say("sheet-face-down"), 9.0, colour=BLUE)
+    page.words((x, y + GLASS_MM + 14.0), say("glass-true-to-scale"), 9.0, colour=GREY)
     page.words((x, y + GLASS_MM + 18.5), words, 9.0, colour=GREY)
 
 
@@ -335,12 +312,11 @@ def _arrow(page: PdfPage, start_mm: Sequence[float], end_mm: Sequence[float]) ->
     page.line(np.array([b - 2.5 * along + 1.3 * side, b, b - 2.5 * along - 1.3 * side]), BLUE, 0.5)
 
 
-def _written(gcode: Path, page: PdfPage, steps: Sequence[str]) -> Path:
+def _written(gcode: Path, page: PdfPage, steps: Sequence[Step]) -> Path:
     y = STEPS_MM
-    for number, step in enumerate(steps, start=1):
-        words, _, command = step.partition(":  ")
+    for number, (words, command) in enumerate(steps, start=1):
         page.words((LEFT_MM, y), f"{number}.", 10.5, font="bold")
-        y = page.paragraph((LEFT_MM + 8.0, y), words + (":" if command else ""), 10.5, letters=92)
+        y = page.paragraph((LEFT_MM + 8.0, y), words, 10.5, letters=92)
         if command:
             y = page.paragraph((LEFT_MM + 8.0, y), command, 9.0, letters=86, font="typed")
         y += 1.6

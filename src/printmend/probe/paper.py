@@ -39,14 +39,15 @@ class Paper:
         """What it is called, and which way round it lies."""
         short, long = sorted(self.size_mm)
         known = next((name for size, name in NAMES.items() if np.allclose(size, (short, long))), None)
-        way = "upright" if self.size_mm[1] >= self.size_mm[0] else "lying, its long side along X"
-        return f"{known}, {way}" if known else f"{self.size_mm[0]:g} × {self.size_mm[1]:g} mm (X × Y)"
+        if known is None:
+            return say("paper-of-size", *(f"{side:g}" for side in self.size_mm))
+        return say("paper-upright" if self.size_mm[1] >= self.size_mm[0] else "paper-lying", known)
 
     @property
     def place(self) -> str:
         """Where its corner goes, and what hangs over."""
-        said = f"its left front corner at X {self.low_mm[0]:.0f}, Y {self.low_mm[1]:.0f}"
-        return said + (f"; {self.back_mm:.0f} mm hang over the back edge: fold them down" if self.back_mm > 0.5 else "")
+        corner = say("paper-corner", f"{self.low_mm[0]:.0f}", f"{self.low_mm[1]:.0f}")
+        return say("paper-hangs-over", corner, f"{self.back_mm:.0f}") if self.back_mm > 0.5 else corner
 
 
 def paper_for(glass_mm: tuple[float, float]) -> tuple[float, float]:
