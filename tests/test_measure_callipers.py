@@ -292,7 +292,7 @@ def test_callipers_talk(tmp_path):
 
     distances, readings = talk(plan, ask, said.append, picture=tmp_path / "map.png")
     # what fits the distances before it is not doubted, however far that is from what was wanted
-    assert sum("measure again" in line for line in said) == 1
+    assert sum("Measure again" in line for line in said) == 1
     assert any("taken back" in line for line in said)
     assert said[-1].startswith("Enough")
     assert 6 <= len(readings) <= MOST_DISTANCES + 12

@@ -72,7 +72,7 @@ def test_the_promise_is_kept_and_says_what_it_is_made_of(bent: SavedModel, part:
     before = plain["before"]
     assert before["rms_low_mm"] < truth.before.rms_mm < before["rms_high_mm"]
     said = done.prediction.summary()
-    assert "9 of 10 prints" in said
+    assert "90 % of prints" in said
     assert "what the test print left open 0.00" in said
 
 

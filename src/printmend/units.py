@@ -11,8 +11,3 @@ A4_MM, LETTER_MM = (210.0, 297.0), (215.9, 279.4)  # width and height of a sheet
 def radius_mm(mm_per_turn: float) -> float:
     """Return the effective radius [mm] of a pulley that moves its belt by ``mm_per_turn`` a turn."""
     return mm_per_turn / TURN_RAD
-
-
-def counted(number: int, noun: str, more: str = "") -> str:
-    """Return how many there are of something, in words: 1 layer, 2 layers. ``more`` is an irregular plural."""
-    return f"{number} {noun if number == 1 else more or noun + 's'}"

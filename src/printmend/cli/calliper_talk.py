@@ -10,29 +10,26 @@ from printmend.infer.distances import Guess, first_guess
 from printmend.learn.by_hand import estimates_by_hand
 from printmend.measure.callipers import READING_SD_MM, Distances, distances_of, measurable_pairs, number_in
 from printmend.measure.plan import ProbePlan
+from printmend.messages import say, together
 
 WIDE, TALL = 36, 12  # characters of the picture of the plate
 RARE_SHARE = 0.02  # share of a distance by which a printer is off more rarely than a hand slips
 LEAST_DOUBTED_MM = 1.5  # a smaller surprise is not doubted: few distances often say as much wrongly of several faults
 DOUBTED_SIGMAS = 4.0  # standard deviations of what faults and reading may explain together
 ENOUGH_SPREADS = 1.5  # a distance that is known to so many standard deviations of a reading tells nothing more
-HELP = (
-    "Type what the callipers show, as 146.25 or 146,25, from outer edge to outer edge (i146.25: inner edges). "
-    "Enter skips it, u takes the last one back, ? says what is known so far, q ends."
-)
 
 
 def talk(
-    plan: ProbePlan, ask: Callable[[str], str], say: Callable[[str], None], *, picture: Path | None = None
+    plan: ProbePlan, ask: Callable[[str], str], show: Callable[[str], None], *, picture: Path | None = None
 ) -> tuple[Distances, np.ndarray]:
     """Ask for distances until they tell enough, or the owner ends it; return them and the readings [K].
 
-    ``ask`` puts a question and returns the answer (`EOFError` ends), ``say`` speaks; every distance is drawn into
-    ``picture``. Raises `TraceError` for a plate too small to be measured so.
+    ``ask`` puts a question and returns the answer (`EOFError` ends), ``show`` prints a message. Every distance is drawn
+    into ``picture``. Raises `TraceError` for a plate too small to be measured so.
     """
     pairs = measurable_pairs(plan)
     first = first_guess(plan, pairs)
-    say(HELP)
+    show(say("talk-help"))
     taken: list[tuple[int, float, bool]] = []
     skipped: list[int] = []
     doubted: float | None = None
@@ -44,23 +41,23 @@ def talk(
         best = guess.most_telling(used)
         spread = float(guess.spread_mm()[best])
         if taken and spread < ENOUGH_SPREADS * READING_SD_MM:
-            say("Enough: no further distance would tell more than the callipers' own doubt.")
+            show(say("talk-enough"))
             break
         here = distances_of(plan, pairs[[best]])
         if picture is not None:
             draw_map(picture, here)
         about = float(here.across_mm[0])
-        say(_drawn(plan, pairs[best]))
+        show(_drawn(plan, pairs[best]))
         try:
-            answer = ask(f"{len(taken) + 1}. from A to B, about {about:.1f} mm: ").strip().lower()
+            answer = ask(say("talk-question", len(taken) + 1, f"{about:.1f}")).strip().lower()
         except EOFError:
             break
         if answer in ("q", "quit", "end"):
             break
         if answer in ("u", "undo"):
-            say(f"taken back: {taken.pop()[1]:g} mm" if taken else "nothing to take back")
+            show(say("talk-taken-back", f"{taken.pop()[1]:g}") if taken else say("talk-nothing-to-take-back"))
         elif answer in ("?", "enough?", "enough"):
-            _tell_estimates(plan, pairs, taken, say)
+            _tell_estimates(plan, pairs, taken, show)
         elif not answer:
             skipped.append(best)
         else:
@@ -69,10 +66,10 @@ def talk(
             value = number_in(answer.removeprefix("i"), wanted)
             fits = wanted + float(guess.row(best, inner=inner) @ guess.mean)
             if value is None:
-                say(f"{answer!r} is no number; {HELP}")
+                show(say("talk-no-number", repr(answer), say("talk-help")))
             elif doubted != value and (words := _doubt(value, wanted, fits, spread, bool(taken))):
                 doubted = value
-                say(words)
+                show(words)
             else:
                 taken.append((best, value, inner))
     distances = distances_of(
@@ -92,15 +89,12 @@ def _doubt(value: float, wanted: float, fits: float, spread: float, later: bool)
     if off <= LEAST_DOUBTED_MM or (not unexplained and off <= RARE_SHARE * wanted):
         return ""
     if abs(value * 25.4 / wanted - 1) < 0.1:
-        return "That looks like inches: set the callipers to mm and measure again."
+        return say("talk-inches")
     if later:
-        why = "from what would fit the distances so far"
-    elif unexplained:
-        why = "from what is wanted, and no fault could explain it"
-    else:
-        why = f"({100 * off / wanted:.0f} %) off, more than is likely"
-    undo = "; u takes the one before back" if later else ""
-    return f"That is {off:.1f} mm {why}: measure again (the same number once more is taken as it is{undo})."
+        return say("talk-unlike-the-others", f"{off:.1f}")
+    if unexplained:
+        return say("talk-unexplained", f"{off:.1f}")
+    return say("talk-unlikely", f"{off:.1f}", f"{100 * off / wanted:.0f}")
 
 
 def _commanded_mm(plan: ProbePlan, pairs: np.ndarray, one: int, inner: bool) -> float:
@@ -117,16 +111,16 @@ def _known(first: Guess, plan: ProbePlan, pairs: np.ndarray, taken: list[tuple[i
 
 
 def _tell_estimates(
-    plan: ProbePlan, pairs: np.ndarray, taken: list[tuple[int, float, bool]], say: Callable[[str], None]
+    plan: ProbePlan, pairs: np.ndarray, taken: list[tuple[int, float, bool]], show: Callable[[str], None]
 ) -> None:
     if not taken:
-        say("nothing yet")
+        show(say("talk-nothing-yet"))
         return
     rows = [one for one, _, _ in taken]
     distances = distances_of(plan, pairs[rows], np.array([inner for _, _, inner in taken], bool))
     readings_mm = np.array([value for _, value, _ in taken])
     for item in estimates_by_hand(distances, readings_mm):
-        say(item.words)
+        show(item.words)
 
 
 def _drawn(plan: ProbePlan, pair: np.ndarray) -> str:
@@ -138,5 +132,6 @@ def _drawn(plan: ProbePlan, pair: np.ndarray) -> str:
         x, y = (marks[mark] - low) / np.maximum(high - low, 1e-9)
         rows[TALL - 1 - round(float(y) * (TALL - 1))][round(float(x) * (WIDE - 1))] = letter
     (x0, y0), (x1, y1) = marks[pair[0]], marks[pair[1]]
-    frame = ["+" + "-" * WIDE + "+", *("|" + "".join(row) + "|" for row in rows), "+" + "-" * WIDE + "+ front"]
-    return "\n".join([*frame, f"A: large dot at X{x0:.0f} Y{y0:.0f}   B: large dot at X{x1:.0f} Y{y1:.0f}"])
+    frame = ["+" + "-" * WIDE + "+", *("|" + "".join(row) + "|" for row in rows), "+" + "-" * WIDE + "+"]
+    dots = say("talk-dots", *(f"{each:.0f}" for each in (x0, y0, x1, y1)))
+    return together("\n", [*frame, dots])

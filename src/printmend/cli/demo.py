@@ -5,6 +5,9 @@ from pathlib import Path
 
 import click
 
+from printmend.cli.terminal import echo, spoken
+from printmend.messages import say, together
+
 
 @click.command(epilog="Example: printmend demo --seed 3 --out my-demo")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Draws what is broken.")
@@ -32,7 +35,7 @@ def command(
     if part or scan:
         require(f"printmend demo --{'part' if part else 'scan'}", "cv2", "matplotlib", "PIL", "scipy")
     elif not is_installed("matplotlib"):
-        click.echo(f"left out: the picture; {install_command(['matplotlib'])} adds what it needs", err=True)
+        echo(say("terminal-demo-no-picture", install_command(["matplotlib"])), err=True)
     if part:
         _show_part(seed, broken, out)
     else:
@@ -46,7 +49,8 @@ def _show_part(seed: int, broken: tuple[str, ...], out: Path) -> None:
 
     corruption = corruption_of(broken, seed=seed) if broken else part.DAMAGE
     done = part.run_part(read_printer("ender5"), out, seed=seed, corruption=corruption)
-    click.echo("\n".join([*part.lines(done), f"wrote {part.write_figure(done, out)}"]))
+    picture = part.write_figure(done, out, spoken)
+    echo(together("\n", [*part.lines(done), say("written", picture)]))
 
 
 def _show_chain(
@@ -70,9 +74,9 @@ def _show_chain(
         done = chain.run_chain(printer, corruption, out, seed=seed, part=part, scanned=scan, tick=tick)
         written = chain.written(out)
         if is_installed("matplotlib"):
-            written.append(chain.write_picture(done, out))
-        tick("pictures")
+            written.append(chain.write_picture(done, out, spoken))
+        tick(say("demo-tick-pictures"))
     if as_json:
         click.echo(json.dumps({**chain.figures(done), "written": [str(path) for path in written]}))
     else:
-        click.echo("\n".join(chain.lines(done, written)))
+        echo(together("\n", chain.lines(done, written)))

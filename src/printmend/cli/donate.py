@@ -6,7 +6,7 @@ import click
 
 from printmend.cli.model import ModelType
 from printmend.cli.terminal import echo
-from printmend.messages import say
+from printmend.messages import say, together
 
 
 @click.command(
@@ -44,7 +44,7 @@ def command(
     write_donation(output, parts)
     echo(say("donation-holds", output, f"{output.stat().st_size / 1e6:.1f}"))
     for part in parts:
-        less = f" (left out: {'; '.join(part.left_out)})" if part.left_out else ""
-        click.echo(f"  {part.name:<19}{part.what}{less}")
+        words = say("donation-part", f"{part.name:<19}", part.what)
+        echo(say("donation-less", words, together("; ", part.left_out)) if part.left_out else words)
     echo(say("donation-without"))
     echo(say("donation-not-sent"))

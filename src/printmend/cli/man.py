@@ -6,6 +6,8 @@ from pathlib import Path
 import click
 
 from printmend import __version__
+from printmend.cli.terminal import echo
+from printmend.messages import say_count
 
 EXIT_CODES = (
     ("0", "Done."),
@@ -34,7 +36,7 @@ def command(ctx: click.Context, output: Path) -> None:
     for name, text in written.items():
         with replacing(folder / f"{name}.1") as page:
             page.write(text)
-    click.echo(f"{folder}: {len(written)} pages")
+    echo(say_count("terminal-man-pages", len(written), folder))
 
 
 def pages(group: click.Command) -> dict[str, str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from printmend.cli.number import Finite
-from printmend.cli.terminal import echo
+from printmend.cli.terminal import echo, spoken
 from printmend.messages import say
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ def _measure_by_hand(
     if printer is not None:
         check_origin(plan_path, plan.origin, printer)
     if not files and sys.stdin.isatty():
-        distances, readings = talk(plan, input, click.echo, picture=overlay)
+        distances, readings = talk(plan, lambda question: input(spoken(question)), echo, picture=overlay)
         if not len(readings):
             return
         _say_estimates(distances, readings, printer, output)
@@ -173,11 +173,11 @@ def _measure_by_hand(
     if overlay is not None:
         draw_map(overlay, distances)
     for line in describe(distances):
-        click.echo(line, err=True)
+        echo(line, err=True)
     if files:
         readings = read_readings(files[0], distances)
     else:
-        click.echo("Outer edge to outer edge, in mm, one a line; an empty line skips one.", err=True)
+        echo(say("terminal-outer-edges"), err=True)
         text = sys.stdin.read()
         if not text.strip():
             return

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from printmend.cli.terminal import echo
 from printmend.messages import say
 
 
@@ -33,4 +34,4 @@ def command(source: str | None, like: str | None, model: str | None) -> None:
     printer, left = convert(Path(source), like=like, model=model)
     click.echo(printer_text(printer), nl=False)
     for line in left:
-        click.echo(f"Not taken over: {line}", err=True)
+        echo(say("terminal-not-taken-over", line), err=True)

@@ -3,6 +3,8 @@
 import contextlib
 from collections.abc import Callable, Iterator
 
+from printmend.cli.terminal import spoken
+
 
 @contextlib.contextmanager
 def progress(what: str, total: int) -> Iterator[Callable[[str], None]]:
@@ -16,6 +18,6 @@ def progress(what: str, total: int) -> Iterator[Callable[[str], None]]:
         task = bar.add_task(what, total=total, name="")
 
         def tick(name: str) -> None:
-            bar.update(task, advance=1, name=name[:40])
+            bar.update(task, advance=1, name=spoken(name)[:40])
 
         yield tick

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from printmend.cli.terminal import echo
 from printmend.messages import say
 
 
@@ -56,14 +57,15 @@ def command(
             _draw_code(address)
     if revoke is not None:
         Devices(folder).revoke(revoke)
-        click.echo(f"{revoke} is let in no longer")
+        echo(say("terminal-studio-revoked", revoke))
     if devices:
         for one in Devices(folder).known():
-            of = f", sees the printers of {one.user}" if one.user else ""
-            click.echo(f"{one.name}{of}, since {datetime.fromtimestamp(one.created_s, UTC).date().isoformat()}")
+            since = datetime.fromtimestamp(one.created_s, UTC).date().isoformat()
+            of = say("terminal-device-of", one.name, one.user) if one.user else one.name
+            echo(say("terminal-device-since", of, since))
     if device is None and revoke is None and not devices:
         serve(folder, host=host, port=port, names=names, browser=not no_browser, workers=workers, cluster=cluster,
-              most_gb=most_gb, told=lambda words: click.echo(words))  # fmt: skip
+              most_gb=most_gb, told=echo)  # fmt: skip
 
 
 @command.command("install-service")
@@ -82,7 +84,7 @@ def install_service(ctx: click.Context, only: bool) -> None:
         click.echo(f"# {made.path}\n{made.text}", nl=False)
     else:
         write_service(made)
-        click.echo(f"{made.path} is written.")
+        echo(say("written", made.path))
     click.echo("# To begin:\n" + "\n".join(made.begin) + "\n# To undo:\n" + "\n".join(made.undo))
 
 

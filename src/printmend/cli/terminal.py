@@ -30,9 +30,16 @@ def usual_language(environment: Mapping[str, str] = os.environ) -> str:
 
 def language() -> str:
     """Return the language that this command speaks."""
-    return (click.get_current_context().find_object(Terminal) or Terminal()).language
+    ctx = click.get_current_context(silent=True)
+    terminal = ctx.find_object(Terminal) if ctx is not None else None
+    return (terminal or Terminal()).language
+
+
+def spoken(message: str) -> str:
+    """Return a message in the user's language."""
+    return translated(message, language())
 
 
 def echo(message: str, *, err: bool = False) -> None:
     """Print a message in the user's language."""
-    click.echo(translated(message, language()), err=err)
+    click.echo(spoken(message), err=err)

@@ -25,7 +25,7 @@ def _show_effects(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 
     for name, said, example in listing():
         click.echo(f"{name}: {said}.\n    --corruption {example}")
-    click.echo("What an example gives may be left out: it is drawn from the effect's prior, with --seed.")
+    echo(say("terminal-twin-examples"))
     ctx.exit()
 
 

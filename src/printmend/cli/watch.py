@@ -8,6 +8,8 @@ import click
 from printmend.cli.model import ModelType
 from printmend.cli.number import Finite
 from printmend.cli.outcome import tell
+from printmend.cli.terminal import echo
+from printmend.messages import say, together
 
 
 @click.command(epilog="Example: printmend watch jobs/ mended/ -m printer.mend.json")
@@ -38,11 +40,15 @@ def command(
 
     try:
         job = Watch(
-            source, target, model_path, force=force, told=lambda words: click.echo(f"printmend: {words}", err=True)
+            source,
+            target,
+            model_path,
+            force=force,
+            told=lambda words: echo(together("", ["printmend: ", words]), err=True),
         )
         worst = watch(job, every_s=every_s, once=once, tell=partial(tell, as_json=as_json, quiet=quiet))
     except KeyboardInterrupt:
-        click.echo("stopped; the same command goes on where it was", err=True)
+        echo(say("terminal-watch-stopped"), err=True)
         ctx.exit(130)
     if worst:
         ctx.exit(worst)

@@ -1,5 +1,6 @@
-"""What the demonstrations break, and where their pictures go."""
+"""What the demonstrations print and break, and where their pictures go."""
 
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,11 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import InputError
 from printmend.messages import say
 from printmend.units import TURN_RAD
+
+
+def demo_body_gcode() -> bytes:
+    """Return the G-code of a 60-tooth GT2 timing pulley in ABS for the Ender-5; `tools/make_demo_body.py` sliced it."""
+    return (resources.files("printmend.demo") / "timing_pulley.gcode").read_bytes()
 
 
 def demo_corruption(rng: np.random.Generator) -> Corruption:

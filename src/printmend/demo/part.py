@@ -21,6 +21,7 @@ from printmend.measure.image import read_image, write_image
 from printmend.measure.table import write_trace
 from printmend.mend import mend_gcode
 from printmend.mend.part import PartMeasurement, measure_part
+from printmend.messages import Tell, say
 from printmend.metrics.shape import ContourError, stroke_distances
 from printmend.model import SavedModel, write_model
 from printmend.printer import Printer
@@ -95,14 +96,13 @@ def run_part(printer: Printer, folder: Path, *, seed: int, corruption: Corruptio
 def lines(done: PartDemo) -> list[str]:
     """Say what came of it."""
     return [
-        f"{done.measured.found} places of walls read from one scan",
-        f"learned: {done.model.findings[0]}",
-        f"the part, typical distance from its wanted lines: {done.before.rms:.3f} mm as it is, "
-        f"{done.after.rms:.3f} mm mended",
+        say("demo-walls", done.measured.found),
+        say("demo-learned", done.model.findings[0]),
+        say("demo-part", f"{done.before.rms:.3f}", f"{done.after.rms:.3f}"),
     ]
 
 
-def write_figure(done: PartDemo, folder: Path) -> Path:
+def write_figure(done: PartDemo, folder: Path, tell: Tell = str) -> Path:
     """Draw scan, learned fault, and the part as it is and mended."""
     shown, _ = read_image(folder / "seen.png")
     drawn = []
@@ -129,10 +129,10 @@ def write_figure(done: PartDemo, folder: Path) -> Path:
             for branch, style in ((low, "-"), (high, "--")):
                 axes.plot(at, branch - at - centre, style, color=PALETTE[motor], linewidth=1.6)
             axes.plot([], [], color=PALETTE[motor], label=name)
-        axes.plot([], [], "-", color=INK, label="going up")
-        axes.plot([], [], "--", color=INK, label="coming back")
-        axes.set_xlabel("position [mm]", fontsize=9)
-        axes.set_ylabel("printed too far by [mm]", fontsize=9)
+        axes.plot([], [], "-", color=INK, label=tell(say("moving-forwards")))
+        axes.plot([], [], "--", color=INK, label=tell(say("moving-backwards")))
+        axes.set_xlabel(tell(say("demo-position")), fontsize=9)
+        axes.set_ylabel(tell(say("draw-printed-commanded")), fontsize=9)
         low_mm, high_mm = axes.get_ylim()
         axes.set_ylim(low_mm - 0.25 * (high_mm - low_mm), high_mm)  # room for the legend
         axes.legend(loc="lower center", fontsize=8, frameon=False, ncols=2)
@@ -142,13 +142,12 @@ def write_figure(done: PartDemo, folder: Path) -> Path:
         return axes
 
     titles = [
-        "1  its first layer, scanned", "2  the fault that its outline shows",
-        f"3  as it is: {done.before.rms:.2f} mm beside its lines",
-        f"4  mended: {done.after.rms:.3f} mm beside its lines",
+        say("demo-first-layer"), say("demo-fault"), say("demo-third", f"{done.before.rms:.2f}"),
+        say("demo-fourth", f"{done.after.rms:.3f}"),
     ]  # fmt: skip
     figure = comparison(
         titles,
         [scan, fault, *draw_alike(drawn, colours=colours)],
-        title="One scan of a part's first layer, and the printer prints it right", colours=colours,
+        title=say("demo-part-title"), colours=colours, tell=tell,
     )  # fmt: skip
     return save(figure, folder / "first-layer.png")

@@ -14,7 +14,7 @@ import numpy as np
 
 from printmend.corruption import Corruption, corruption_toml
 from printmend.demo import contour
-from printmend.demo.body import demo_body_gcode
+from printmend.demo.damage import demo_body_gcode
 from printmend.errors import RefusedError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
@@ -22,6 +22,7 @@ from printmend.learn.learned import learn_model
 from printmend.measure.plan import ProbePlan
 from printmend.measure.table import write_trace
 from printmend.mend import mend_gcode
+from printmend.messages import Tell, say
 from printmend.metrics.pointwise import aligned_rmse
 from printmend.metrics.shape import ContourError, stroke_distances
 from printmend.model import SavedModel, write_model
@@ -88,7 +89,7 @@ def run_chain(
     twin, plan = Twin.of(corruption, printer), design_probe(printer)
     write_probe(folder / "probe.gcode", plan)
     printed = twin.follow(plan.waypoints_mm)
-    tick("test plate printed")
+    tick(say("demo-tick-printed"))
     scale, mark_mm, missing = 1.0, TYPED_MM * math.sqrt(2), 0
     notes: tuple[str, ...] = ()
     if scanned:
@@ -99,10 +100,10 @@ def run_chain(
     else:
         trace = print_gcode(folder / "probe.gcode", twin, noise_mm=TYPED_MM, rng=np.random.default_rng(seed))
     write_trace(folder / "trace.csv", trace)
-    tick("marks measured")
+    tick(say("demo-tick-measured"))
     model = learn_model(trace, printer, rng=np.random.default_rng(seed))
     write_model(folder / "printer.mend.json", model)
-    tick("fault learned")
+    tick(say("demo-tick-fault"))
     source, target = folder / "part.gcode", folder / "part.mended.gcode"
     text = demo_body_gcode() if part is None else part
     with replacing(source, "wb") as file:
@@ -111,17 +112,17 @@ def run_chain(
     with contextlib.suppress(RefusedError):  # a machine that is right already: the file is printed as it is
         mend_gcode(source, model, target)
     refused = not target.exists()
-    tick("part mended")
+    tick(say("demo-tick-part"))
     ideal = contour.run(read_gcode(source, printer=printer), twin)
     mended = ideal if refused else contour.run(read_gcode(target, printer=printer), twin)
-    tick("part printed as it is, and mended")
+    tick(say("demo-tick-both"))
     (before, shift_before_mm), (after, shift_mm) = (
         contour.contour_error(ideal, ideal),
         contour.contour_error(ideal, mended),
     )
     with replacing(folder / "corruption.toml") as toml:
         toml.write(corruption_toml(corruption))
-    tick("judged")
+    tick(say("demo-tick-judged"))
     return ScanDemo(
         corruption, len(SCANS) if scanned else 0, len(plan), missing, mark_mm, 100 * (scale - 1), notes, model,
         before, after, shift_before_mm, shift_mm, refused, ideal, mended,
@@ -166,26 +167,19 @@ def figures(done: ScanDemo) -> dict[str, Any]:
 
 def lines(done: ScanDemo, written: list[Path]) -> list[str]:
     """Say what came of it."""
-    measured = f"measured {done.marks} marks, with a noise of {TYPED_MM} mm in X and in Y"
+    measured = say("demo-measured", done.marks, f"{TYPED_MM:g}")
     if done.scans:
-        measured = (
-            f"read {done.marks - done.missing} of {done.marks} marks from two scans; RMS error of a mark "
-            f"{1000 * done.mark_mm:.0f} µm, besides the scanner's scale error of {done.scale_percent:+.2f} %"
-        )
-    rows = [
-        measured,
-        f"learned: {done.model.findings[0]}",
-        "error of another part on the same broken printer [mm], with each print moved to where it fits best "
-        f"(by {np.hypot(*done.shift_before_mm):.2f} mm as it is, by {np.hypot(*done.shift_mm):.2f} mm mended):",
-        "             RMS  95 % within  largest",
-    ]
-    rows += [
-        f"  {name:8} {e.rms:5.3f}  {e.p95:11.3f}  {e.max:7.3f}"
-        for name, e in (("as it is", done.before), ("mended", done.after))
-    ]
+        found, um = done.marks - done.missing, f"{1000 * done.mark_mm:.0f}"
+        measured = say("demo-scanned", found, done.marks, um, f"{done.scale_percent:+.2f}")
+    shifts = (f"{np.hypot(*shift):.2f}" for shift in (done.shift_before_mm, done.shift_mm))
+    rows: list[str] = [
+        measured, say("demo-learned", done.model.findings[0]), say("demo-other-part", *shifts), say("demo-columns"),
+    ]  # fmt: skip
+    for name, error in (("as-it-is", done.before), ("mended", done.after)):
+        rows.append(say(f"demo-{name}", f"{error.rms:5.3f}  {error.p95:11.3f}  {error.max:7.3f}"))
     if done.refused:
-        rows.append("nothing was mended: this printer needs no correction")
-    return [*rows, *(f"wrote {path}" for path in written)]
+        rows.append(say("demo-healthy"))
+    return [*rows, *(say("written", path) for path in written)]
 
 
 def written(folder: Path) -> list[Path]:
@@ -194,7 +188,7 @@ def written(folder: Path) -> list[Path]:
     return [folder / name for name in names if (folder / name).exists()]
 
 
-def write_picture(done: ScanDemo, folder: Path) -> Path:
+def write_picture(done: ScanDemo, folder: Path, tell: Tell = str) -> Path:
     """Draw the part's layer before and after; return the picture's path."""
     from matplotlib.colors import Normalize
 
@@ -214,8 +208,9 @@ def write_picture(done: ScanDemo, folder: Path) -> Path:
     worst = pictures[1].error_mm[1:][pictures[1].extruding]
     colours = Normalize(0, max(float(np.percentile(worst, 98)), 0.05))
     titles = [
-        "wanted", f"as it is: {done.before.rms:.2f} mm RMS", f"mended: {done.after.rms:.3f} mm RMS",
+        say("demo-wanted"), say("demo-title-as-it-is", f"{done.before.rms:.2f}"),
+        say("demo-title-mended", f"{done.after.rms:.3f}"),
     ]  # fmt: skip
-    title = "a part that was not learned from, on the broken printer"
-    figure = comparison(titles, draw_alike(pictures, colours=colours), title=title, colours=colours)
+    drawn = draw_alike(pictures, colours=colours)
+    figure = comparison(titles, drawn, title=say("demo-title"), colours=colours, tell=tell)
     return save(figure, folder / "before-after.png")

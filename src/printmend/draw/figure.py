@@ -10,6 +10,7 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
 from printmend.files import replacing
+from printmend.messages import Tell, say
 
 INK = "#22303a"
 PALETTE = ("#0b7285", "#e8590c", "#5f3dc4", "#2b8a3e", "#c2255c", "#868e96", "#1864ab")
@@ -30,15 +31,16 @@ def new_figure(columns: int = 1, *, width_in: float = 5.0, height_in: float = 5.
 
 
 def comparison(
-    titles: Sequence[str], draw: Sequence[Callable[[Axes], Axes]], *, title: str, colours: Normalize | None
-) -> Figure:
+    titles: Sequence[str], draw: Sequence[Callable[[Axes], Axes]], *, title: str, colours: Normalize | None,
+    tell: Tell = str,
+) -> Figure:  # fmt: skip
     """Return a row of pictures with one colour bar of error [mm] under them: the paper's Fig. 1 and 5."""
     figure, axes = new_figure(len(draw), width_in=4.4, height_in=4.6)
     figure.subplots_adjust(left=0.01, right=0.99, top=0.84, bottom=0.15, wspace=0.02)
-    figure.suptitle(title, color=INK, fontsize=13, y=0.98)
+    figure.suptitle(tell(title), color=INK, fontsize=13, y=0.98)
     for one, name, draw_one in zip(axes, titles, draw, strict=True):
         draw_one(one)
-        one.set_title(name, color=INK, fontsize=11)
+        one.set_title(tell(name), color=INK, fontsize=11)
     if colours is not None:
         bar = figure.colorbar(
             ScalarMappable(colours, ERROR_COLOURS),
@@ -46,7 +48,7 @@ def comparison(
             orientation="horizontal",
             extend="max",
         )
-        bar.set_label("distance from where the point belongs [mm]", color=INK, fontsize=9)
+        bar.set_label(tell(say("draw-error")), color=INK, fontsize=9)
         bar.ax.tick_params(labelsize=8, colors=INK)
         bar.outline.set_visible(False)
     return figure

@@ -64,12 +64,11 @@ def measurable_pairs(plan: ProbePlan) -> np.ndarray:
 def describe(distances: Distances) -> list[str]:
     """Return one line a distance: which dots, and about how far apart."""
     marks = distances.plan.marks_mm
-    lines = []
+    lines: list[str] = []
     for number, ((first, second), across) in enumerate(zip(distances.pairs, distances.across_mm, strict=True), start=1):
         (x0, y0), (x1, y1) = marks[first], marks[second]
-        lines.append(
-            f"{number:2d}. across the large dots at X{x0:.0f} Y{y0:.0f} and X{x1:.0f} Y{y1:.0f}, about {across:.1f} mm"
-        )
+        ends = (f"{each:.0f}" for each in (x0, y0, x1, y1))
+        lines.append(say("across-large-dots", f"{number:2d}", *ends, f"{across:.1f}"))
     return lines
 
 

@@ -23,11 +23,10 @@ from printmend.files import read_text, replacing
 from printmend.measure.plan import plan_text, read_plan
 from printmend.measure.table import KNOWN, ORIGIN, REQUIRED
 from printmend.mend.history import history_of, read_history
-from printmend.messages import say
+from printmend.messages import say, say_count
 from printmend.model.model import model_text, parse_model, read_model
 from printmend.printer import preset_names, read_printer
 from printmend.printer.known import printers_named
-from printmend.units import counted
 
 FORMAT, VERSION = "printmend donation", 1
 MOST_BYTES = 400_000_000  # of a donation's files together; a scan of A4 at 600 dpi has some 50 million
@@ -82,22 +81,21 @@ def _parts(
     plan: Path | None, scans: Sequence[Path], trace: Path | None, model: Path | None, checks: Sequence[Path]
 ) -> Iterator[Part]:
     """Yield the files of a donation, one after the other."""
-    points = "print's points were wanted, and measured"
     if plan is not None:
         yield _plan(plan)
     for i, path in enumerate(scans, 1):
-        yield _scan(path, f"scan-{i}.png", "a scan or photo of the test print")
+        yield _scan(path, f"scan-{i}.png", say("donated-scan"))
     if trace is not None:
-        yield _table(trace, "trace.csv", f"where the test {points}")
+        yield _table(trace, "trace.csv", say("donated-trace"))
     if model is not None:
         yield _model(model)
         if history_of(model).is_file():
             yield _history(model)
     for i, path in enumerate(checks, 1):
         if path.suffix.lower() == ".csv":
-            yield _table(path, f"check-{i}.csv", f"where the check {points}")
+            yield _table(path, f"check-{i}.csv", say("donated-check-table"))
         else:
-            yield _scan(path, f"check-{i}.png", "a scan or photo of the check print")
+            yield _scan(path, f"check-{i}.png", say("donated-check"))
 
 
 def write_donation(path: Path, parts: Sequence[Part]) -> None:
@@ -122,7 +120,7 @@ def _manifest(parts: Sequence[Part]) -> bytes:
 def _plan(path: Path) -> Part:
     plan = read_plan(path)
     plan = replace(plan, printer=_public_name(plan.printer), kinematics=_word("kinematics", plan.kinematics))
-    return Part("probe.json", "the plan of the test print", plan_text(plan).encode())
+    return Part("probe.json", say("donated-plan"), plan_text(plan).encode())
 
 
 def _scan(path: Path, name: str, what: str) -> Part:
@@ -137,7 +135,7 @@ def _scan(path: Path, name: str, what: str) -> Part:
     data = io.BytesIO()
     options = {} if dpi is None else {"dpi": (dpi, dpi)}
     Image.fromarray(pixels[:, :, ::-1]).save(data, "PNG", **options)
-    left_out = (f"{counted(len(texts), 'field')} of the picture's metadata",) if texts else ()
+    left_out = (say_count("donated-less-metadata", len(texts)),) if texts else ()
     return Part(name, what, data.getvalue(), left_out)
 
 
@@ -161,8 +159,8 @@ def _table(path: Path, name: str, what: str) -> Part:
     data = io.StringIO(newline="")
     csv.writer(data, lineterminator="\n").writerows(given)
     lost_rows, lost_columns = sum(map(any, rows)) - len(given), len(set(names) - set(places))
-    left_out = [f"{counted(lost_rows, 'line')} without numbers"] if lost_rows else []
-    left_out += [f"{counted(lost_columns, 'column')} of unknown name"] if lost_columns else []
+    left_out = [say_count("donated-less-lines", lost_rows)] if lost_rows else []
+    left_out += [say_count("donated-less-columns", lost_columns)] if lost_columns else []
     return Part(name, what, data.getvalue().encode(), tuple(left_out))
 
 
@@ -173,8 +171,8 @@ def _model(path: Path) -> Part:
     document["findings"] = []
     text = model_text(replace(model, document=document))
     parse_model(text, subject=str(path))  # it is a whole model still
-    what = "what was learned of the printer, and what that promises"
-    return Part("printer.mend.json", what, text.encode(), ("what was found, in words", "digests of measurements"))
+    what = say("donated-model")
+    return Part("printer.mend.json", what, text.encode(), (say("donated-less-findings"), say("donated-less-digests")))
 
 
 def _history(model_path: Path) -> Part:
@@ -185,8 +183,8 @@ def _history(model_path: Path) -> Part:
         given = {key: value for key, value in event.items() if key not in ("seconds", "time", "model", "source")}
         days = int((event["seconds"] - events[0]["seconds"]) // DAY_S)
         lines.append(json.dumps({"day": days, **_plain("", given)}))
-    what = "what each measurement said, what was promised, and what came of it"
-    return Part("history.jsonl", what, ("\n".join(lines) + "\n").encode(), ("dates and names of files",))
+    what = say("donated-history")
+    return Part("history.jsonl", what, ("\n".join(lines) + "\n").encode(), (say("donated-less-dates"),))
 
 
 def _plain(key: str, value: Any) -> Any:

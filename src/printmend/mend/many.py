@@ -1,4 +1,4 @@
-"""Mend many files with one model: a farm's evening. What is wrong with one file does not stop the others."""
+"""Mend many files with one model. A file that fails does not stop the others."""
 
 import filecmp
 import shutil
@@ -28,8 +28,8 @@ _MARK = ".mended"
 class FileOutcome:
     """What became of a file: ``mended``, or the ``error`` and its exit ``code`` (2 or 3, 1 for a fault of ours).
 
-    ``test_print`` is true of a test print of ours that was copied as it is, ``current`` of a file that was copied
-    because this model had mended it, ``already`` of one that was left alone because it was mended before.
+    ``test_print``: it is a test print of printmend's and was copied unchanged. ``current``: this model had mended it,
+    so it was copied. ``already``: it was mended before and left alone.
     """
 
     source: Path
@@ -136,7 +136,7 @@ def is_mended_to(source: Path, target: Path, model: SavedModel) -> bool:
 
 
 def _mark(path: Path) -> str | None:
-    """Return with which model a file was mended; None for one that was not."""
+    """Return the digest of the model that mended a file; None for an unmended file."""
     with open_gcode(path) as file:
         return find_mark(*(hint for part in file.parts for hint in part.hints()))
 
@@ -155,8 +155,8 @@ def mend_files(
 ) -> Iterator[FileOutcome]:
     """Mend each source to its target, ``jobs`` at a time; yield what became of them, in their order.
 
-    ``as_they_are`` copies a test print of ours, as mending it makes a check print, for which nobody asked. It copies
-    what this model mended, too. ``spare_done`` are those sources that are left alone where they are mended already
+    ``as_they_are`` copies test prints of printmend's: mended, they would be check prints, and nobody asked for one. It
+    also copies files that this model mended. ``spare_done`` are sources to leave alone if they are mended already
     (`is_done`).
     """
     taken: set[Path] = set()

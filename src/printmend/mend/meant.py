@@ -1,4 +1,4 @@
-"""Is a file meant for this printer? By what its slicer says, and by where it prints."""
+"""Is a file meant for this printer? Judge by its slicer's comments and by where it prints."""
 
 import numpy as np
 
@@ -50,8 +50,8 @@ def refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
 
 
 def _other_printer(said: Described, printer: Printer) -> str | None:
-    """Return the printer that a file names where that is surely none that may be the model's: empty where its name is
-    none that we know, None where it names the model's or nobody's."""
+    """Return the printer that a file names, if it is surely not the model's. Empty: the name is unknown. None: the file
+    names the model's printer, or none."""
     mine, theirs = printers_named(printer.name), [printers_named(each) for each in said.names]
     if not (mine and theirs) or any(mine & each for each in theirs):
         return None
@@ -77,7 +77,7 @@ def _has_other_bed(said: Described, printer: Printer) -> bool:
 
 
 def _is_within(said: Described, printer: Printer) -> bool:
-    """Say whether the bed that a file is for lies on the printer's: a slicer's default, mostly."""
+    """Say whether the bed that a file is for fits on the printer's, as a slicer's default bed mostly does."""
     if said.bed_mm is None:
         return False
     (low, high), (own_low, own_high) = said.bed_mm, _bed_mm(printer)
@@ -86,7 +86,7 @@ def _is_within(said: Described, printer: Printer) -> bool:
 
 
 def small_bed_words(said: Described, printer: Printer) -> str | None:
-    """Return what is to be said of a file whose bed is another, but lies on the printer's."""
+    """Return a note about a file whose bed differs from the printer's but fits on it."""
     if said.bed_mm is None or not (_has_other_bed(said, printer) and _is_within(said, printer)):
         return None
     return say("slicer-s-bed-goes-from-printer", _bed_words(said.bed_mm), _bed_words(_bed_mm(printer)))

@@ -30,9 +30,9 @@ from printmend.plan import Fineness, Planner, is_identity, start
 from printmend.promise.words import in_words
 from printmend.provenance import sealed
 
-_MOST_HELD_SHARE = 0.005  # share of the path that may be held back at the edge of the bed: that is still a print
+_MOST_HELD_SHARE = 0.005  # most of the path that may be held back at the edge of the bed, as a share
 AS_USUAL = Fineness()
-Watch = Callable[[Part, Plan], Plan]  # what is told of each program's plan, and may look on while it is carried out
+Watch = Callable[[Part, Plan], Plan]  # gets each program's plan, and may watch while it is carried out
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +56,8 @@ def mend_gcode(
     """Write ``source`` (`-` for the standard input) as the printer of ``model`` must read it to print it right.
 
     ``output`` may be the source itself; None is the standard output. Nothing is written unless all went well. A model
-    without a fault that fits its measurement returns the file byte for byte. The plates of a project are prints of
-    their own. ``fineness`` says how far the path may be off, and which firmware reads it. ``watch`` may look on while
-    each program is planned.
+    without a fault returns the file byte for byte. Each plate of a project is a print of its own. ``fineness`` says how
+    far the path may be off, and which firmware reads it. ``watch`` gets the plan of each program.
 
     Raises `GcodeError` for what cannot be read or was mended before, `ModelError` where the file is not for this
     printer, `RefusedError` where mending would not help, or take longer than it may, and not ``force``.
@@ -125,7 +124,7 @@ def is_healthy(model: SavedModel) -> bool:
 
 
 def refuse_mended(file: GcodeFile) -> None:
-    """Raise `GcodeError` for a file that was mended before: its moves are no longer what is wanted."""
+    """Raise `GcodeError` for a file that was mended before: its moves are no longer the wanted ones."""
     for part in file.parts:
         if (digest := find_mark(*part.hints())) is not None:
             raise GcodeError(
@@ -135,7 +134,8 @@ def refuse_mended(file: GcodeFile) -> None:
 
 
 def refuse_grown(file: GcodeFile, filament: str | None) -> None:
-    """Raise `GcodeError` where a filament's shrinkage is to be mended of a file that its slicer enlarged against it."""
+    """Raise `GcodeError` for a file that its slicer already enlarged against shrinkage, if mending would do it
+    again."""
     for part in file.parts if filament is not None else ():
         if share := sliced(*part.hints()).shrinkage:
             raise GcodeError(
@@ -165,7 +165,7 @@ def _mended_text(
 ) -> Iterator[bytes | memoryview]:  # fmt: skip
     """Return the text of a program as it is mended, and add to ``read`` how it was read.
 
-    In ``folder`` a text waits in which times are told, until they are known.
+    A text that states printing times waits in ``folder`` until they are known.
     """
     state, one = begun(part, planner, model, fineness)
     read.append(one)
@@ -177,7 +177,7 @@ def _mended_text(
 
 
 def _crossing_words(planner: Planner, fineness: Fineness) -> str | None:
-    """Say that crossings keep the file's acceleration although they need not, because nobody knows what it is."""
+    """Say that crossings are not sped up, because the normal acceleration is unknown."""
     if fineness.crossing_mm_s2 is None or planner.counts.hurried or not planner.counts.takeups:
         return None
     return say("no-crossing-sped-up")
@@ -185,7 +185,7 @@ def _crossing_words(planner: Planner, fineness: Fineness) -> str | None:
 
 @contextmanager
 def _destination(output: Path | None) -> Iterator[IO[bytes]]:
-    """Open what takes the output's place once all is well; for the standard output a temporary file."""
+    """Open a temporary file that replaces the output once all is well, or goes to the standard output."""
     if output is not None:
         with replacing(output, "wb") as handle:
             yield handle
@@ -238,7 +238,8 @@ def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Predict
 
 
 def _is_probe(file: GcodeFile) -> bool:
-    """Say whether a file is one of our probes: its dots are printed standing, and lines are all that is judged."""
+    """Say whether a file is a test print of printmend's: its dots are printed at rest, so the prediction counts lines
+    only."""
     return any(find_test_print(*part.hints()) == "probe" for part in file.parts)
 
 

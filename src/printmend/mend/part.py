@@ -1,7 +1,7 @@
 """A scan of a printed part becomes a trace: its walls, matched to the commanded path with the model in the loop.
 
-From where the model so far says that a wall was printed, a ray looks for its edge in the image; what the rays find
-teaches the model, which says better where to look. The rays grow shorter as the model learns.
+A ray starts where the model so far puts a wall, and looks for its edge in the image. The edges found improve the model,
+and the next, shorter rays start nearer to the walls.
 """
 
 from collections.abc import Sequence
@@ -33,15 +33,15 @@ from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
 
 CAPTURES_MM = (3.0, 1.5, 1.0, 0.6, 0.6)  # how far a ray looks, round by round
-LEAST_FOUND_SHARE = 0.6  # of the walls that a scan can show; with fewer it is another part
-LARGEST_SIGMA_MM = 0.12  # walls that scatter by more about the model are not those of this file
+LEAST_FOUND_SHARE = 0.6  # share of the visible walls that must be found; with fewer it is another part
+LARGEST_SIGMA_MM = 0.12  # walls that scatter more about the model are not this file's
 EDGE_SIGMA_MM = 0.01  # standard deviation of an edge: no scan is read better
 MOST_HEIGHT_SEEN_MM = (
-    0.04  # a wall whose side the camera sees broader than this is left out: its foot is taken for its edge
+    0.04  # leave out a wall whose side looks broader than this to the camera: its foot would pass for its edge
 )
-SURE_SDS, LEAST_HOLES_MM = 3.0, 0.02  # by which holes must differ from the outline before that is taken off
+SURE_SDS, LEAST_HOLES_MM = 3.0, 0.02  # holes and the outline get separate bead widths if they differ by more than this
 OVERLAY_PX = 2000  # longer side of an overlay
-ENLARGED = 10.0  # times that an overlay enlarges what a wall lies off
+ENLARGED = 10.0  # factor by which an overlay enlarges a wall's error
 # Grey levels under an overlay become gain·level + grey, so that marks stand out from dark plastic, too.
 PALE_GAIN, PALE_GREY = 0.35, 160.0
 FOUND_COLOUR, MISSING_COLOUR, ERROR_COLOUR = (0, 110, 0), (30, 30, 220), (230, 80, 0)  # blue, green, red
@@ -52,8 +52,8 @@ FINE = 16.0  # OpenCV draws in sixteenths of a pixel with shift=4
 class PartMeasurement:
     """The ``trace`` of a part, ``notes`` for its owner, how many places of walls were ``found``.
 
-    ``stands_mm`` [S] is how far each place of ``walls`` stands out of where the file has it, beads included, NaN where
-    none was seen; ``trace`` is without what all of them share.
+    ``stands_mm`` [S] is how far each place of ``walls`` is outside of the file's wall, bead width included; NaN where
+    none was seen. ``trace`` leaves out the offset that all walls share.
     """
 
     trace: Trace
@@ -77,10 +77,10 @@ def measure_part(
     """Measure a printed part, one layer of ``program``, from a scan of the side that shows this layer, or from a photo
     of it on the sheet of tags.
 
-    ``dpi`` overrides what the file says; ``distances_mm`` is what callipers say of the widths that a measurement
-    without them names, in this order. Raises `ScanError` for an image that shows something else, only a part of it,
-    several parts or another side, and for a photo without tags; `GcodeError` for a layer without walls; `TraceError`
-    for another width.
+    ``dpi`` overrides the file's own. ``distances_mm`` are calliper readings of the widths that a measurement without
+    them asks for, in its order. Raises `ScanError` for an image of something else, of only a part, of several parts or
+    of another side, and for a photo without tags; `GcodeError` for a layer without walls; `TraceError` for a reading
+    that is not of its width.
     """
     if not isinstance(program, Program):
         program = read_gcode(program, printer=printer)
@@ -128,7 +128,8 @@ def measure_part(
 
 
 def _located(path: str | Path, page: Page, walls: Walls, rulers: Sequence[Ruler]) -> tuple[Silhouette, Lie]:
-    """Return the plastic of a page and how the part lies there; say of a page without a scale how a photo gets one."""
+    """Return the plastic in an image and the part's pose. An error about an image without a scale says how a photo gets
+    one."""
     try:
         beside = [ruler.corners_mm for ruler in rulers]
         silhouette = find_silhouette(page.image, page.px_per_mm, subject=str(path), beside_mm=beside)
@@ -145,8 +146,9 @@ def _located(path: str | Path, page: Page, walls: Walls, rulers: Sequence[Ruler]
 def _beads(
     walls: Walls, edges: "_Edges", fit: WallFit, printer: Printer, instrument: Instrument, layer: int
 ) -> tuple[np.ndarray, str]:
-    """Return how far the bead of each wall [S] stands out, and that in words: of all walls alike, or of holes and the
-    outline apart where these surely differ. Beads in a bend are pulled inwards, which is no fault of the machine."""
+    """Return by how much the bead of each wall [S] is too wide, and say so: one value for all walls, or separate values
+    for holes and the outline where these surely differ. Beads in a bend are pulled inwards, which is not the machine's
+    fault."""
     outline = outline_of(walls)
     seen = Layer(layer, walls, outline, edges.offset_mm)
     side = estimated([seen], printer, instrument, Known(), None).sides[0]
@@ -172,7 +174,7 @@ class _Edges:
 
 @dataclass(frozen=True, eq=False)
 class _Match:
-    """The walls in the image: how the part lies, what the walls say of the machine, and what the last rays met."""
+    """The walls in the image: the part's pose, the machine learned from them, and the edges that the last rays met."""
 
     pose: Pose
     fit: WallFit
@@ -180,7 +182,7 @@ class _Match:
 
 
 def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer, page: Page) -> _Match:
-    """Find the walls and learn the machine from them in turn, with ever shorter rays."""
+    """Find the walls and learn the machine from them, in turn, with ever shorter rays."""
     pose, printed, swell, fit = lie.pose, walls.commanded_mm, 0.0, None
     eye = None if page.eye_mm is None else page.eye_mm - np.array([*silhouette.corner_mm, 0.0])
     for capture_mm in CAPTURES_MM:
@@ -213,14 +215,14 @@ def _scales(walls: Walls, edges: _Edges) -> tuple[float, float]:
 
 
 def _moved(pose: Pose, turn: float, shift_mm: np.ndarray, middle_mm: np.ndarray) -> Pose:
-    """Return the pose after which a part no longer lies turned about the bed's middle, or shifted."""
+    """Return the pose that undoes the part's turn and shift about the bed's middle."""
     c, s = np.cos(turn), np.sin(turn)
     back = np.array([[c, -s], [s, c]])  # row vectors turned clockwise by ``turn``
     return Pose(pose.matrix @ back, (pose.shift_mm - middle_mm) @ back + middle_mm - shift_mm)
 
 
 def _on_walls(trace: Trace, walls: Walls, printed_mm: np.ndarray) -> np.ndarray:
-    """Return the places [N, 2] of the way-points without the rows that only a second side of a bead has."""
+    """Return the places [N, 2] of the way-points, without the rows added for the second side of a bead."""
     if len(printed_mm) == len(walls.commanded_mm):
         return printed_mm
     twice = walls.row[1:][walls.row[1:] == walls.row[:-1]]
@@ -231,7 +233,7 @@ def _look(
     silhouette: Silhouette, walls: Walls, pose: Pose, printed_mm: np.ndarray, swell_mm: float, capture_mm: float,
     eye_mm: np.ndarray | None,
 ) -> _Edges:  # fmt: skip
-    """Look for the walls from where they are thought to be; ``eye_mm`` [3] is a camera's place in the image's mm."""
+    """Look for the walls near their expected places; ``eye_mm`` [3] is the camera's place in mm of the image."""
     back = np.linalg.inv(pose.matrix)
     scale = silhouette.px_per_mm
     begin = printed_mm[walls.row] + (walls.half_mm + swell_mm)[:, None] * walls.normal
@@ -249,7 +251,7 @@ def _look(
 
 
 def _draw(path: Path, silhouette: Silhouette, walls: Walls, edges: _Edges) -> None:
-    """Draw every wall place that was met, every one that was missed, and how far walls lie off, enlarged."""
+    """Draw every wall place that was found or missed, and the walls' errors, enlarged."""
     factor = min(1.0, OVERLAY_PX / max(silhouette.image.shape[:2]))
     picture = cv2.resize(silhouette.image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     picture = (picture.astype(np.float32) * PALE_GAIN + PALE_GREY).astype(np.uint8)

@@ -1,6 +1,7 @@
 """A known printer whose belts or pulleys were worked on: measure again, or find where its motors stand by one print.
 
-Until then nothing is mended: a pulley that was turned moves errors to other places, and mending would add to them.
+Until then nothing is mended. A pulley that was turned on its shaft moves its errors to other places, and mending would
+add to them.
 """
 
 from collections.abc import Sequence
@@ -26,12 +27,13 @@ from printmend.model.misfit import REFITTED, REFUSAL
 from printmend.path import Trace
 
 LEAST_SHIFT_MM = 0.05  # of a motor that is told
-MOST_NOISE = 2.0  # times the noise of the old measurement that a print of the same machine may scatter by
+MOST_NOISE = 2.0  # a print of the same machine may scatter by so many times the old measurement's noise
 LEAST_NOISE_MM = 0.005  # of a measurement
 
 
 def refitted(model: SavedModel, motors: Sequence[str]) -> SavedModel:
-    """Return a model that asks to be measured again, for the belts or pulleys of ``motors`` were worked on."""
+    """Return a model that refuses to mend until it is measured again, because the belts or pulleys of ``motors`` were
+    worked on."""
     names = model.printer.motors
     if unknown := [name for name in motors if name.lower() not in names]:
         raise InputError(
@@ -51,10 +53,10 @@ def _found(model: SavedModel) -> list[dict]:
 
 
 def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> Updated:
-    """Return the same machine with its motors where a print shows them.
+    """Return the same machine with the motor angles that a print shows.
 
-    Raises `ModelError` for a model that says nothing of its doubt, `TraceError` like `learn`, for a measurement that
-    the model was learned from, and where the print is of another machine.
+    Raises `ModelError` for a model without drawn machines. Raises `TraceError` like `learn`, for a measurement that the
+    model was learned from, and for a print of another machine.
     """
     check_origin(say("measurement-2"), trace.origin, old.printer)
     digest = digest_of(trace)
@@ -83,11 +85,11 @@ def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> U
                 say("phase-print"), wanted=say("machine-of-model-elsewhere"), todo=say("print-whole-and-learn-anew"),
                 came=together(", ", dict.fromkeys(others)) if others else scatter,
             )  # fmt: skip
-        # the work, not the end stop, moved the motors: it tells nothing of how the end stops scatter
+        # the work moved the motors, not the end stop, so the shift says nothing about the scatter of end stops
         updated = _updated(
             old, moved, replace(found, homed_mm=()), ordered.trace, (*passed_over(once, copies), *ordered.found), digest
         )
-    # so small a print tells where an idler stands, and hardly how large its wave is
+    # so small a print shows an idler's angle, and hardly its size
     changes = (*_shifts(old, phase), *(one for one in updated.changes if not one.kind.startswith("period")))
     screw = screw_of(old)
     model = updated.model

@@ -18,17 +18,17 @@ from printmend.promise.belief import parse_belief
 from printmend.promise.predict import Errors, PathPlaces, Promise, best_shift, promised, shape_of, without_doubt
 from printmend.promise.words import in_a_line, in_words
 
-_EDGE_MM = 0.5  # a print that is less than this beyond the bed's edge, as slicers round it, is on the bed
-_LEAST_GAIN_MM = 0.0005  # a smaller gain is none: the numbers in a file resolve no more
+_EDGE_MM = 0.5  # slicers round: a print that reaches less than this beyond the bed's edge is on the bed
+_LEAST_GAIN_MM = 0.0005  # a smaller gain is below the resolution of the numbers in a file
 _NO_ERROR_MM = 1e-6  # root mean square below which a model knows of no error in a file
-_SHIFT_MM = 0.005  # a whole part that is shifted by less lies at its place
+_SHIFT_MM = 0.005  # a smaller shift of the whole print is not reported
 _WORTH_ADVICE_MM = 0.03  # an expected error that may be larger than this is worth another print
 _WORTH_CAUSE_MM = (
-    0.005  # … if what it mostly comes from is this much at least: what dots at rest do not show is in every range
+    0.005  # … and its main cause is at least this much: every range contains what dots at rest do not show
 )
-_MAIN_SHARE = 0.5  # share of an expected error that must be one part's for it to be named
-_BEYOND_MM = 5.0  # a part that lies farther outside of what was measured is told so
-_WHOLE_MARKS = 400  # a measurement of so many marks was of a whole test print
+_MAIN_SHARE = 0.5  # a cause is named if it is more than this share of the expected error
+_BEYOND_MM = 5.0  # a part that lies farther outside of the measured places gets a warning
+_WHOLE_MARKS = 400  # a whole test print has at least this many marks
 # Most of the drawn machines, as a share, that may print no better mended; and where a few distances left most of what
 # was drawn to assumed chances.
 _MOST_WORSE_SHARE, _MOST_WORSE_SHARE_BY_HAND = 0.05, 0.01
@@ -46,28 +46,33 @@ class Heights:
 class Prediction:
     """The expected contour error of a file as it is (``before``) and as mended (``after``), with all that is not known.
 
-    ``path`` are places along the extruded path, ``gain_mm`` by how much mending lowers the error of each of some
-    machines that the model allows; None for a model that says nothing of its doubt. ``most_worse_share`` of them may
-    print no better where mending is to count as better. ``advice`` says, before printing,
-    where most of the doubt comes from and which print or measurement would settle it.
-    ``layers`` [L] holds for each layer z_mm, length_mm and both errors (rms, max). ``length_mm`` is the extruded path.
-    ``moves`` and ``commands`` count what moves the head before and after; ``takeups`` the reversals at which slack was
-    taken up, ``stops`` those of them where the nozzle has to stand still for that amid an extruded path, ``anchors``
-    the places where the engaged side had to be made certain again. ``clamped`` counts commands that had to be held back
-    at the edge of the bed, ``clamped_extruding`` those that extrude, ``beyond_mm`` how far out they would have gone and
-    ``held_mm`` how much extruded path that is, the start of the file left out where layer comments tell what that is
-    (purge lines lie at the edge of the bed and need not be right); ``unknown`` the extruding moves that were left as
-    they are, because their words cannot be read or the file does not say where the head is, ``unknown_lines`` the lines
-    of the first of them, ``splines`` the curves (G5) that were, ``geometry`` the commands that make the firmware scale,
-    skew or lengthen what it is told. ``distance_to`` says what the errors are distances to, from above. ``warnings``
-    say where the file was read otherwise than its firmware may read it. From ``low_mm`` to ``high_mm`` is where
-    printing moves end, from ``printed_low_mm`` to ``printed_high_mm`` where anything is printed, dots and the
-    beginnings of moves too; ``on_bed`` says whether this is all on the bed.
-    ``heights`` are the errors in height before and after, where the model has a Z screw. ``duration`` is how long both
-    take, None where nobody asked.
-    ``shift_mm`` is by how much all of the unmended print lies beside its place, as far as the model knows. Where the
-    errors are ``of_shape`` they are those of the shape at its best place, without it: the measurement did not show
-    where on the bed a print lies. Else they contain it.
+    ``path`` holds places along the extruded path. ``gain_mm`` says by how much mending lowers the error of each drawn
+    machine; it is None for a model without drawn machines. Mending counts as better while at most the share
+    ``most_worse_share`` of them prints no better. ``advice`` says where most of the uncertainty comes from, and which
+    print or measurement would settle it.
+
+    Path: ``length_mm`` of extrusion; ``layers`` [L] with z_mm, length_mm and both errors (rms, max) of each.
+    ``distance_to`` says what the errors are distances to. ``heights`` are the errors in height before and after, where
+    the model has a Z screw.
+
+    Moves: ``moves`` and ``commands`` count what moves the head before and after. ``takeups`` counts the reversals at
+    which slack is taken up, ``stops`` those where the nozzle stands still amid an extruded path, ``anchors`` the places
+    where the engaged side had to be made certain again, ``coarse`` those beyond the tolerance. ``duration`` is how long
+    both files take, None where nobody asked.
+
+    Not corrected: ``unknown`` counts extruding moves left as they are, because their words cannot be read or the file
+    does not say where the head is (``unknown_lines`` are the lines of the first). ``splines`` counts such curves (G5).
+    ``geometry`` counts the commands that make the firmware scale, skew or lengthen its targets. ``warnings`` say where
+    the file was read otherwise than its firmware may read it.
+
+    Bed: printing moves end between ``low_mm`` and ``high_mm``. Everything printed, dots and the beginnings of moves
+    included, lies between ``printed_low_mm`` and ``printed_high_mm``; ``on_bed`` says whether that is on the bed.
+    ``clamped`` counts commands held back at the edge of the bed, ``clamped_extruding`` those that extrude.
+    ``beyond_mm`` says how far out they would have gone, ``held_mm`` how much extruded path that is. The start of the
+    file is left out where layer comments mark it: purge lines lie at the edge and need not be right.
+
+    Shift: ``shift_mm`` is the known shift of the whole unmended print. If the errors are ``of_shape``, they leave it
+    out, because the measurement did not show where on the bed a print lies; otherwise they contain it.
     """
 
     length_mm: float
@@ -118,7 +123,7 @@ class Prediction:
 
     @property
     def chance_of_none(self) -> float:
-        """The share of the machines that the measurement allows which would print no better mended; 0 where unsaid."""
+        """The share of drawn machines that would print no better mended; 0 without drawn machines."""
         return 0.0 if self.gain_mm is None else float(np.mean(self.gain_mm <= 0.0))
 
     @property
@@ -132,7 +137,7 @@ class Prediction:
 
     @property
     def is_untouched(self) -> bool:
-        """Say whether the model has nothing to mend here: what it knows puts every line where it belongs."""
+        """Say whether the model has nothing to mend here: it puts every line where it belongs."""
         known_mm = max(self.before.planning_rms_mm, self.heights[0].rms_mm if self.heights else 0.0)
         if self.path is not None:  # a mere shift is no error of the shape, but would be written
             known_mm = max(known_mm, float(np.abs(self.path.off_mm).max(initial=0.0)))
@@ -161,7 +166,7 @@ class Prediction:
         return plain
 
     def summary(self) -> str:
-        """Say it in a few lines for a terminal."""
+        """Return it in a few lines for a terminal."""
         rows: list[str] = [
             say("expected-distance", self.distance_to, f"{self.length_mm / 1000:.1f}"), say("expected-columns"),
         ]  # fmt: skip
@@ -184,7 +189,7 @@ class Prediction:
         return together("\n", [*rows, *self.moves_words()])
 
     def moves_words(self) -> Iterator[str]:
-        """Say what becomes of the moves, and which stay as they are."""
+        """Yield a sentence for each thing that happens to the moves."""
         if not (self.clamped_extruding or self.unknown or self.splines) and self.extruding:
             (x0, y0), (x1, y1) = self.printed_low_mm, self.printed_high_mm
             ends = [f"{end:.0f}" for end in (x0, x1, y0, y1)]
@@ -262,7 +267,7 @@ def prediction_of(planner: Planner) -> Prediction:
 
 
 def _shift(path: PathPlaces | None) -> tuple[float, float]:
-    """Return by how much all of a print lies beside its place [mm]."""
+    """Return the shift of a whole print [mm]."""
     if path is None or not path.weight.sum() > 0:
         return 0.0, 0.0
     x_mm, y_mm = best_shift(path.tangent, path.off_mm, path.weight)
@@ -270,7 +275,7 @@ def _shift(path: PathPlaces | None) -> tuple[float, float]:
 
 
 def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
-    """Return a prediction that contains what the model does not know, as far as the model says that."""
+    """Return a prediction with the model's uncertainty, where the model has drawn machines."""
     belief = parse_belief(model)
     if belief is None or prediction.path is None:
         return prediction
@@ -284,7 +289,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
         more = dict(row)
         for name, whole in (("before", outlook.before), ("after", outlook.after)):
             own2, all2 = row[f"{name}_rms_mm"] ** 2, whole.planning_rms_mm**2
-            if name == "before" and shape2:  # the whole contains no place, which the layers' own errors do
+            if name == "before" and shape2:  # the whole leaves the shift out, and the layers' own errors contain it
                 own2, all2 = shape2.get(row["z_mm"], shape2[None]), shape2[None]
             more[f"{name}_rms_mm"] = math.sqrt(own2 + max(whole.rms_mm**2 - all2, 0.0))
             more[f"{name}_max_mm"] = max(min(row[f"{name}_max_mm"], whole.max_mm), more[f"{name}_rms_mm"])
@@ -309,7 +314,7 @@ def _square_shape_errors(path: PathPlaces) -> dict[float | None, float]:
 
 
 def _beyond_seen(model: SavedModel, prediction: Prediction) -> tuple[str, ...]:
-    """Say along which axes a part lies where a test print that covered little of them showed nothing."""
+    """Warn of a part that lies outside of the places where a small test print had marks."""
     seen = model.document.get("trace", {}).get("seen_mm")
     if seen is None or not (told := said_of(model.document, "unseen")):
         return ()
@@ -324,12 +329,13 @@ def _beyond_seen(model: SavedModel, prediction: Prediction) -> tuple[str, ...]:
 
 
 def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
-    """Say what no promise holds, and what most of a mended print's doubt comes from, if that is worth a print."""
+    """Say what the promise leaves out, and the main cause of a mended print's uncertainty if another print is worth
+    it."""
     return (*said_of(model.document, "jump"), *_most_of(model, after))
 
 
 def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
-    """Say what most of a mended print's doubt comes from."""
+    """Name the main cause of a mended print's uncertainty."""
     if after.rms_high_mm < _WORTH_ADVICE_MM:
         return ()
     shares = {name: (size / max(after.rms_mm, 1e-9)) ** 2 for name, size in after.made_of.items()}

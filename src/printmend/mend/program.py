@@ -24,7 +24,7 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True, eq=False)
 class Read:
-    """How a program was read: what is to be ``said`` of that, and the clocks that looked on."""
+    """How a program was read: the notes about that (``said``), and the clocks that followed it."""
 
     said: tuple[str | None, ...]
     watch: Stopwatch
@@ -44,7 +44,7 @@ def plan_file(
 
 
 def begun(part: Part, planner: Planner, model: SavedModel, fineness: Fineness) -> tuple[MachineState, Read]:
-    """Let the planner begin a program; return the state before its first line, and what is known of it so far."""
+    """Let the planner begin a program; return the state before its first line, and a first `Read`."""
     state, hints, owner = _beginning(part, model), part.hints(), model.printer.limits
     limits = limits_of(state.flavour, hints, fineness.firmware, owner)
     if owner.accel_mm_s2 is not None:
@@ -56,7 +56,8 @@ def begun(part: Part, planner: Planner, model: SavedModel, fineness: Fineness) -
 
 
 def _beginning(part: Part, model: SavedModel) -> MachineState:
-    """Return the state before a program's first line; raise `GcodeError` where nobody knows what extrudes."""
+    """Return the state before a program's first line; raise `GcodeError` for a file that does not say which axis
+    extrudes."""
     state = starting_state(part, printer=model.printer)
     if axis := state.odd_axis:
         wanted, came = say("moves-extrude"), say("none-moves-name", axis)
@@ -68,7 +69,7 @@ def _beginning(part: Part, model: SavedModel) -> MachineState:
 
 
 def _said_of(hints: tuple[bytes, ...], state: MachineState, printer: Printer) -> tuple[str | None, ...]:
-    """Return what is to be said of how a program was read, for which bed, and of what is not judged in it."""
+    """Return notes: how a program was read, for which bed, and what the prediction leaves out."""
     is_probe = find_test_print(*hints) == "probe"
     return e_warning(state), small_bed_words(described(*hints), printer), _DOTS_WORDS if is_probe else None
 

@@ -15,11 +15,11 @@ from printmend.model.model import SavedModel
 from printmend.plan import Fineness, start
 from printmend.promise.belief import parse_belief
 
-_TRIALS = 6  # of an ease between one that is too slow and one that is not
+_TRIALS = 6  # trials between an ease that is too slow and one that is not
 MOST_MOVES = 2.0  # that a line may become, on average, for a ripple
-_MOST_EASE = 1.0  # for that: lines without a type may be off by twice as much, outer walls by a quarter more
+_MOST_EASE = 1.0  # its price: lines without a type may be off twice as far, outer walls a quarter more
 _FEW_TRIALS = 2
-_NEAR_SHARE = 0.1  # of the limit: nearer to it no further one is tried
+_NEAR_SHARE = 0.1  # stop trying within this share of the limit
 _NAMES = {  # messages
     k.ROLE_ASIDE: "role-aside", k.ROLE_INFILL: "role-infill", k.ROLE_SOLID: "role-solid",
     k.ROLE_INNER: "role-inner", k.ROLE_UNKNOWN: "role-unknown", k.ROLE_OUTER: "role-outer",
@@ -27,10 +27,10 @@ _NAMES = {  # messages
 
 
 def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool) -> tuple[Fineness, str | None]:
-    """Return the finest way to draw a file that makes it no slower than it may be, and what is to be said of that.
+    """Return the finest fineness that keeps a file's printing time within the limit, and words about it.
 
-    Plans the file once where it is fast enough anyway, else up to `_TRIALS` and two times. Raises `RefusedError` where
-    it is too slow even with the coarsest lines, unless ``force``.
+    Plans the file once if it is fast enough anyway, otherwise up to two times more than `_TRIALS`. Raises
+    `RefusedError` if it is too slow even with the coarsest lines, unless ``force``.
     """
     assert fineness.slower is not None
     limit, roles = fineness.slower, set[int]()
@@ -60,12 +60,12 @@ def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool
 
 
 def with_few_moves(file: GcodeFile, model: SavedModel, fineness: Fineness) -> tuple[Fineness, str | None]:
-    """Return how to draw a file for a machine that ripples, so that its moves become twice as many at the most, where
-    that costs no outer wall more than a quarter of the tolerance; and what is to be said of that.
+    """Return the fineness for a machine with ripple that at most doubles the moves, if that costs an outer wall no more
+    than a quarter of the tolerance, and words about it.
 
     A ripple of hundredths of a millimetre bends every line several times a millimetre. Walls show it, infill does not.
     """
-    roles, uneven = set[int](), replace(fineness, evenly=False)  # a wall that keeps its width has to have its moves
+    roles, uneven = set[int](), replace(fineness, evenly=False)  # a wall that keeps its width needs its moves
     if not _ripples(model) or _planned(file, model, uneven, roles)[1] <= MOST_MOVES:
         return fineness, None
     low, high = 0.0, _MOST_EASE
@@ -85,8 +85,8 @@ def _ripples(model: SavedModel) -> bool:
 
 
 def _planned(file: GcodeFile, model: SavedModel, fineness: Fineness, roles: set[int]) -> tuple[float, float]:
-    """Return by which share a file takes longer when it is drawn in a way, and how many moves a move becomes; add the
-    roles of its lines."""
+    """Return the share of added time at a fineness, and how many moves a move becomes; add the roles of the lines
+    found."""
     planner = start(model.mechanism, tolerance_mm=fineness.tolerance_mm)
     before_s = after_s = 0.0
     for part in file.parts:

@@ -1,4 +1,4 @@
-"""Bring a saved model up to date with a second, smaller print, and say what changed: Bayes, the old one as the prior.
+"""Update a saved model with a second, smaller print, by Bayes' rule with the old model as the prior; say what changed.
 
 The drawn machines of the old model, widened by what wears, are the prior; a search finds what changed since
 (`infer.update`). Where another machine explains the print better, the model is learned anew.
@@ -45,9 +45,9 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, belief_section, says_nothing
 
-LEAST_CHANGE = {"mm": 0.01, "%": 0.02, "°": 0.02}  # a smaller change is not worth a word
-PLAIN_CHANGE = 0.05  # a larger change is plain: it is told with two decimals
-# What of a motor, or of the frame, grows or shrinks: its message, by the kind of its fault without a number
+LEAST_CHANGE = {"mm": 0.01, "%": 0.02, "°": 0.02}  # a smaller change is not reported
+PLAIN_CHANGE = 0.05  # a larger change is reported with two decimals
+# The quantity of a motor or the frame that grows or shrinks: its message by the kind of fault, without a number
 QUANTITIES = {
     "play": "belt-play", "loose-belt": "belt-play", "play-by-angle": "belt-play",
     "friction": "lost-motion", "scale": "scale-error", "drift": "change-scale-along-axis",
@@ -61,7 +61,7 @@ QUANTITIES = {
     "distortion": "distortion-bed",
 }  # fmt: skip
 OF_FRAME = ("skew", "axes", "bow", "wavy", "crooked", "distortion")  # kinds of fault that no motor has
-OF_ONE_PRINT = ("offset",)  # kinds of fault that differ from print to print: nobody lays a plate twice alike
+OF_ONE_PRINT = ("offset",)  # kinds of fault that differ from print to print, such as how the plate lies
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ class Change:
 
 @dataclass(frozen=True, eq=False)
 class Updated:
-    """The new model, what changed, and the motors that had to be learned anew; ``is_known`` where the model was learned
-    from this measurement, and stays as it was."""
+    """The new model, the changes, and the motors that were learned anew. ``is_known``: the model was learned from this
+    measurement, so it stays unchanged."""
 
     model: SavedModel
     changes: tuple[Change, ...]
@@ -102,9 +102,9 @@ class Updated:
 def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: Ageing | None = None) -> Updated:
     """Update ``old`` with a trace of the same printer, which may be small.
 
-    ``ageing`` says how long ago the old measurement was, and what was seen of wear: the older, the less it weighs.
-    A measurement that the model was learned from is counted once: it changes nothing. Raises `ModelError` for a model
-    that says nothing of its doubt, `TraceError` like `learn`.
+    ``ageing`` gives the age of the old measurement and the observed wear: the older, the less it weighs. A measurement
+    that the model was learned from changes nothing. Raises `ModelError` for a model without drawn machines,
+    `TraceError` like `learn`.
     """
     check_origin(say("measurement-2"), trace.origin, old.printer)
     digest = digest_of(trace)
@@ -123,7 +123,7 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
 
 
 def believed(old: SavedModel) -> Belief:
-    """Return what a model says of its own doubt. Raises `ModelError` for one that says nothing."""
+    """Return a model's drawn machines. Raises `ModelError` for a model without them."""
     belief = belief_of(old)
     if not isinstance(old.document.get(DIGESTS), list):
         raise says_nothing()
@@ -131,7 +131,7 @@ def believed(old: SavedModel) -> Belief:
 
 
 def same_machine(old: SavedModel, printer: Printer) -> None:
-    """Raise `ModelError` where a model is of another machine than ``printer``."""
+    """Raise `ModelError` if a model is not of ``printer``."""
     if old.printer != printer:
         raise ModelError(
             say("update"), wanted=say("model", printer.name), came=say("other-axes", old.printer.name),
@@ -143,7 +143,8 @@ def measured_again(
     old: SavedModel, belief: Belief, trace: Trace, rng: np.random.Generator, *, ageing: Ageing | None = None,
     stories: bool = True,
 ) -> Renewed:  # fmt: skip
-    """Return what a flat trace says of the machine of a model. Raises `TraceError` where it measured nothing."""
+    """Return what a flat trace changes about the machine of a model. Raises `TraceError` for a trace without
+    measurements."""
     if not (trace.measured_rows | trace.wall_rows).any() or not np.isfinite(trace.commanded_mm).all():
         raise TraceError(say("trace"), wanted=say("measured-marks"), came=say("none-nan"), todo=say("check-trace"))
     printer = old.printer
@@ -156,7 +157,7 @@ def measured_again(
 
 
 def _anew(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated:
-    """Learn a machine of which the old model knows nothing; its Z stays as it was where the trace does not show it."""
+    """Learn a machine anew; Z stays as in the old model if the trace does not show it."""
     names = tuple(name.upper() for name in old.printer.motors)
     model = learn(trace, old.printer, rng=rng).saved
     details = {"update": {"from": old.digest, "changes": [], "anew": list(names)}}
@@ -212,13 +213,13 @@ def _updated(
         findings=(diagnosis.summary, *diagnosis.gaps), details=details,
     )  # fmt: skip
     pushes = [part for part in (*belief.parts, *parts) if part.effect == "wobble"]
-    known = screw_of(old)  # older models have a push, and no drawn machines of it
+    known = screw_of(old)  # older models have a push, but no drawn machines of it
     push_mm = push_of(parts) if pushes or known is None else known.push_mm
     return Updated(with_z(model, lift, push_mm), tuple(changes), names)
 
 
 def _lift_changes(before: Lift, now: Lift) -> Iterator[Change]:
-    """Yield what surely changed of how Z lifts."""
+    """Yield the sure changes of how Z lifts."""
     was, new = ({fault.kind: fault for fault in each.faults} for each in (before, now))
     for kind in sorted(was.keys() | new.keys()):
         none = replace((was | new)[kind], value=0.0, sd=0.0)
@@ -229,7 +230,7 @@ def _lift_changes(before: Lift, now: Lift) -> Iterator[Change]:
 
 
 def changes_of(found: Renewed) -> list[Change]:
-    """Return what surely changed of the faults that have a name, and the pulleys that turned on their shafts."""
+    """Return the sure changes of named faults, and the pulleys that turned on their shafts."""
     scene, story = found.now.scene, found.story
     of_motors = [scene.printer.motors[motor] for motor in story.anew]
     changes = [_turn(found, motor, by) for motor, by in enumerate(story.turned_rad) if by and motor not in story.anew]
@@ -247,7 +248,7 @@ def changes_of(found: Renewed) -> list[Change]:
 
 
 def _named(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]:
-    """Return the faults that act by part and kind, as the drawn machines have them that do have them."""
+    """Return the acting faults by part and kind, from those drawn machines that have them."""
 
     def sure(part: Part) -> Part:
         there = np.flatnonzero(part.draws_mm.any(axis=0))
@@ -270,7 +271,7 @@ def _change(was: Fault, new: Fault, sd: float) -> Change:
 
 
 def _quantity(name: str, kind: str) -> str:
-    """Return what of a motor or of the frame grows or shrinks, by the kind of its fault."""
+    """Return the name of the quantity that grows or shrinks, by the kind of fault."""
     message = QUANTITIES.get(kind) or QUANTITIES.get(kind.rstrip("0123456789.").removesuffix("-"))
     if message is None:
         return say("motor-has", name, kind.replace("_", " "))
@@ -284,7 +285,7 @@ def _z_changed(was: Fault, new: Fault) -> str:
 
 
 def _turn(found: Renewed, motor: int, by_rad: float) -> Change:
-    """Return by how much a pulley turned on its shaft: about the angle that was found, harmonic by harmonic."""
+    """Return the angle by which a pulley turned on its shaft, refined harmonic by harmonic."""
     (before, *_), (now, *_) = found.of("pulley", motor)
     cos, sin = np.split(before.mean_mm, 2)
     old = (cos - 1j * sin) * np.exp(-1j * HARMONICS * by_rad)

@@ -1,7 +1,7 @@
-"""Measure again after mending: was the promise kept, or can this measurement not tell? And bring the model up to date.
+"""Measure after mending: was the promise kept, broken, or can this measurement not tell? Then update the model.
 
-The check print is any probe's G-code, mended with the model and printed. Its plan says where marks were wanted; what
-is measured of them is compared with what was promised for these places, the noise of the measurement taken off.
+The check print is any probe's G-code, mended with the model and printed. Its plan has the wanted places of the marks.
+Their measured errors, with the noise of the measurement subtracted, are compared with the promise for these places.
 """
 
 from dataclasses import asdict, dataclass, replace
@@ -32,13 +32,13 @@ from printmend.promise.belief import Belief, belief_of, parse_belief
 from printmend.promise.predict import HIGH, LOW, Errors, Outlook, PathPlaces, Promise, promised
 
 LEAST_MARKS = 10  # measured marks of a check print; fewer tell nothing
-_LEAST_STRETCH_PERCENT = 0.01  # a smaller stretch by the instrument is not worth a word
+_LEAST_STRETCH_PERCENT = 0.01  # a smaller stretch by the instrument is not reported
 _NOISE_SD_SHARE = 0.15  # standard deviation of the stated noise of a measurement, as a share of it
-_UNMENDED_SHARE = 0.9  # a print with more than this share of the error before mending was hardly mended …
-_SAME_FAULT_SHARE = 0.5  # … if, of its error, less than this share is unlike the unmended print of the model
-SEEN_FACTOR = 2.0  # a promise is kept where an error of so many times its upper end is ruled out
-_SURELY_SDS = 2.0  # standard deviations by which an error must exceed the least that is found, to be found surely
-_ASKED = "play"  # the effect that a measurement must be fine enough to show: none grows as often
+_UNMENDED_SHARE = 0.9  # a print with more than this share of its unmended error was hardly mended …
+_SAME_FAULT_SHARE = 0.5  # … if less than this share of its error differs from the model's unmended print
+SEEN_FACTOR = 2.0  # a promise is kept if an error of so many times its upper end is ruled out
+_SURELY_SDS = 2.0  # an error is surely found if it exceeds the smallest detectable one by so many standard deviations
+_ASKED = "play"  # a measurement must be fine enough to show this effect, which grows most often
 
 
 KEPT, BROKEN, UNSURE = "kept", "broken", "cannot tell"
@@ -46,13 +46,16 @@ KEPT, BROKEN, UNSURE = "kept", "broken", "cannot tell"
 
 @dataclass(frozen=True)
 class Verdict:
-    """Distances of the marks from where they were wanted, root mean square [mm]: unmended as the model says
-    (``before_mm``), as measured now, between ``now_low_mm`` and ``now_high_mm`` as far as this measurement can tell,
-    and as was promised with its 90 % range; ``unlike_mm`` is how far they lie from where the model has them unmended.
-    ``placed``: they contain where on the bed the print lies; else a shift of the whole is taken off, and
-    ``stretch_percent`` of scale that may as well be the instrument's own. ``stated``: the measurement says how exact
-    it is; ``wanders_mm`` is by how much place and scale may be off because what measures wanders. ``changed`` is what
-    surely changed of the machine; ``ways_known``: way-points between the marks say from which side each was reached."""
+    """Distances of the marks from their wanted places, root mean square [mm].
+
+    ``before_mm`` is that of the unmended print, by the model. Now it is between ``now_low_mm`` and ``now_high_mm``, as
+    far as this measurement can tell. The promise has a 90 % range. ``unlike_mm`` is the distance from where the model
+    puts the marks of an unmended print. If ``placed``, the distances contain the print's place on the bed. Otherwise a
+    common shift is subtracted, and ``stretch_percent`` of scale that may be the instrument's own. ``stated``: the
+    measurement states its own noise. ``wanders_mm``: place and scale may be off by this because the instrument
+    wanders. ``changed`` lists the sure changes of the machine. ``ways_known``: way-points between the marks show from
+    which side each was reached.
+    """
 
     marks: int
     before_mm: float
@@ -72,20 +75,20 @@ class Verdict:
 
     @property
     def result(self) -> str:
-        """Broken where the error is surely more than was promised, kept where one of twice as much would have shown,
-        and else that this measurement cannot tell."""
+        """*Broken*: the error surely exceeds the promise. *Kept*: an error of twice the promise would have shown.
+        Otherwise this measurement *cannot tell*."""
         if self.now_low_mm > self.promised_high_mm:
             return BROKEN
         return KEPT if self.now_high_mm <= SEEN_FACTOR * self.promised_high_mm else UNSURE
 
     @property
     def at_most_mm(self) -> float | None:
-        """What the error may be at most where it is not surely above the noise of the measurement; None where it is."""
+        """The upper limit of an error that is not surely above the measurement noise; None if it is."""
         return None if self.now_low_mm > 0 else self.now_high_mm
 
     @property
     def shows_from_mm(self) -> float:
-        """The smallest error that this measurement would surely have shown to be more than was promised."""
+        """The smallest error that this measurement would surely have shown to exceed the promise."""
         return float(np.hypot(self.promised_high_mm, self.now_high_mm))
 
     @property
@@ -118,10 +121,10 @@ class Verdict:
 def verify(model: SavedModel, trace: Trace) -> Verdict:
     """Compare a measured check print, whose G-code was mended with ``model``, with what the model promised.
 
-    ``trace`` has the places that were wanted as commanded ones. The print is a second measurement of the machine: what
-    it leaves of the model's drawn machines, and what it finds beside them, is its error at the marks. Raises
-    `TraceError` for fewer than ten marks, another printer's and those that the model was learned from, `ModelError` for
-    a model that promises nothing.
+    ``trace`` has the wanted places as its commanded ones. The print counts as a second measurement of the machine; the
+    updated drawn machines then have an error at the marks, and that is compared with the promise. Raises `TraceError`
+    for fewer than ten marks, for another printer's marks and for those that the model was learned from, `ModelError`
+    for a model without a promise.
     """
     belief = belief_of(model)
     check_origin(say("check-print"), trace.origin, model.printer)
@@ -144,12 +147,12 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     sigmas = np.empty(0) if trace.sigma_mm is None else trace.sigma_mm[known]
     stated = sigmas[np.isfinite(sigmas)]
     own_mm = float(np.sqrt(np.mean(stated**2))) if len(stated) else model.noise_mm
-    # scatter beyond what measuring does may be the printer's, or not
+    # scatter beyond the instrument's may be the printer's, or not
     beyond_mm = PLANE_FACTOR * float(np.sqrt(max(noise_mm**2 - ((1 + 2 * _NOISE_SD_SHARE) * own_mm) ** 2, 0.0)))
     surely_mm, wanders_mm = _errors_mm(found, trace, placed=placed)
     whole_mm = np.hypot(surely_mm, wanders_mm)
     now = float(np.median(whole_mm))
-    # a walk looks like place and scale by as much as its end strays: 6 times its mean square about its mean
+    # a random walk imitates place and scale as far as its end strays: 6 times its mean square about its mean
     low2 = float(np.quantile(surely_mm, LOW) ** 2 - 6 * np.median(wanders_mm) ** 2) if _is_beyond(found) else 0.0
     high = float(np.sqrt(np.quantile(whole_mm, HIGH) ** 2 + beyond_mm**2 + _unseen_mm(found) ** 2))
     after = outlook.after
@@ -167,8 +170,8 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
 
 
 def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far the drawn machines put the marks from where they were wanted, root mean square [DRAWS], and how
-    much of it wanders, of which nobody knows whether the printer or what measures does."""
+    """Return each drawn machine's RMS distance of the marks from their wanted places [DRAWS], and the share that
+    wanders, which may be the printer's or the instrument's."""
     fit, scene = found.fit, found.now.scene
     nominal = scene.printer.from_motor(fit.places.motor_mm)
     ahead = np.einsum("mc,mc->m", fit.rows.along, (nominal - trace.commanded_mm)[fit.rows.mark])
@@ -188,14 +191,14 @@ def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarra
 
 
 def _is_beyond(found: Renewed) -> bool:
-    """Tell whether a check print shows anything beside the machines that were believed."""
+    """Tell whether a check print shows anything that no drawn machine has."""
     return any(
         EFFECTS[part.effect].of in (Of.MACHINE, Of.SESSION) and part.effect != "wander" for part in found.beside
     )  # fmt: skip
 
 
 def _unseen_mm(found: Renewed) -> float:
-    """Return the largest error at the marks that more play of a motor may have made without being found."""
+    """Return the largest error at the marks from more play of a motor that this print would not show."""
     search, state = found.fit.search, found.fit.state
     blocks, most_mm = search.dictionary.blocks, 0.0
     for number, block in enumerate(blocks):
@@ -211,7 +214,7 @@ def _unseen_mm(found: Renewed) -> float:
 
 
 def _stretch_percent(found: Renewed) -> float:
-    """Return the scale that the instrument may have given all that it measured."""
+    """Return the scale error that may be the instrument's [%]."""
     scene = found.now.scene
     bed = scene.middle_mm + SCALE_MM * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     none, one = np.zeros((3, 2)), np.zeros(3)
@@ -224,8 +227,8 @@ def _stretch_percent(found: Renewed) -> float:
 
 
 def expectation(model: SavedModel, trace: Trace) -> Promise | None:
-    """Return how far the measured marks of a trace are expected to lie from where they are wanted once it is mended:
-    distances on the bed, as `verify` states them. None for a model that says nothing of its doubt."""
+    """Return the expected distances of a trace's marks from their wanted places after mending: distances on the bed, as
+    `verify` states them. None for a model without drawn machines."""
     belief = parse_belief(model)
     if belief is None or not trace.measured_rows.any():
         return None
@@ -242,7 +245,7 @@ def _sides(trace: Trace, printer: Printer) -> np.ndarray:
 
 
 def _outlook_at_marks(model: SavedModel, belief: Belief, trace: Trace) -> tuple[Outlook, np.ndarray]:
-    """Return what to expect of the measured marks [N], across the path, and how far each is off unmended [N, 2]."""
+    """Return the prediction for the measured marks [N], across the path, and the unmended error of each [N, 2]."""
     wanted, printer, known = trace.commanded_mm, model.printer, trace.measured_rows
     raw = print_from_home(model.mechanism, wanted)
     off = (raw - wanted)[known]
@@ -267,7 +270,7 @@ def _outlook_at_marks(model: SavedModel, belief: Belief, trace: Trace) -> tuple[
 def update_words(verdict: Verdict, newer: Updated) -> str:
     """Say what the check print changed in the model.
 
-    One that does not break its promise is of this machine, even where a fresh fit explains the small print better.
+    A print that does not break its promise is of this machine, even if a fresh fit explains the small print better.
     """
     return say("model-brought-up-date") if verdict.result != BROKEN and newer.anew else newer.words
 
@@ -275,13 +278,13 @@ def update_words(verdict: Verdict, newer: Updated) -> str:
 def updated(model: SavedModel, trace: Trace) -> Updated:
     """Bring the model up to date with a mended check print.
 
-    Raises `ModelError` for a model that says nothing of its doubt, `TraceError` as `learn_model` does.
+    Raises `ModelError` for a model without drawn machines, `TraceError` like `learn_model`.
     """
     return update(model, made(model, trace), rng=np.random.default_rng(0))
 
 
 def made(model: SavedModel, trace: Trace) -> Trace:
-    """Return a mended check print with what was really commanded: what mending made of the wanted places."""
+    """Return a check print with its really commanded places: those that mending made of the wanted ones."""
     printer, mechanism = model.printer, model.mechanism
     belts = printer.to_motor(mechanism.frame.invert(trace.commanded_mm))
     motors = np.empty_like(belts)

@@ -1,9 +1,9 @@
 """Mend every file that is put into a folder, until stopped; a restart continues where it was.
 
-Folders are looked at again and again, which works on network drives too. A file is taken when it has not changed
-between two looks; one that was still being copied, after a pause, changes again and is mended again. What was begun
-and done is kept in OUT/.printmend-watch.jsonl, with each file as it was then (name, size, time of change): nothing is
-done twice, and what somebody else put into OUT is never written over.
+It polls the folders, which works on network drives too. It takes a file that has not changed between two looks. If the
+file changes later, for example because copying had paused, it is mended again. OUT/.printmend-watch.jsonl records each
+file that was begun or done (name, size, time of change). So nothing is done twice, and files that somebody else put
+into OUT are never written over.
 """
 
 import json
@@ -25,7 +25,7 @@ Seen = tuple[str, int, int]  # name below IN, bytes, time of change in ns
 
 @dataclass
 class Watch:
-    """IN, OUT and what was done; `look` does one round."""
+    """IN, OUT and the record of finished files; `look` does one round."""
 
     source: Path
     target: Path
@@ -80,7 +80,7 @@ class Watch:
         target.parent.mkdir(parents=True, exist_ok=True)
         model, there = self._model(), target.exists()
         done = seen[0] not in self.ours and there and is_mended_to(source, target, model)  # by `printmend mend`
-        if seen[0] not in self.ours and (done or not there):  # what it writes itself it may write again
+        if seen[0] not in self.ours and (done or not there):  # it may overwrite its own files
             self.ours.add(seen[0])
             self._note(seen, None)
         if done:
@@ -92,9 +92,9 @@ class Watch:
         try:
             at = source.stat()
         except OSError:
-            return None  # taken away meanwhile: if it comes back it is new
+            return None  # removed meanwhile: it counts as new if it comes back
         if (at.st_size, at.st_mtime_ns) != seen[1:]:
-            return None  # changed while it was read: the next looks take it
+            return None  # changed while it was read: a later look takes it
         why = target.with_name(target.name + _ERROR)
         if outcome.code:
             with replacing(why) as file:
@@ -110,7 +110,7 @@ class Watch:
             journal.write(json.dumps({"file": seen, "code": code}) + "\n")
 
     def _model(self) -> SavedModel:
-        """Return the model, read again where its file has changed; what is there no longer is used on."""
+        """Return the model, read again if its file has changed; a model whose file is gone stays in use."""
         try:
             changed_ns = self.model_path.stat().st_mtime_ns
             if self.model is None or changed_ns != self.model_time_ns:
@@ -118,11 +118,11 @@ class Watch:
         except (OSError, PrintmendError) as error:
             if self.model is None:
                 raise
-            self.told(f"the model as it was is used on: {error}")
+            self.told(say("watch-old-model", getattr(error, "message", error)))
         return self.model
 
     def _journal(self) -> list[tuple[Seen, int | None]]:
-        """Return what was begun (code None) and what was done."""
+        """Return the files begun (code None) and done."""
         try:
             text = (self.target / JOURNAL).read_text(encoding="utf-8")
             lines = text.splitlines()

@@ -7,11 +7,11 @@ With the motor at m, x = (m − middle)/100 mm and φ = 2πm/turn, the branches 
     mean(m) = Σ_p c_p xᵖ + Σ_k a_k cos kφ + b_k sin kφ + x Σ_k (e_k cos kφ + f_k sin kφ)
     play(m) = Σ_p d_p xᵖ + Σ_k g_k cos kφ + h_k sin kφ,   never below zero
 
-The harmonics of ``mean`` are the pulley (physics.md eq. 2), those of ``play`` the two spans of a loose belt (eq. 7)
-or slack on the shaft (eq. 10), the powers in ``play`` lost motion by friction (eq. 9), and the third sum of ``mean``
-a taut elastic belt, whose odd harmonics fade with the distance (eq. 8). What repeats nothing (a belt of uneven pitch)
-is a sum of cosines over the span that was seen, added to the mean; what repeats with another length than the turn (an
-idler off its centre) a Fourier series of that length.
+The harmonics of ``mean`` are the pulley (physics.md eq. 2), those of ``play`` the two spans of a loose belt (eq. 7) or
+slack on the shaft (eq. 10), the powers in ``play`` lost motion by friction (eq. 9), and the third sum of ``mean`` a
+taut elastic belt, whose odd harmonics fade with the distance (eq. 8). An error without a period (a belt of uneven
+pitch) is a sum of cosines over the measured span, added to the mean. An error with another period than the turn (an
+idler off its centre) is a Fourier series of that period.
 """
 
 from dataclasses import dataclass, field, replace
@@ -68,8 +68,8 @@ class Wave:
 
 @dataclass(frozen=True, eq=False)
 class Branches:
-    """The fault of one motor's drive. ``reach_mm`` are the motor positions that were seen: beyond them the powers
-    above the first are continued as straight lines, lest they explode."""
+    """The fault of one motor's drive. ``reach_mm`` are the measured motor positions. Beyond them, powers above the
+    first continue as straight lines, so that they do not explode."""
 
     period_mm: float
     middle_mm: float
@@ -110,7 +110,7 @@ class Branches:
 
         mean = self._powers_mm(self.mean, motor_mm) + series(self.mean)
         if self.warp_mm.any():
-            # What repeats nothing, and an elastic belt beside it (which may be none), are known where they were seen.
+            # An error without a period is known only where it was measured; so is an elastic belt beside it.
             seen = np.clip(motor_mm, *self.reach_mm)
             mean = mean + warp_columns(len(self.warp_mm), self.warp_span_mm, seen) @ self.warp_mm
             if not self.elastic.is_zero:
@@ -148,7 +148,7 @@ class Branches:
 
 
 def rising(table_mm: np.ndarray, first: int) -> np.ndarray:
-    """Return a table [N] made non-decreasing from entry ``first`` outwards: what is wrong far away stays there."""
+    """Return a table [N] made non-decreasing from entry ``first`` outwards, so that a faulty end does not spread."""
     first = min(max(first, 0), len(table_mm))
     below = np.minimum.accumulate(table_mm[:first][::-1])[::-1]
     above = np.maximum.accumulate(table_mm[first:])

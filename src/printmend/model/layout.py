@@ -21,7 +21,7 @@ class Design:
     The parameters are: where the belt was at the start (counted from the first measurement), powers of the mean, powers
     of the play, cross terms, warp, cosines and sines of the ripple and of the second period, then cosines and sines of
     the harmonics of mean, play and elastic. ``cross`` are the exponents (own, other) of the frame's terms, other ≥ 1.
-    ``warp`` is the number of cosines over ``warp_span_mm`` that make the part of the mean that repeats nothing.
+    ``warp`` is the number of cosines over ``warp_span_mm`` that describe the part of the mean without a period.
     ``ripple`` are the high harmonics of micro-step ripple. ``second`` harmonics are those of ``second_mm``, a length
     other than the motor's turn. ``elastic`` harmonics grow along the axis (physics.md eq. 8).
     """
@@ -117,7 +117,7 @@ class Design:
         return marked
 
     def moved(self, values: np.ndarray, other: "Design") -> np.ndarray:
-        """Carry parameters [..., P] of ``other`` over to this design; what is new is 0."""
+        """Carry parameters [..., P] of ``other`` over to this design; new ones are 0."""
         mine, theirs = _shared(self, other)
         moved = np.zeros((*values.shape[:-1], self.size))
         moved[..., mine] = values[..., theirs]

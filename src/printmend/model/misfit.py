@@ -1,4 +1,4 @@
-"""What does not fit: a finding in an owner's words, how much it matters, and its place in the saved model.
+"""Findings about what the model does not fit: their words, their weight, and their place in the saved model.
 
 The section ``misfit`` of a model holds ``found``, a list of these findings.
 """
@@ -17,10 +17,10 @@ PHASE_TODO = say("print-printmend-probe-phase-measure-run")
 
 @dataclass(frozen=True)
 class Misfit:
-    """One thing that does not fit.
+    """One finding about a measurement that the model does not fit.
 
-    ``kind`` names it for programs; ``size_mm`` is what it does to a print, root mean square; ``evidence`` how sure it
-    is, in nats over chance; ``words`` say it to an owner.
+    ``kind`` names it for programs, ``words`` for the owner. ``size_mm`` is its RMS effect on a print; ``evidence`` is
+    its weight in nats over chance.
     """
 
     kind: str
@@ -41,7 +41,7 @@ def misfit_section(found: Sequence[Misfit]) -> dict[str, Any]:
 
 
 def misfit_words(document: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return what a model's document says of misfits, a sentence each, the gravest first."""
+    """Return the sentences about misfits in a model's document, the gravest first."""
     section = document.get("misfit")
     found = section.get("found", []) if isinstance(section, dict) else []
     return tuple(
@@ -52,14 +52,14 @@ def misfit_words(document: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def said_of(document: Mapping[str, Any], kind: str) -> tuple[str, ...]:
-    """Return what a model's document says of one kind of misfit."""
+    """Return the sentences about one kind of misfit in a model's document."""
     section = document.get("misfit")
     found = section.get("found", []) if isinstance(section, dict) else []
     return tuple(each["words"] for each in found if isinstance(each, dict) and each.get("kind") == kind)
 
 
 def refusals(document: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return why a model's document says that nothing should be mended with it, a sentence each."""
+    """Return the refusals in a model's document, a sentence each: reasons not to mend with it."""
     section = document.get("misfit")
     found = section.get("found", []) if isinstance(section, dict) else []
     return tuple(each["words"] for each in found if isinstance(each, dict) and each.get("severity") == REFUSAL)

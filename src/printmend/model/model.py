@@ -33,7 +33,7 @@ from printmend.provenance import seal_key
 FORMAT = "printmend model"
 VERSION = 2  # of a file with a screw
 LEAST_WAVE_MM = 2.0  # length of a frame's wave: a shorter one is no bend
-_WITHOUT_SCREW = 1  # what is written for a machine whose Z is as designed: every printmend reads it
+_WITHOUT_SCREW = 1  # written for a machine whose Z is as designed: every version reads it
 MAX_ENTRIES = 1_000_000  # entries of one table that a file may have; 500 mm by sixteenths of a 0.2 mm step are 40 000
 # Entries of one table that are written: of a printer with finer or more micro-steps every n-th, for four tables are a
 # file of 17 MB then.
@@ -48,7 +48,7 @@ class SavedModel:
 
     ``mechanism`` is absolute: its tables give bed positions, so never anchor it again with `Mechanism.homed`.
     ``document`` is the JSON as written, without the digest, and ``seal_key`` the hexadecimal digits over it. With a
-    ``filament`` the mechanism prints what is left once parts in it have shrunk; the document is the machine's alone.
+    ``filament``, the mechanism includes the shrinkage of parts in it; the document is the machine's alone.
     """
 
     mechanism: Mechanism
@@ -85,7 +85,7 @@ class SavedModel:
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What was found and what the trace could not tell, one sentence each."""
+        """What was found and what the trace did not show, a sentence each."""
         return tuple(self.document["findings"])
 
 
@@ -151,7 +151,7 @@ def model_text(model: SavedModel) -> str:
 
 
 def read_model(path: str | Path) -> SavedModel:
-    """Read a model. Raise `ModelError` for anything that is not one of ours, whole and unchanged."""
+    """Read a model. Raise `ModelError` for anything but a whole, unchanged model of printmend's."""
     text = read_text(path, wanted=say("printer-mend-json"), todo=TODO, error=ModelError)
     return parse_model(text, subject=str(path))
 
@@ -194,7 +194,7 @@ def _through_text(document: Mapping[str, Any]) -> SavedModel:
 
 
 def _read(document: Mapping[str, Any], key: str, subject: str) -> SavedModel:
-    """Check all of a document, with its seals' ``key``, and build the model; raise `ModelError` for what is not so."""
+    """Check a whole document, with its seals' ``key``, and build the model; raise `ModelError` for a bad value."""
     printer = _printer(section_of(document, "printer", dict, subject), subject)
     sections = section_of(document, "motors", dict, subject)
     if sorted(sections) != sorted(printer.motors):
@@ -243,8 +243,8 @@ def _text(document: Mapping[str, Any]) -> str:
 def _laid_out(value: Any, line: str) -> str:
     """Return JSON as `json.dumps` with an indent of 1 lays it out; ``line`` begins a line of the surroundings.
 
-    With an indent the library takes its slow encoder, four times as long for tables: here a list of numbers takes the
-    fast one, with line ends as its separators.
+    With an indent the library takes its slow encoder, which needs four times as long for tables. Here a list of numbers
+    takes the fast one, with line ends as separators.
     """
     inside = line + " "
     if isinstance(value, dict) and value:

@@ -1,4 +1,4 @@
-"""What a saved model notes about its measurement, and which values each note may have: one table, one check."""
+"""The notes of a saved model about its measurement, and the values that each may have: one table, one check."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Numbers:
 
     @property
     def words(self) -> str:
-        """Say which values are meant."""
+        """Return in words which values are allowed."""
         kind = "whole number" if self.whole else "number"
         span = f"from {self.low:g} to {self.high:g}"
         return f"a {kind} {span}" if self.most is None else f"a list of at most {self.most} {kind}s {span}"
@@ -41,8 +41,8 @@ _SIZE, _SHARE, _COUNT = Numbers(low=0.0), Numbers(0.0, 1.0), Numbers(0, 1e9, who
 _SIZES = Numbers(low=0.0, most=MAX_SDS)
 _VARIANCE = Numbers(low=0.0, high=LARGEST**2)
 _FADING = Numbers(1, MAX_FADING, whole=True, most=MAX_FADING)
-# A dict names what its keys hold: a key with "!" must be there, "*" stands for every other one. What is not named is
-# for readers and may be anything. A list says what each of its entries is.
+# A dict gives the shape of each key; a key with "!" is required, "*" stands for every other one. Keys that are not
+# named are for readers and may hold anything. A list gives the shape of its entries.
 _NOTES: dict[str, Any] = {
     "diagnosis": [{"part!": str, "kind!": str, "unit!": str, "value!": Numbers(), "sd!": Numbers()}],
     "z": {"*": str},
@@ -74,12 +74,12 @@ _NOTES: dict[str, Any] = {
 
 
 def check_notes(document: Mapping[str, Any], subject: str) -> None:
-    """Refuse notes about the machine that none of ours would say."""
+    """Raise `ModelError` for notes that printmend never writes."""
     _check(document, _NOTES, "the model", subject)
 
 
 def _check(value: Any, shape: Any, name: str, subject: str) -> None:
-    """Raise `ModelError` unless ``value``, which stands under ``name``, is as ``shape`` says."""
+    """Raise `ModelError` unless ``value``, under the key ``name``, has the ``shape``."""
     if isinstance(shape, Numbers):
         if not shape.holds(value):
             refuse(subject, say("for", shape.words, name), repr(value)[:40])

@@ -10,7 +10,7 @@ from printmend.model.series import HARMONICS, ScrewSeries
 from printmend.model.values import number, numbers, refuse, rising, rounded
 from printmend.printer import Printer
 
-_MOST_MM = 100.0  # no height or push is farther off; tables of what is would fill the memory
+_MOST_MM = 100.0  # no height or push is off by more: larger tables would fill the memory
 _LEAST_LEAD_MM = 0.1  # rise of a turn: no screw of a printer is finer
 
 
@@ -34,7 +34,7 @@ def screw_section(screw: ScrewDrive | ScrewSeries) -> dict[str, Any]:
 
 
 def parse_screw(section: Any, printer: Printer, subject: str) -> ScrewDrive:
-    """Build Z from its section. Raise `ModelError` for anything that is not one of ours."""
+    """Build Z from its section. Raise `ModelError` for a bad section."""
     if not isinstance(section, dict):
         refuse(subject, say("section-3"), repr(section)[:40])
     if section.get("kind") == "series":

@@ -1,4 +1,4 @@
-"""Values of a saved model, checked: what is not as we write it ends in a `ModelError`."""
+"""Checked values of a saved model; a bad one raises `ModelError`."""
 
 from collections.abc import Mapping
 from typing import Any, NoReturn
@@ -62,5 +62,5 @@ def numbers(section: Mapping[str, Any], key: str, subject: str, most: int) -> np
 
 
 def refuse(subject: str, wanted: str, came: str) -> NoReturn:
-    """Raise `ModelError`: the file says what none of ours does."""
+    """Raise `ModelError` for a value that printmend never writes."""
     raise ModelError(subject, wanted=wanted, came=came, todo=TODO)

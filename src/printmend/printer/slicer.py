@@ -214,7 +214,7 @@ def _without_margin(
     said = say(
         "margin-mm-slicer-keeps-free-bed",
         f"{max(margin):g}",
-        " and ".join(names),
+        together(", ", names),
         f"{low[0]:g}",
         f"{low[1]:g}",
         f"{high[0]:g}",

@@ -82,7 +82,7 @@ def _fitting(lines: list[str], printer: Printer) -> tuple[list[str], tuple[str, 
         if re.match(r"^\s*G0*9[01]\b", line, re.IGNORECASE):
             relative = "91" in line.split()[0]
         beyond = [] if relative or not _MOVE.match(line) else [
-            f"{axis} {value}, and {axis} goes from {reach[axis][0]:g} to {reach[axis][1]:g}"
+            say("start-beyond", line, axis, value, f"{reach[axis][0]:g}", f"{reach[axis][1]:g}")
             for axis, value in _PLACE.findall(line.upper())
             if not reach[axis][0] - 0.01 <= float(value) <= reach[axis][1] + 0.01
         ]  # fmt: skip
@@ -90,19 +90,19 @@ def _fitting(lines: list[str], printer: Printer) -> tuple[list[str], tuple[str, 
             of_part.append(line.split()[0].upper())
         elif (check := _CHECK.match(line)) is not None:
             if check[1] == "3" and check[2] and bare_name(check[2]) not in bare_name(printer.name):
-                left.append(f"{line}: it stops any printer but that model; is this a file of your {printer.name}?")
+                left.append(say("start-other-model", line, printer.name))
             else:
                 checks.append(line.split()[0].upper())
         elif _AREA.match(line):
-            left.append(f"{line}: it levels around that part only; level the bed before you print, or add G29")
+            left.append(say("start-levels-part", line))
         elif beyond:
-            left.append(f"{line}: it goes to {beyond[0]}")
+            left.append(beyond[0])
         else:
             kept.append(line)
     if checks:
-        left.append(f"{', '.join(dict.fromkeys(checks))}: whether printer, nozzle and firmware are those of that file")
+        left.append(say("start-checks", ", ".join(dict.fromkeys(checks))))
     if of_part:
-        left.append(f"{', '.join(dict.fromkeys(of_part))}: about that part")
+        left.append(say("start-of-part", ", ".join(dict.fromkeys(of_part))))
     return kept, tuple(dict.fromkeys(left))
 
 

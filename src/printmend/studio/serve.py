@@ -45,13 +45,13 @@ def serve(
     port = listener.getsockname()[1]
     token = devices.add(FIRST) if devices is not None and not known else None
     address = _address(reached[0], port, token)
-    told(f"printmend studio: {address}  (Ctrl-C ends it; everything is kept in {folder})")
+    told(say("terminal-studio-runs", address, folder))
     if token:
-        told("Whoever knows this address may use the studio; it is shown once. `--device NAME` lets in another device.")
+        told(say("terminal-studio-token"))
     elif known:
-        told(f"It lets in {', '.join(one.name for one in known)}. `--device NAME` lets in another device.")
+        told(say("terminal-studio-lets-in", ", ".join(one.name for one in known)))
     if devices is not None:
-        told("It is not encrypted: put a proxy with TLS in front of it.")
+        told(say("terminal-studio-not-encrypted"))
     with contextlib.ExitStack() as stack:
         stack.callback(alone.close)
         pool = None if remote is None else stack.enter_context(remote.client()).get_executor(pure=False)
