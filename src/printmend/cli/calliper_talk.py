@@ -1,4 +1,4 @@
-"""Ask for callipers' distances one by one: each time the most informative one, and check every reading at once."""
+"""Ask for distances by callipers, the most informative next, and check every reading at once."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,10 +13,10 @@ from printmend.measure.plan import ProbePlan
 from printmend.messages import say, together
 
 WIDE, TALL = 36, 12  # characters of the picture of the plate
-RARE_SHARE = 0.02  # share of a distance by which a printer is off more rarely than a hand slips
-LEAST_DOUBTED_MM = 1.5  # a smaller surprise is not doubted: few distances often say as much wrongly of several faults
+RARE_SHARE = 0.02  # a larger share of a distance is more likely a slip of the hand than the printer's error
+LEAST_DOUBTED_MM = 1.5  # a smaller surprise is accepted: with few distances the prediction is often wrong by this
 DOUBTED_SIGMAS = 4.0  # standard deviations of what faults and reading may explain together
-ENOUGH_SPREADS = 1.5  # a distance that is known to so many standard deviations of a reading tells nothing more
+ENOUGH_SPREADS = 1.5  # a distance predicted within so many standard deviations of a reading is not worth measuring
 
 
 def talk(
@@ -81,8 +81,8 @@ def talk(
 def _doubt(value: float, wanted: float, fits: float, spread: float, later: bool) -> str:
     """Say why a reading is doubted, nothing where it is not.
 
-    ``wanted`` is the commanded distance and ``fits`` what the readings so far make of it [mm], ``spread`` [mm] what
-    faults may add to that; ``later`` says that there are such readings.
+    ``wanted`` is the commanded distance, ``fits`` the one that the readings so far predict [mm], ``spread`` [mm] its
+    uncertainty from faults. ``later`` says that there are such readings.
     """
     off = abs(value - fits)
     unexplained = off > DOUBTED_SIGMAS * np.hypot(spread, READING_SD_MM)

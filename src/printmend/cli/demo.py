@@ -56,7 +56,7 @@ def _show_part(seed: int, broken: tuple[str, ...], out: Path) -> None:
 def _show_chain(
     seed: int, broken: tuple[str, ...], file: Path | None, out: Path, *, scan: bool, as_json: bool
 ) -> None:  # fmt: skip
-    """Break a twin, print and measure a probe on it, learn, mend a part, print it; say what came of it."""
+    """Break a twin, print and measure a probe on it, learn, mend a part, print it; report the result."""
     import numpy as np
 
     from printmend.cli.progress import progress

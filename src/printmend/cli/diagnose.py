@@ -21,7 +21,7 @@ from printmend.messages import say
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
               help="Picks the rows looked at first in a long trace.")  # fmt: skip
 def command(trace: Path, printer_name: str, report: Path, part: Path | None, filament: str | None, seed: int) -> None:
-    """Say what is wrong with a printer, how sure that is, what to replace or tighten, what software can carry."""
+    """Say what is wrong with a printer and how sure that is, what to replace or tighten, and what mending corrects."""
     import numpy as np
 
     from printmend.cli.outputs import spare

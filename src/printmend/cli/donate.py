@@ -26,7 +26,8 @@ def command(
     plan: Path | None, scans: tuple[Path, ...], trace: Path | None, model: Path | None, checks: tuple[Path, ...],
     output: Path,
 ) -> None:  # fmt: skip
-    """Pack a test print, what it taught and what came of it into one zip file that helps to improve printmend.
+    """Pack a test print, the model learned from it and its check print into one zip file that helps to improve
+    printmend.
 
     Nothing is sent. Numbers and pixels are packed; names, places, dates, notes and the metadata of pictures are not.
     manifest.json in it says what each file is.

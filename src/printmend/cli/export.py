@@ -23,8 +23,8 @@ from printmend.messages import say
 def command(model_path: Path, firmware: str, folder: Path | None) -> None:
     """Write the part of the fault that a firmware can hold by itself, and say what remains for `printmend mend`.
 
-    A setting that would not help by more than its doubt stays out; where none is left nothing is written (exit code 3).
-    Nothing is stored in the firmware: the files say how to undo what they set.
+    A setting whose gain is smaller than its uncertainty is left out; if none is left, nothing is written (exit code 3).
+    Nothing is stored in the firmware: the files say how to undo their settings.
     """
     from printmend.export.firmware import remainder
     from printmend.export.supported import export_supported

@@ -42,8 +42,8 @@ def command(
 ) -> None:  # fmt: skip
     """Say how large a printed part came out, hole by hole, and what to type into its slicer so that it fits.
 
-    SCAN shows the part's underside, as for `measure --gcode`. What the slicer should do is left to the slicer; what the
-    machine does is mended.
+    SCAN shows the part's underside, as for `measure --gcode`. The slicer corrects line width, holes and shrinkage;
+    mending corrects the machine.
     """
     from printmend.cli.outputs import spare
     from printmend.extras import require

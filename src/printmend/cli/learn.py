@@ -59,7 +59,7 @@ def command(
     TRACE.csv has a row for each commanded way-point: x_mm, y_mm, x_measured_mm, y_measured_mm, and z_mm, z_measured_mm
     for the Z screw; measured cells may be empty.
 
-    With --filament, machine and filament are told apart as far as the measurements allow.
+    With --filament, the scale errors of machine and filament are separated as far as the measurements allow.
     """
     import numpy as np
 

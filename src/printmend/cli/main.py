@@ -62,7 +62,7 @@ class LazyGroup(click.Group):
     """A group whose commands are imported when they are called."""
 
     def invoke(self, ctx: click.Context) -> object:
-        """Run a command; one whose reader has gone ends here, before click ends it as if it were at fault."""
+        """Run a command. If its reader has gone, end it here; click would report an error."""
         try:
             return super().invoke(ctx)
         except BrokenPipeError:
@@ -146,8 +146,8 @@ def group(ctx: click.Context) -> None:
 def main() -> None:
     """Run the command line; turn an error into one line on stderr and its exit code.
 
-    What the user or the machine did ends with 2 or 3 (`errors.py`), a closed pipe quietly with 141, a fault of the
-    program itself with 1; the environment variable PRINTMEND_TRACEBACK=1 shows where that was.
+    Bad input, and refusals, end with 2 or 3 (`errors.py`), a closed pipe quietly with 141, a fault of the program
+    itself with 1. The environment variable PRINTMEND_TRACEBACK=1 shows where that was.
     """
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):  # closed, or not a terminal's
@@ -203,7 +203,7 @@ def _end(message: str, code: int) -> NoReturn:
 
 
 def _silence() -> None:
-    """Send what is still in the buffer nowhere, so that the interpreter does not trip over it again at its end."""
+    """Discard what is still in the buffer, so that the interpreter does not fail on it at its end."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -89,7 +89,7 @@ def _paragraph(text: str) -> list[str]:
 
 
 def _text(text: str) -> str:
-    """Return a line that roff takes as text: one that begins like a request is kept from being one."""
+    """Return a line that roff takes as text, even if it begins like a request."""
     return "\\&" + _plain(text) if text.startswith((".", "'")) else _plain(text)
 
 

@@ -52,8 +52,8 @@ def command(
 ) -> None:  # fmt: skip
     """Rewrite G-code so that this printer prints it right, and predict the error before and after.
 
-    .bgcode and .gcode.3mf work too. Of a FOLDER it is all G-code in it and below that is not mended yet; into another
-    folder (-o) it goes to the same place. An output that exists is written over only with --overwrite.
+    .bgcode and .gcode.3mf work, too. For a FOLDER, all G-code in it and below that is not mended yet is mended. In
+    another folder (-o), each file keeps its place. An output that exists is replaced only with --overwrite.
 
     \b
     Ends with 0  written

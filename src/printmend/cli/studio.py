@@ -110,7 +110,7 @@ def _draw_code(address: str) -> None:
 
 
 def usual_folder() -> Path:
-    """Return where a studio keeps everything: where the system has users' data, or where earlier versions put it."""
+    """Return the studio's folder: in the system's place for user data, or where earlier versions put it."""
     before = Path(click.get_app_dir("printmend")) / "studio"
     if before.is_dir() or sys.platform in ("win32", "darwin"):
         return before

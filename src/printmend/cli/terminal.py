@@ -13,7 +13,7 @@ LANGUAGES = (ENGLISH, GERMAN)
 
 @dataclass
 class Terminal:
-    """What speaks to the user. Mutable: `main` makes it, --lang sets it, and the error that ends all is said in it."""
+    """The user's language. Mutable: `main` makes it, --lang sets it, and the last error needs it."""
 
     language: str = ENGLISH
 

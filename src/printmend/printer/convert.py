@@ -1,4 +1,4 @@
-"""A printer of one's own from the files that its owner has: Klipper's printer.cfg, a slicer's printer profile."""
+"""A printer from its owner's files: Klipper's printer.cfg, or a slicer's printer profile."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -22,9 +22,8 @@ _TOO = say("add-like-too")
 def convert(path: Path, *, like: str | None = None, model: str | None = None) -> tuple[Printer, tuple[str, ...]]:
     """Read a printer from a file of another program; return it, and what could not be taken over, in words.
 
-    ``like`` names the preset whose motors and end stops a slicer's profile gets, which knows neither; ``model`` which
-    printer is meant, where a file has several. The result has passed the checks of a printer's TOML. Raises
-    `ConfigError` for anything else.
+    ``like`` names the preset that gives a slicer's profile its motors and end stops. ``model`` chooses a printer from a
+    file that has several. The result has passed the checks of a printer's TOML. Raises `ConfigError` for anything else.
     """
     if not path.exists() and not path.suffix:  # the name of a preset, misspelt
         read_printer(path)

@@ -1,4 +1,4 @@
-"""How a printer finds home: what decides how far its motors' turns are shifted from one print to the next."""
+"""How a printer finds home, which decides how much its motors' angles shift from print to print."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args

@@ -47,7 +47,7 @@ def parse_klipper(text: str, *, name: str, subject: str) -> Printer:
 
 
 def _limits(config: configparser.RawConfigParser, subject: str) -> MotionLimits:
-    """Return the head's largest speed and acceleration, None where they are not said."""
+    """Return the head's largest speed and acceleration, None where they are missing."""
     try:
         speed, accel = (config.getfloat("printer", key, fallback=None) for key in ("max_velocity", "max_accel"))
     except ValueError as error:
@@ -57,7 +57,7 @@ def _limits(config: configparser.RawConfigParser, subject: str) -> MotionLimits:
 
 
 def _axis(config: configparser.RawConfigParser, name: str, subject: str) -> Axis:
-    """Return one axis, with the rules of Klipper's own reader for what is not said."""
+    """Return one axis; missing keys follow the rules of Klipper's own reader."""
     section = f"stepper_{name}"
     if not config.has_section(section):
         raise ConfigError(subject, wanted=say("section", section), came=say("none"), todo=_TODO)

@@ -1,4 +1,4 @@
-"""Which printer a name means: the words by which slicers and owners call the printers that are made."""
+"""Which printer a name means: the names that slicers and owners give to printers on the market."""
 
 import re
 from functools import cache

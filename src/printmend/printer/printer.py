@@ -53,7 +53,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """What the owner's firmware may do at most, None where nobody said it.
+    """The limits of the owner's firmware, None where unknown.
 
     ``speed_mm_s`` and ``accel_mm_s2`` hold for the head unless a file sets others. ``crossing_mm_s2`` is how fast a
     motor may speed up while it crosses its slack: then it drives nothing but itself.
@@ -66,7 +66,7 @@ class MotionLimits:
 
 @dataclass(frozen=True)
 class Printer:
-    """A machine: three axes, the way its motors move them, and what a test print of our own must know to start.
+    """A machine: three axes, the way its motors move them, and what a test print needs to start.
 
     ``extruder`` says where the filament's motor sits: a Bowden tube needs a longer retraction. ``start_gcode`` are the
     owner's lines that heat, home and level; without any a test print uses plain ones. ``pause_gcode`` is the command

@@ -41,8 +41,8 @@ def is_slicer_profile(text: str) -> bool:
 def profile_of(text: str, *, model: str | None, subject: str, todo: str = "") -> Values:
     """Return the keys of a printer's profile, INI or JSON; of a bundle with several, those of the printer ``model``.
 
-    ``todo`` is what else its owner has to do, should a model have to be named. Raises `ConfigError` where a bundle has
-    several and none is named, or another one, and for a resin printer.
+    ``todo`` is further advice for an error that asks for a model. Raises `ConfigError` for a bundle of several printers
+    without a known ``model``, and for a resin printer.
     """
     values = _json(text, subject) if text.lstrip().startswith("{") else _ini(text, model, subject, todo)
     technology = _first(values, ("printer_technology",)) or "FFF"
@@ -200,7 +200,7 @@ def _bed_mm(values: Mapping[str, Any], subject: str) -> tuple[tuple[float, float
 def _without_margin(
     low_mm: tuple[float, float], high_mm: tuple[float, float]
 ) -> tuple[tuple[tuple[float, float], tuple[float, float]], tuple[str, ...]]:
-    """Return the corners of what the axes reach, and what was supposed, in words.
+    """Return the corners of the axes' reach, and words about what was assumed.
 
     Some profiles leave a margin of the bed out, as 5x5,295x5,…: the head still homes at 0, and there is as much bed at
     the far edge.

@@ -37,7 +37,7 @@ def preset_names() -> tuple[str, ...]:
 
 
 def check_preset(name: str) -> None:
-    """Raise `InputError` for a name that is none of `preset_names`."""
+    """Raise `InputError` for a name that is not in `preset_names`."""
     if name not in preset_names():
         raise InputError("printer", wanted=say("one", ", ".join(preset_names())), came=repr(name), todo=say("correct"))
 
@@ -180,7 +180,7 @@ def _axis(table: Any, name: str, subject: str) -> Axis:
 
 
 def refuse_unknown(table: dict, known: set[str], subject: str, section: str) -> None:
-    """Raise `ConfigError` for a key of a table that is none of the ``known`` ones."""
+    """Raise `ConfigError` for a key of a table that is not ``known``."""
     if unknown := sorted(set(table) - known):
         raise ConfigError(
             subject,

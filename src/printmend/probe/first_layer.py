@@ -1,4 +1,5 @@
-"""The first layer of a part as a print of its own: a few minutes and grams, and a scan of it teaches what is needed."""
+"""The first layer of a part as a print of its own. It takes minutes and grams, and a scan of it is enough to learn
+from."""
 
 import re
 
@@ -11,7 +12,7 @@ from printmend.gcode.read import Program
 from printmend.messages import say
 from printmend.provenance import sealed_test_print
 
-STANDS_IN = "ender3"  # where nobody said which printer: walls do not depend on it, only their history does
+STANDS_IN = "ender3"  # stands in for an unknown printer: walls do not depend on it, only their history does
 _HEAD = b"; printmend first layer: of a part, to be printed unmended, scanned and measured"
 _ENDING = """\
 ; printmend: the rest of the part is left out
@@ -28,8 +29,8 @@ _CONFIG = re.compile(rb"^; (?:gcode_flavor|printer_model|printer_settings_id|fil
 def first_layer(program: Program) -> bytes:
     """Return the G-code of a file up to the end of its first layer, with the heaters switched off after it.
 
-    What the slicer noted of printer and firmware is kept. A comment at its head
-    says what it is (`gcode.mark`). Raises `GcodeError` for a file that prints nothing, and for a test print of ours.
+    The slicer's notes about printer and firmware are kept. A comment at the top marks the file (`gcode.mark`). Raises
+    `GcodeError` for a file that prints nothing, and for a test print of printmend's.
     """
     if (kind := find_test_print(program.text[:HINT_BYTES].tobytes())) is not None:
         raise GcodeError(

@@ -15,13 +15,14 @@ BEAD_MM = 0.8  # a bead's width
 PAPER_MM = 0.1  # a sheet of 80 g/m²
 FILAMENT_MM, PLA_G_PER_MM3 = 1.75, 1.24e-3
 TRAVEL_MM_S, PURGE_MM_S, LIFT_MM_S, EXTRUDE_MM_S = 120.0, 20.0, 10.0, 2.0
-# A dot uses 0.1 mm of filament: a longer retraction would chew each piece of it too often, a shorter one strings. The
-# tube of a Bowden printer gives way by a millimetre or two before the nozzle feels anything.
+# A dot uses 0.1 mm of filament. A longer retraction would grind each piece of it too often; a shorter one strings. A
+# Bowden tube gives way by a millimetre or two before the pressure at the nozzle changes.
 RETRACT_MM: dict[Extruder, float] = {"direct": 0.6, "bowden": 2.5}
 RETRACT_MM_S = 30.0
 # Threads of a net are thin and low; the dots of a net are made from higher up, so that they have room around them.
 THREAD_MM, FRAME_BEAD_MM, NET_LAYER_MM, NET_DOT_Z_MM, NET_MM_S = 0.4, 0.8, 0.16, 0.3, 25.0
-# The last way-point before a dot is left slowly: fast arms coast through the play of a belt, printing ones do not.
+# The nozzle leaves the last way-point before a dot slowly: a fast axis coasts through the play of its belt, a printing
+# one does not.
 APPROACH_MM_S = 20.0
 MOVING_MM_S, MOVING_BEAD_MM = 50.0, 0.6  # of the lines at speed: as parts are printed
 ACCELERATION_MM_S2, LIFT_ACCELERATION_MM_S2 = 500.0, 100.0

@@ -1,9 +1,8 @@
-"""How much marks tell about a machine: the covariance of its effects' sizes, before anything is measured.
+"""The information of marks about a machine: the covariance of its effects' sizes, known before anything is measured.
 
-With the contacts of the play known every effect is linear: a mark measured with noise σ whose row of columns is φ adds
-φφᵀ/σ² to the inverse covariance of the sizes, whatever the measurement will say. So the worth of marks can be told
-beforehand: for a part whose positions have the mean square D of their columns, the mean square error to expect is
-tr(C·D) (physics.md eq. 21).
+With known contacts of the play, every effect is linear. A mark with the columns φ and noise σ adds φφᵀ/σ² to the
+inverse covariance of the sizes, whatever its reading. So the worth of marks is known beforehand: if the columns at a
+part's positions have the mean square D, the expected mean square error is tr(C·D) (physics.md eq. 21).
 """
 
 from collections.abc import Callable
@@ -22,18 +21,18 @@ from printmend.measure.follows import check_follows, check_trace
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 
-# Effects that a test print is to show: those that act, and of which the place on the bed is all that counts
+# Effects that a test print must show: those that act and depend on the place on the bed alone
 WANTED = ("place", "scale", "bend", "pulley", "play", "breathing", "friction", "elastic", "skew", "aspect", "bent")
 NOISE_MM = 0.05  # of a coordinate that is expected of an owner's measurement
 LEAST_NOISE_MM = 0.01  # no scan is better
-PLAY_MM = 0.3  # what a printer with a fault is thought to have before anything was measured
-LEAST_PLAY_MM = 0.02  # a taut belt is told from which side it is pushed, too
+PLAY_MM = 0.3  # prior of a printer with a fault
+LEAST_PLAY_MM = 0.02  # a taut belt is given a direction of contact, too
 
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What is known of a printer: ``covariance`` [P, P] mm² of the sizes of its effects, ``terms``, beside a
-    ``mechanism`` that decides the contacts; ``sigma_mm`` is the noise of a measured coordinate."""
+    """What is known about a printer: the ``covariance`` [P, P] mm² of the sizes of its effects (``terms``), and a
+    ``mechanism`` that decides the contacts. ``sigma_mm`` is the noise of a measured coordinate."""
 
     scene: Scene
     mechanism: Mechanism
@@ -80,7 +79,7 @@ class Belief:
         return np.asarray(columns.T @ columns / len(waypoints_mm))
 
     def expected_mm(self, wanted: np.ndarray) -> float:
-        """Return the RMS distance that a part with this D will be off because the machine is not known better."""
+        """Return the expected RMS error of a part with this D, from the uncertainty about the machine [mm]."""
         return float(np.sqrt(max(float((self.covariance * wanted).sum()), 0.0)))
 
 
@@ -92,7 +91,7 @@ def _bed_scene(printer: Printer) -> Scene:
 
 
 def prior_belief(printer: Printer) -> Belief:
-    """Return what is known of any damaged printer: what effects may be, and some play."""
+    """Return the belief about any damaged printer: the priors of effects, and some play."""
     scene = _bed_scene(printer)
     mechanism, _ = machine_of(scene, [Sized("play", motor, (), np.array([PLAY_MM])) for motor in range(2)])
     terms = _terms(scene)
@@ -101,9 +100,9 @@ def prior_belief(printer: Printer) -> Belief:
 
 
 def belief_after(printer: Printer, trace: Trace) -> Belief:
-    """Return what is known after a first trace: its information on top of what the effects that it shows may be.
+    """Return the belief after a first trace: its information on top of the priors of the effects found.
 
-    Effects that it does not show may be there as far as their mildest size. Raises `TraceError` like `learn`.
+    An effect that it does not show keeps the prior of its mildest term. Raises `TraceError` like `learn`.
     """
     check_trace(trace)
     check_follows(trace, printer)
@@ -135,7 +134,7 @@ Worth = Callable[[Belief, np.ndarray], float]
 
 
 def fall_of(wanted: np.ndarray) -> Worth:
-    """Return the worth of marks for a part with this D: by how much its expected square error falls [mm²]."""
+    """Return the worth of marks for a part with this D: the fall of its expected square error [mm²]."""
 
     def worth(belief: Belief, columns: np.ndarray) -> float:
         reach = columns @ belief.covariance
@@ -146,7 +145,7 @@ def fall_of(wanted: np.ndarray) -> Worth:
 
 
 def information(belief: Belief, columns: np.ndarray) -> float:
-    """Return the worth of marks to the curious: the information ½ log det(I + ΦCΦᵀ/σ²) that they bring [nats]."""
+    """Return the information of marks, ½ log det(I + ΦCΦᵀ/σ²) [nats]."""
     seen = columns @ belief.covariance @ columns.T / belief.sigma_mm**2
     return 0.5 * float(np.linalg.slogdet(np.eye(len(columns)) + seen)[1])
 

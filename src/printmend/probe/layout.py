@@ -1,4 +1,4 @@
-"""Where the marks of a probe print lie and which are large.
+"""The places of a probe's marks.
 
 The marks fill a square lattice that is turned against the motors' axes by an angle with an irrational tangent, so
 that their positions fall evenly on every angle of every pulley. One half of the lattice (i + j even) is visited
@@ -19,7 +19,7 @@ ROW_ANGLE_RAD = float(np.arctan(2.0 / (1.0 + np.sqrt(5.0))))
 EDGE_MM = 4.0  # the nozzle comes no nearer to the edge of the bed
 RUN_IN_MM = 9.0  # motion before the first mark of a row: takes up any play of the axes below 4.7 mm
 MARKS = 600  # of a whole test print
-MIN_PITCH_MM = 5.5  # nearer dots could touch on a printer that is off by millimetres
+MIN_PITCH_MM = 5.5  # closer dots could touch on a printer with errors of millimetres
 LEAST_AREA_MM = 30.0  # side of the smallest area of marks: three quarters of a turn of the usual pulley
 AROUND_PART_MM, TURNS_FOR_PART = 5.0, 1.5
 GLASS_EDGE_MM = 8.0  # between the outermost marks and the edge of a scanner's glass or of a sheet of paper

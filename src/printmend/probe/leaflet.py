@@ -1,4 +1,4 @@
-"""One page in an owner's words beside every test print: what comes out, where home is, how to lay it on the scanner."""
+"""The page of instructions beside every test print: what it prints, where home is, how to lay it on the scanner."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -41,12 +41,12 @@ def leaflet_of(gcode: Path) -> Path:
 
 
 def pen_and_paper(plan: ProbePlan) -> str:
-    """Say what a drawing uses."""
+    """Return what a drawing needs."""
     return say_count("pen-and-paper", len(plan.sheets))
 
 
 def weight(grams: float) -> str:
-    """Say what filament weighs, a small test print's, too."""
+    """Return a mass in grams with enough digits for a small test print."""
     return f"{grams:.{1 if grams >= 0.1 else 2}f} g"
 
 
@@ -127,8 +127,8 @@ def write_layer_leaflet(
 ) -> Path:  # fmt: skip
     """Write the page of a part's first layer; return its path. Without a printer only the part is drawn.
 
-    ``walls`` are those of the layer: what is no part of them (a skirt, a purge line) is drawn paler. None where OpenCV,
-    which finds them, is not installed.
+    ``walls`` are those of the layer; other lines (a skirt, a purge line) are drawn paler. None if OpenCV, which finds
+    them, is not installed.
     """
     moves = straightened(part.moves, CHORD_MM)
     drawn = np.flatnonzero(moves.extruding & (moves.layer >= 0) & moves.known[:, :2].all(axis=1))

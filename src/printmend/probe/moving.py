@@ -1,7 +1,7 @@
-"""Lines and corners at the speed of parts, after the dots: only a moving head shows how far it strays.
+"""Lines and corners at printing speed, after the dots: only a moving head shows its errors of motion.
 
-Marks are printed at rest, where ringing has died away. So a battlement runs along the back of the dots and another
-along their right side: long legs along X, each just after Y came to rest, and long legs along Y, just after X did.
+Marks are printed at rest, after ringing has died away. So a battlement of lines runs along the back of the dots and
+another along their right side. Each long leg along X follows a stop of Y, and each along Y a stop of X.
 """
 
 from dataclasses import replace

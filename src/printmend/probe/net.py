@@ -1,8 +1,8 @@
 """A thin net under the dots of a plate, so that they come off it as one sheet.
 
 It is drawn before the dots: a frame around them, and a thread along every row of the lattice, so that each dot sits on
-one and each thread crosses others. The dots are then made as without it, coming to each through the air: what tells of
-the machine is the dot alone, which is wider than the thread and stands higher.
+one and each thread crosses others. The dots then follow as without a net, with moves through the air. Only the dots are
+measured; they are wider and higher than the threads.
 """
 
 from dataclasses import replace

@@ -36,7 +36,7 @@ class Paper:
 
     @property
     def name(self) -> str:
-        """What it is called, and which way round it lies."""
+        """Its name and orientation."""
         short, long = sorted(self.size_mm)
         known = next((name for size, name in NAMES.items() if np.allclose(size, (short, long))), None)
         if known is None:
@@ -45,13 +45,13 @@ class Paper:
 
     @property
     def place(self) -> str:
-        """Where its corner goes, and what hangs over."""
+        """Where its corner goes, and how far it hangs over."""
         corner = say("paper-corner", f"{self.low_mm[0]:.0f}", f"{self.low_mm[1]:.0f}")
         return say("paper-hangs-over", corner, f"{self.back_mm:.0f}") if self.back_mm > 0.5 else corner
 
 
 def paper_for(glass_mm: tuple[float, float]) -> tuple[float, float]:
-    """Return the sheet [mm] that goes onto a scanner's glass: A4 or letter where it is made for one, else all of it."""
+    """Return the sheet [mm] for a scanner's glass: A4 or letter if the glass is made for one, else its whole size."""
     for sheet in NAMES:
         if all(0 <= glass - side <= SPARE_MM for glass, side in zip(glass_mm, sheet, strict=True)):
             return sheet
@@ -59,7 +59,8 @@ def paper_for(glass_mm: tuple[float, float]) -> tuple[float, float]:
 
 
 def papers_of(plan: ProbePlan, printer: Printer, paper_mm: tuple[float, float]) -> tuple[Paper, ...]:
-    """Return where each sheet of a plan goes: upright or lying, as its dots fit, and on the bed as far as it can be.
+    """Return where each sheet of a plan goes: upright or lying, whichever its dots fit, with as much of it on the bed
+    as possible.
 
     Raises `ConfigError` for dots that a sheet cannot hold.
     """

@@ -1,7 +1,7 @@
 """A probe drawn with a pen in a clip on the tool head: no heat, no plastic, a sheet of paper on the bed.
 
-A dot is where the pen comes down; it is as large as the pen's tip. A large dot is a small circle drawn around one: it
-says which mark is which, but where its middle lies depends on the play, so it is not measured.
+The pen comes down for a dot, which is as large as the pen's tip. A large dot is a small circle around one. It shows
+which mark is which, but is not measured, because its middle depends on the play.
 """
 
 from dataclasses import replace
@@ -47,10 +47,10 @@ def with_pen(plan: ProbePlan) -> ProbePlan:
 def pen_gcode(plan: ProbePlan, paper: Paper | None = None, *, sheet: str = "", pause_gcode: str = PAUSE) -> str:
     """Return the file that draws ``plan``: every way-point is the end of one G0 or G1, in order.
 
-    It waits where the pen touches first: there ``paper`` is laid under its tip, which sits beside the nozzle by what
-    nobody knows. The first that it draws there is a guided dot: the pen dabs while its owner sets the height in
-    baby-steps, which firmwares take while they move, and which Klipper takes back at the end of a pause. ``sheet``
-    says which of several sheets it is; ``pause_gcode`` is the printer's.
+    It waits at the first touch point, so that the owner can lay ``paper`` under the pen, whose offset from the nozzle
+    is unknown. There it draws a guided dot: the pen dabs while the owner sets the height in baby-steps. Firmwares
+    accept them during moves; Klipper would take them back at the end of a pause. ``sheet`` says which of several sheets
+    it is; ``pause_gcode`` is the printer's.
     """
     name, place = "a sheet", "Shift the paper until all dots will lie on it; tape it"
     if paper is not None:

@@ -44,9 +44,9 @@ def design_probe(
     ``glass_mm`` keeps them within what a scanner's glass of this size, or a sheet of paper, shows.
 
     ``fixed`` is the pattern of physics.md §5 where the part is printed; ``layer`` follows the part's longest layer;
-    ``optimal`` chooses the marks that let the part's expected error fall most, ``active`` those that bring most
-    information; both may start from what the trace ``after`` told. Raises `ConfigError` where the bed is too small,
-    `GcodeError` for a part that extrudes nothing or whose layer is too small.
+    ``optimal`` chooses the marks that reduce the part's expected error most, ``active`` those with most information;
+    both may start from the trace ``after``. Raises `ConfigError` where the bed is too small, `GcodeError` for a part
+    that extrudes nothing or whose layer is too small.
     """
     if design == "layer":
         if part is None:
@@ -72,7 +72,7 @@ def design_probe(
 def expected_error_mm(
     printer: Printer, plan: ProbePlan, *, part: Program | None = None, after: Trace | None = None
 ) -> float:
-    """Return the RMS error of a part (of any place on the bed without one) to expect after measuring the marks."""
+    """Return the expected RMS error of a part after measuring the marks; without a part, of any place on the bed."""
     belief = prior_belief(printer) if after is None else belief_after(printer, after)
     wanted = belief.wanted(targets_mm(printer, part))
     return belief.told(belief.columns(plan.waypoints_mm, plan.rows)).expected_mm(wanted)
@@ -113,7 +113,7 @@ def _printed_mm(part: Program) -> np.ndarray:
 
 
 def phase_size_mm(printer: Printer) -> float:
-    """Return the side of the square that shows a turn of both motors, as far as the bed has room for it."""
+    """Return the side of the square that shows one turn of both motors, limited by the bed."""
     low, high = mark_area_mm(printer)
     return float(min(PHASE_TURNS * max(printer.x.mm_per_turn, printer.y.mm_per_turn), (high - low).max()))
 
@@ -158,7 +158,7 @@ def gcode_of(path: Path, plan: ProbePlan) -> list[Path]:
 
 
 def keep_plan(path: Path, plan: ProbePlan) -> None:
-    """Raise `InputError` where ``path`` holds another plan: perhaps that of the plate that is on the bed."""
+    """Raise `InputError` where ``path`` holds another plan: it may belong to the plate on the bed."""
     todo = say("write-again-printmend-probe")
     if path.exists() and read_text(path, wanted=say("probe-json"), todo=todo) != plan_text(plan):
         raise InputError(

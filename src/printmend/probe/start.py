@@ -1,4 +1,4 @@
-"""How a test print starts: as its owner's own prints do, and at a home position that the plan can rely on."""
+"""The start of a test print: the owner's own start code, ending at a home position that the plan relies on."""
 
 import re
 from pathlib import Path
@@ -16,7 +16,7 @@ _FIRST_LAYER = re.compile(
 _HOME = re.compile(r"^\s*G0*28\b", re.IGNORECASE)
 _MOVE_XY = re.compile(r"^\s*G0*[0-3]\b[^;]*\b[XY]", re.IGNORECASE)
 _LEVELLED = re.compile(r"^\s*(G0*29\b|M0*420\b|G0*80\b)", re.IGNORECASE)
-# What tells of the part or of the printer that a file was sliced for, and of no other print or printer.
+# Lines about the sliced part or its printer, which fit no other print or printer.
 _OF_THE_PART = re.compile(r"^\s*(M0*486|M0*73|M0*555|EXCLUDE_OBJECT\w*|SET_PRINT_STATS_INFO)\b", re.IGNORECASE)
 _CHECK = re.compile(r"^\s*M0*862\.(\d+)\b(?:.*?\bP\s*\"([^\"]+)\")?", re.IGNORECASE)
 _AREA = re.compile(r"^\s*G0*29\b.*[XY]-?\d", re.IGNORECASE)
@@ -27,7 +27,7 @@ _MOST_LINES, MOST_PURGE = 1000, 40  # commands of a start, and how many of them 
 
 
 def start_from(path: Path, printer: Printer) -> tuple[str, tuple[str, ...]]:
-    """Return the lines with which a sliced file starts, as they fit ``printer``, and in words which were left out.
+    """Return the start lines of a sliced file that fit ``printer``, and words about those left out.
 
     These are all before its first layer, without comments; where no comment says where that begins, all before the
     moves that lead to its first printed line. Raises `GcodeError` where no first layer begins within the first thousand
@@ -42,7 +42,7 @@ def start_from(path: Path, printer: Printer) -> tuple[str, tuple[str, ...]]:
             if _PRINTS.match(code):
                 printing.append(len(lines))
             lines.append(code)
-        if len(printing) > MOST_PURGE:  # no purge line is as long: nothing said that the part had begun
+        if len(printing) > MOST_PURGE:  # no purge line is as long, so the part has begun without a comment
             lines = _before_moves(lines[: printing[0]])
             break
         if len(lines) > _MOST_LINES:
@@ -109,8 +109,8 @@ def _fitting(lines: list[str], printer: Printer) -> tuple[list[str], tuple[str, 
 def homed_start(text: str, *, subject: str) -> str:
     """Return start code that ends at the home position of X and Y, where the plan's motion begins.
 
-    Where it moves X or Y after homing (a purge line), it homes X and Y again at its end, and switches the levelling
-    back on that it had made: Marlin forgets it when homing. Raises `GcodeError` for start code that never homes.
+    If it moves X or Y after homing (a purge line), it homes X and Y again at its end. It then switches bed levelling on
+    again, which Marlin drops when homing. Raises `GcodeError` for start code that never homes.
     """
     lines = text.splitlines()
     homes = [number for number, line in enumerate(lines) if _HOME.match(line)]

@@ -1,4 +1,4 @@
-"""Test prints that are chosen by gain: add the tile of marks that teaches most for its printing time.
+"""Test prints chosen by gain: add the tile of marks with the most gain for its printing time.
 
 A tile is a square block of the lattice of marks. It is printed along both diagonals of its cells, to and fro, straight
 or with shrinking reversals, and must touch a tile that was chosen before, so that a scanner finds one whole lattice.
@@ -45,7 +45,7 @@ def chosen_plans(
 ) -> Iterator[ProbePlan]:
     """Choose up to ``marks`` marks within an area by ``worth`` a mark; yield a plan for each of several pitches.
 
-    ``worth(belief, columns)`` says what a segment with these columns teaches.
+    ``worth(belief, columns)`` returns the gain of a segment with these columns.
     """
     for pitch_mm in _pitches(area_mm, marks):
         grid = grid_of(printer, *area_mm, pitch_mm)

@@ -1,4 +1,5 @@
-"""A small tower for what no flat print shows: the Z screw. Its G-code, and the table that its owner fills in."""
+"""A small tower that shows the Z screw, which no flat print shows: its G-code, and the table for the owner to fill
+in."""
 
 import itertools
 import math

@@ -29,7 +29,7 @@ from printmend.report.part import before_and_after
 
 SUFFIXES = (".html", ".htm", ".pdf")
 MOST_ARROWS = 1200  # in a picture
-LEAST_ADVICE_MM = 0.01  # a fault that shifts a print by less is not worth a paragraph
+LEAST_ADVICE_MM = 0.01  # a fault with a smaller effect gets no paragraph
 URGENCY = {
     "repair": say("urgency-repair"), "soon": say("urgency-soon"), "software": say("urgency-software"),
 }  # fmt: skip
@@ -42,8 +42,8 @@ AFTER_WORK = say("after-work")
 class Examination:
     """A trace's fit with all that its report shows; ``part`` and ``prediction`` where a part was given.
 
-    ``finer`` is the number of faults too small to be shown, ``misfit`` says what does not fit. ``expected`` is what a
-    mended copy of the test print should be like.
+    ``finer`` is the number of faults too small to show. ``misfit`` holds the findings that the model does not fit.
+    ``expected`` is the promise for a mended copy of the test print.
     """
 
     saved: SavedModel
@@ -67,32 +67,32 @@ class Examination:
 
     @property
     def is_healthy(self) -> bool:
-        """Whether nothing is to be done: a note, as of a plate that lay shifted, is of the measurement."""
+        """Whether there is nothing to do. Notes concern the measurement, such as a plate that lay shifted."""
         return not (self.advice or any(not each.startswith(f"{NOTE}: ") for each in self.misfit))
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """Why nothing is mended by this measurement: it comes before all that was learned from it."""
+        """The refusals: why this measurement mends nothing. They come before all findings."""
         return tuple(each for each in self.misfit if each.startswith(f"{REFUSAL}: "))
 
     @property
     def doubted(self) -> tuple[str, ...]:
-        """What else does not fit."""
+        """The other findings that the model does not fit."""
         return tuple(each for each in self.misfit if each not in self.refused)
 
     @property
     def gaps(self) -> tuple[str, ...]:
-        """What the trace could not tell, a sentence each."""
+        """What the trace did not show, a sentence each."""
         return self.saved.findings[1:]
 
     @property
     def before_rms_mm(self) -> float:
-        """How far the test print's points typically lie from where they belong."""
+        """RMS error of the test print's points [mm]."""
         return float(self.saved.document["trace"]["residual_before_mm"])
 
     @property
     def after_rms_mm(self) -> float:
-        """How much of that nothing explains."""
+        """RMS of the unexplained part [mm]."""
         return float(self.saved.document["trace"]["residual_after_mm"])
 
     @property
@@ -117,8 +117,8 @@ def check_name(path: Path) -> None:
 def examine(
     trace: Trace, printer: Printer, *, part: Path | None = None, filament: str | None = None, rng: np.random.Generator
 ) -> Examination:
-    """Learn a machine from a trace and say all that is known of it; ``part`` is G-code whose error is predicted,
-    ``filament`` what the measured part was printed in.
+    """Learn a machine from a trace and gather everything that its report shows. ``part`` is G-code whose error is
+    predicted, ``filament`` the material of the measured part.
 
     Raises `TraceError` like `learn`, `GcodeError` or `ModelError` for a part that cannot be printed here.
     """

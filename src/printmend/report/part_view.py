@@ -1,4 +1,4 @@
-"""What an owner looks at before printing: does it stay on the bed, where are seams, how does it look.
+"""What an owner checks before printing: does the part stay on the bed, where are seams, how does it look?
 
 Both files are read again, and one layer is printed by the model, as it is and mended.
 """
@@ -18,13 +18,13 @@ from printmend.machine.printing import print_from_home
 MOST_BYTES = 80_000_000  # of a file that is read again whole
 _PITCH_MM = 0.4  # of path between two places that are drawn
 _CHORD_MM = 0.002  # how far an arc's chords may lie from it
-_SEAM_MM = 1.5  # a move without plastic amid a path that is shorter takes up slack
-_BEFORE = 400  # moves that are printed before a layer, so that its play is engaged
+_SEAM_MM = 1.5  # a shorter move without plastic amid a path takes up slack
+_BEFORE = 400  # moves printed before a layer, so that its play is engaged
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnLayer:
-    """A layer's beads, ``lines`` [K] of [N, 2] mm as printed, and how far each lies from where it belongs [K] mm."""
+    """A layer's beads, ``lines`` [K] of [N, 2] mm as printed, and the error of each [K] mm."""
 
     lines: Sequence[np.ndarray]
     off_mm: np.ndarray
@@ -34,8 +34,8 @@ class DrawnLayer:
 class PartView:
     """The mended file beside the one it was made from.
 
-    ``low_mm`` and ``high_mm`` [2] are the corners of all that the head is told to do. ``layer`` (from 0) is
-    the one drawn, ``seams_mm`` [K, 2] where the nozzle is when it stops in it while a belt turns back.
+    ``low_mm`` and ``high_mm`` [2] are the corners of all commanded moves. ``layer`` (from 0) is the one drawn;
+    ``seams_mm`` [K, 2] are the places in it where the nozzle stops while a belt turns back.
     """
 
     low_mm: np.ndarray
@@ -53,15 +53,15 @@ def look_at(
     """Return the view of a mended file; None for one that is too large, or has no layer to show that
     both files count alike.
 
-    ``shift_mm`` is by how much all of the unmended print lies beside its place, where nobody knows that place and the
-    figures leave it out; the drawing leaves it out, too.
+    ``shift_mm`` is the shift of the whole unmended print that the figures leave out, because its place on the bed is
+    unknown; the drawing leaves it out, too.
     """
     if max(source.stat().st_size, output.stat().st_size) > MOST_BYTES:
         return None
     printer = mechanism.printer
     wanted, given = (straightened(read_gcode(path, printer=printer).moves, _CHORD_MM) for path in (source, output))
     if wanted.layer.max(initial=-1) != given.layer.max(initial=-1):
-        return None  # a bad screw's heights, or a rising path: the same number is not the same layer
+        return None  # with a bad screw or a rising path the two files count layers differently
     told = given.known[:, :2].all(axis=1)
     drawn = wanted.extruding & wanted.known[:, :2].all(axis=1) & (wanted.layer >= 0)
     if not drawn.any() or not told.any():
@@ -88,8 +88,8 @@ def _fullest(moves: Moves, drawn: np.ndarray) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Walk:
-    """A layer's moves as the learned machine goes them: ``of`` [N] is the move of each place, ``places`` [N, 3] where
-    the file tells it to be and ``printed_mm`` [N, 2] where it is."""
+    """A layer's moves on the learned machine: ``of`` [N] is the move of each place, ``places`` [N, 3] its commanded and
+    ``printed_mm`` [N, 2] its printed position."""
 
     of: np.ndarray
     places: np.ndarray
@@ -112,7 +112,7 @@ def _walked(moves: Moves, layer: int, mechanism: Mechanism) -> _Walk:
 def _printed(
     moves: Moves, layer: int, walk: _Walk, wanted: shapely.STRtree, shift_mm: tuple[float, float] = (0.0, 0.0)
 ) -> DrawnLayer:
-    """Measure how far a layer lies from the wanted lines, as it was printed, less a shift of all of it."""
+    """Measure a printed layer's distance from the wanted lines, without the common shift."""
     if not len(walk.of):
         return DrawnLayer([], np.zeros(0))
     printed = walk.printed_mm - np.array(shift_mm)
@@ -127,7 +127,7 @@ def _printed(
 
 
 def _new_seams(wanted: Moves, given: Moves, layer: int, walk: _Walk) -> np.ndarray:
-    """Return the stops in a layer [K, 2] that mending brought, where they are printed: a slicer writes some, too."""
+    """Return the printed places [K, 2] of the stops that mending added to a layer; some slicers write stops, too."""
     old, stops = wanted.start_mm[_stops(wanted, layer), :2], _stops(given, layer)
     new = walk.printed_mm[np.searchsorted(walk.of, stops) - 1] if len(stops) else np.empty((0, 2))
     if not len(old) or not len(new):

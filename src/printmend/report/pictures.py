@@ -20,8 +20,8 @@ from printmend.report.examination import Examination
 from printmend.report.part_view import DrawnLayer, PartView
 
 MOST_POINTS = 3000  # of a curve
-_EVEN_MM = 0.02  # play that varies by less along the axis is a number, not a picture
-_FINEST_MM = 0.005  # a smaller error is not worth half of the colours
+_EVEN_MM = 0.02  # play that varies less along the axis is stated as a number
+_FINEST_MM = 0.005  # half of the colours are for errors of at least this
 
 
 def pictures(examination: Examination, tell: Tell) -> list[Pictures]:
