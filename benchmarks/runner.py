@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from printmend.cli.progress import progress
+from printmend.cli.output import progress
 from printmend.executor import WorkerDied, executor
 
 Case = tuple[Any, ...]

@@ -28,7 +28,7 @@ from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
 from printmend.measure.table import write_trace
 from printmend.printer import read_printer
-from printmend.printer.homing import SWITCHES
+from printmend.printer.printer import SWITCHES
 from printmend.probe import PHASE_MARKS, design_probe, phase_size_mm, write_probe
 from printmend.twin import Twin
 from printmend.twin.scanner import CLEAN, render_scan

@@ -23,11 +23,11 @@ def command(source: Path, model_path: Path, filament: str | None, against: Path 
     """Predict how far PART.gcode will be off on this printer, as it is and mended. Writes nothing."""
     import json
 
-    from printmend.cli.mend_output import progress
+    from printmend.cli.output import file_progress
     from printmend.mend import check_gcode
 
     model = read_model_in(model_path, filament)
-    with progress(source) as tick:
+    with file_progress(source) as tick:
         prediction = check_gcode(source, model, progress=tick)
     if against is not None:
         from printmend.mend.against import judged

@@ -24,7 +24,7 @@ def command(trace: Path, printer_name: str, report: Path, part: Path | None, fil
     """Say what is wrong with a printer and how sure that is, what to replace or tighten, and what mending corrects."""
     import numpy as np
 
-    from printmend.cli.outputs import spare
+    from printmend.cli.output import spare
     from printmend.extras import require
     from printmend.filament import check_name as check_filament
     from printmend.measure import read_trace

@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 
 from printmend.cli.model import ModelType
-from printmend.cli.number import Finite
 from printmend.cli.terminal import echo
+from printmend.cli.usage import Finite
 from printmend.messages import is_one_of, say
 
 
@@ -45,7 +45,7 @@ def command(
     SCAN shows the part's underside, as for `measure --gcode`. The slicer corrects line width, holes and shrinkage;
     mending corrects the machine.
     """
-    from printmend.cli.outputs import spare
+    from printmend.cli.output import spare
     from printmend.extras import require
     from printmend.filament import check_name
     from printmend.fit import write_profiles

@@ -22,7 +22,7 @@ def command(model_path: Path, picture: Path | None, refitted: tuple[str, ...], a
 
     The history lies beside the model, printer.mend.history.jsonl: `learn`, `learn --update` and `verify` add to it.
     """
-    from printmend.cli.outputs import spare
+    from printmend.cli.output import spare
     from printmend.extras import require
     from printmend.mend.history import history_of, read_history, rows_of, trends_of
 

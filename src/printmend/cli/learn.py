@@ -63,7 +63,7 @@ def command(
     """
     import numpy as np
 
-    from printmend.cli.outputs import spare
+    from printmend.cli.output import spare
     from printmend.errors import of_file
     from printmend.filament import check_name
     from printmend.learn.learned import report

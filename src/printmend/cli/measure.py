@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from printmend.cli.number import Finite
 from printmend.cli.terminal import echo, spoken
+from printmend.cli.usage import Finite
 from printmend.messages import say
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def command(
     --first-layer`): its outlines are matched with the path that the file commands. A photo of it on the reference sheet
     serves as well.
     """
-    from printmend.cli.outputs import spare
+    from printmend.cli.output import spare
     from printmend.extras import require
     from printmend.filament import check_name
 

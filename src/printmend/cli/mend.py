@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import click
 
 from printmend.cli.model import ModelType, read_model_in
-from printmend.cli.number import Finite, Percent
-from printmend.cli.outcome import tell
+from printmend.cli.output import tell
 from printmend.cli.terminal import echo, language
+from printmend.cli.usage import Finite, Percent
 from printmend.messages import say
 
 if TYPE_CHECKING:
@@ -80,8 +80,7 @@ def _mend_one(
     report: Path | None, force: bool, fineness: "Fineness", quiet: bool,
 ) -> None:  # fmt: skip
     """Mend one file and say what came of it."""
-    from printmend.cli.mend_output import output_path, progress
-    from printmend.cli.outputs import spare
+    from printmend.cli.output import file_progress, output_path, spare
     from printmend.mend import mend_gcode
     from printmend.mend.many import refuse_overwriting
     from printmend.report.part import check_report_name, write_report
@@ -92,7 +91,7 @@ def _mend_one(
     if not overwrite:
         refuse_overwriting(target, source)
     model = read_model_in(model_path, filament)
-    with progress(source) as tick:
+    with file_progress(source) as tick:
         done = mend_gcode(source, model, target, force=force, fineness=fineness, progress=tick)
     if report is not None:
         write_report(

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from printmend.cli.number import Finite
 from printmend.cli.terminal import echo, language
+from printmend.cli.usage import Finite
 from printmend.messages import say, together
 from printmend.units import A4_MM, LETTER_MM
 
@@ -90,7 +90,7 @@ def command(
         return
     import numpy as np
 
-    from printmend.cli.outputs import spare
+    from printmend.cli.output import spare
     from printmend.extras import require
     from printmend.gcode.read import read_gcode
     from printmend.measure.table import read_trace
@@ -213,7 +213,7 @@ def _unseen(printer: "Printer", plan: "ProbePlan") -> str:
 
 
 def _write_first_layer(part: Path, output: Path, printer_name: str | None) -> None:
-    from printmend.cli.outputs import spare
+    from printmend.cli.output import spare
     from printmend.files import replacing
     from printmend.gcode.read import read_gcode
     from printmend.printer import read_printer

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from printmend.cli.number import Finite
 from printmend.cli.terminal import echo
+from printmend.cli.usage import Finite
 from printmend.messages import say
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def command(
     """Print FILE.gcode on a twin with this fault, measure what came out, write it as a trace.csv."""
     import numpy as np
 
-    from printmend.cli.outputs import spare
+    from printmend.cli.output import spare
     from printmend.corruption import corruption_of
     from printmend.extras import require
     from printmend.gcode.container import HINT_BYTES

@@ -1,8 +1,28 @@
-"""What is wrong with a command line, as a message: click's own texts are English only."""
+"""Numbers that a user types, and mistakes on a command line as messages (click has its own in English only)."""
+
+import math
+from typing import Any
 
 import click
 
 from printmend.messages import Said, say, together
+
+
+class Finite(click.FloatRange):
+    """A range of real numbers; nan, which no comparison excludes, is none of them."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(say("usage-real"), param, ctx)
+        return number
+
+
+class Percent(Finite):
+    """A share as a percentage, with its sign or without: `5%` is 0.05."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        return super().convert(str(value).strip().removesuffix("%"), param, ctx) / 100.0
 
 
 def usage_words(error: click.ClickException) -> str:

@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 
 from printmend.cli.model import ModelType
-from printmend.cli.number import Finite
 from printmend.cli.terminal import echo
+from printmend.cli.usage import Finite
 from printmend.messages import say
 
 
@@ -41,7 +41,7 @@ def command(
     3, a measurement too coarse to tell with 0. With --filament, mend the check print with it if the model knows it, and
     without it if not.
     """
-    from printmend.cli.outputs import spare
+    from printmend.cli.output import spare
     from printmend.errors import RefusedError, of_file
     from printmend.extras import require
     from printmend.filament import check_name

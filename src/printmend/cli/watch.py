@@ -6,9 +6,9 @@ from pathlib import Path
 import click
 
 from printmend.cli.model import ModelType
-from printmend.cli.number import Finite
-from printmend.cli.outcome import tell
+from printmend.cli.output import tell
 from printmend.cli.terminal import echo
+from printmend.cli.usage import Finite
 from printmend.messages import say, together
 
 

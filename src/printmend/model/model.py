@@ -26,7 +26,7 @@ from printmend.model.screw import parse_screw, parse_series, screw_section
 from printmend.model.series import ScrewSeries
 from printmend.model.values import TODO, number, numbers, refuse, rising, rounded, section_of
 from printmend.printer import Printer
-from printmend.printer.homing import homing_section
+from printmend.printer.printer import homing_section
 from printmend.printer.toml import parse_printer
 from printmend.provenance import seal_key
 

@@ -1,7 +1,6 @@
 """Machine geometry as a frozen value: axes, bed, steps, homing, kinematics."""
 
-from printmend.printer.homing import Homing
-from printmend.printer.printer import Axis, Extruder, Kinematics, MotionLimits, Printer
+from printmend.printer.printer import Axis, Extruder, Homing, Kinematics, MotionLimits, Printer
 from printmend.printer.toml import check_preset, preset_names, read_printer
 
 __all__ = [

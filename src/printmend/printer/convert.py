@@ -8,9 +8,8 @@ import tomli_w
 from printmend.errors import ConfigError
 from printmend.files import read_text
 from printmend.messages import say
-from printmend.printer.homing import homing_section
 from printmend.printer.klipper import is_klipper, parse_klipper
-from printmend.printer.printer import PAUSE, Printer
+from printmend.printer.printer import PAUSE, Printer, homing_section
 from printmend.printer.slicer import is_slicer_profile, parse_slicer, profile_of
 from printmend.printer.toml import parse_printer, read_printer
 

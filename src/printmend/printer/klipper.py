@@ -5,8 +5,7 @@ from configparser import SectionProxy
 
 from printmend.errors import ConfigError
 from printmend.messages import say
-from printmend.printer.homing import Homing, Switch
-from printmend.printer.printer import KLIPPER_PAUSE, Axis, MotionLimits, Printer
+from printmend.printer.printer import KLIPPER_PAUSE, Axis, Homing, MotionLimits, Printer, Switch
 
 # What Klipper takes where a key is absent (its Config Reference).
 _FULL_STEPS, _MICROSTEPS = 200, 16

@@ -1,17 +1,18 @@
 """A printer's geometry: what a healthy machine of this kind would do."""
 
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from printmend.printer.homing import Homing
 from printmend.units import radius_mm
 
 Kinematics = Literal["cartesian", "corexy"]
 Extruder = Literal["bowden", "direct"]
 PAUSE = "M0"  # Marlin and its kin wait, where they stand, for a press of the knob
 KLIPPER_PAUSE, RRF_PAUSE = "PAUSE", "M226"  # Klipper knows no M0; RepRapFirmware ends the print there
+Switch = Literal["unknown", "switch", "optical", "sensorless", "phase"]
+SWITCHES: tuple[str, ...] = get_args(Switch)
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,25 @@ class Axis:
     def home_direction(self) -> int:
         """The sign of the last move of homing: +1 towards the maximum, −1 towards the minimum."""
         return 1 if self.home_side == "max" else -1
+
+
+@dataclass(frozen=True)
+class Homing:
+    """The end stops of X and Y.
+
+    ``switch`` is their kind: a micro-switch, one without contact (``optical``, also inductive and Hall), none but the
+    motor's own stall (``sensorless``), or one whose place the firmware corrects by the motor's ``phase``.
+    ``scatter_mm`` is the standard deviation of the place at which they switch, None where nobody measured it.
+    """
+
+    switch: Switch = "unknown"
+    scatter_mm: float | None = None
+
+
+def homing_section(homing: Homing) -> dict[str, Any]:
+    """Return the section [homing] of a printer's table; none where nothing is known."""
+    known = {key: value for key, value in asdict(homing).items() if value != getattr(Homing(), key)}
+    return {"homing": known} if known else {}
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,8 @@ from typing import Any
 from printmend.errors import ConfigError, InputError
 from printmend.files import read_text
 from printmend.messages import say
-from printmend.printer.homing import SWITCHES, Homing
 from printmend.printer.klipper import is_klipper
-from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, Axis, MotionLimits, Printer
+from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, SWITCHES, Axis, Homing, MotionLimits, Printer
 from printmend.printer.slicer import is_slicer_profile
 
 _NUMBERS = ("min_mm", "max_mm", "mm_per_turn", "home_mm")

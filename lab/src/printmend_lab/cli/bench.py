@@ -77,7 +77,7 @@ def table1(
     heldout. With covered, the training layer shows the most of both motors' turns, and is not judged. An interrupted
     run goes on where it was; OUT/sliced keeps the G-code of meshes.
     """
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend.extras import require
     from printmend_lab.bench.rows import PAPER_ROWS, libraries, planned_for
     from printmend_lab.bench.table1 import dataset_cases, draw_cases, parts, reference_cases, table1

@@ -48,7 +48,7 @@ def families(
     Results go to OUT/families.jsonl, the tables to OUT/families.md and OUT/families.csv; an interrupted run goes on
     where it was.
     """
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend_lab.bench.families import (
         FAMILIES,
         ROWS,
@@ -86,7 +86,7 @@ def families(
 
 
 def _over_dataset(root: Path, rows: list[str], seed: int, executor: Any, out: Path, as_json: bool) -> None:
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend_lab.bench.report import write_markdown
     from printmend_lab.bench.rows import OPTIMUM
     from printmend_lab.bench.table1 import by_family, dataset_cases, table1

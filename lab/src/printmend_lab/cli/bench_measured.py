@@ -26,7 +26,7 @@ def measured(folder: Path, sets: str | None, models: str | None, executor: Any, 
     not there, its place below FOLDER and the command that fetches it are printed. Results go to OUT/measured.jsonl, the
     table to OUT/measured.md; an interrupted run goes on where it was.
     """
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend.errors import InputError
     from printmend_lab.bench.measured.measured import ROWS, measured_cases, measured_lines, measured_table
     from printmend_lab.bench.report import write_markdown

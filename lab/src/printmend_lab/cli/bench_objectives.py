@@ -36,7 +36,7 @@ def objectives(
 
     Results go to OUT/objectives.jsonl; an interrupted run goes on where it was.
     """
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend_lab.bench.objectives import HEADER, cells, objective_cases, objectives_table
     from printmend_lab.cli.table import show_failures, show_table
 

@@ -32,7 +32,7 @@ def prints(
     A cell is the bodies' mean RMSE in full steps, with its ratio to the optimum: the best plan on the true machine.
     Results go to OUT/prints.jsonl and the table to OUT/prints.md; an interrupted run goes on where it was.
     """
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend_lab.bench import prints as bench
     from printmend_lab.bench.report import write_markdown
     from printmend_lab.cli.table import show_failures, show_table

@@ -25,7 +25,7 @@ def real(data: Path, executor: Any, out: Path, as_json: bool) -> None:
     The floor is the scatter of the later traverses about their own mean. Results go to OUT/real.jsonl; an interrupted
     run goes on where it was.
     """
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend_lab.bench.real.mocap import read_runs
     from printmend_lab.bench.real.real import HEADER, cells, real_cases, real_table
     from printmend_lab.cli.table import show_failures, show_table

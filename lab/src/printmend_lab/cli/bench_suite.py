@@ -27,7 +27,7 @@ def suite(name: str | None, rows: str | None, data: Path | None, executor: Any, 
     Each row becomes a file OUT/SUITE/ROW.json with its figures, cost, versions and every case. An interrupted run goes
     on where it was.
     """
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend.errors import InputError
     from printmend_lab.bench.submission import write_result
     from printmend_lab.bench.suites import SUITES, run_suite

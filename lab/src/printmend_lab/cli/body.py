@@ -5,6 +5,8 @@ from pathlib import Path
 
 import click
 
+from printmend.messages import say_count
+
 
 @click.command(epilog="Example: printmend body part.stl --printer ender5")
 @click.argument("file", type=click.Path(path_type=Path))
@@ -14,7 +16,6 @@ import click
 def command(file: Path, printer_name: str, unit: str | None, as_json: bool) -> None:
     """Slice FILE (STL, OBJ, 3MF, PLY) or read it (G-code), and list its layers: height, points, extruding points."""
     from printmend.printer import read_printer
-    from printmend.units import counted
     from printmend_lab.body import load_body
 
     body = load_body(file, read_printer(printer_name), unit=unit, note=lambda text: click.echo(text, err=True))
@@ -27,4 +28,4 @@ def command(file: Path, printer_name: str, unit: str | None, as_json: bool) -> N
     click.echo(f"{'layer':>6} {'z/mm':>8} {'points':>9} {'extruding':>10}")
     for index, z_mm, points, extruding in rows:
         click.echo(f"{index:>6} {z_mm:>8.2f} {points:>9} {extruding:>10}")
-    click.echo(f"{body.name}: {counted(len(rows), 'layer')}, {body.transitions} points")
+    click.echo(f"{body.name}: {say_count('so-many-layers', len(rows))}, {body.transitions} points")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from printmend.cli.number import Finite
+from printmend.cli.usage import Finite
 
 
 @click.command(epilog="Example: printmend curiosity --seed 3 --promise 0.05 -o curious")
@@ -27,7 +27,7 @@ def command(
     """
     import numpy as np
 
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend.corruption import corruption_of, sample
     from printmend.demo.damage import check_out
     from printmend.extras import require

@@ -52,7 +52,7 @@ def build(
     A build that was interrupted goes on with the same command, which also builds again what is missing or damaged.
     Bodies that fail are listed in OUT/failures.jsonl.
     """
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend.extras import require
     from printmend_lab.dataset.bodies import body_files
     from printmend_lab.dataset.build import Recipe, build_dataset, check_recipe
@@ -104,8 +104,7 @@ def info(folder: Path, as_json: bool) -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 def verify(folder: Path) -> None:
     """Check every file's checksum, and print a sample of the prints again on the twin."""
-    from printmend.cli.progress import progress
-    from printmend.units import counted
+    from printmend.cli.output import progress
     from printmend_lab.dataset.build import read_recipe
     from printmend_lab.dataset.places import BODIES, read_lines
     from printmend_lab.dataset.verify import verify_dataset
@@ -120,7 +119,7 @@ def verify(folder: Path) -> None:
         raise InputError(
             folder,
             wanted="a whole data set",
-            came=counted(len(wrong), "fault"),
+            came=f"{len(wrong)} faults",
             todo="fetch or build it again: what is whole stays",
         )
     click.echo(f"{folder}: {count} bodies, whole")
@@ -134,7 +133,7 @@ def verify(folder: Path) -> None:
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="The data set's new folder.")
 def fetch(source: str, out: Path) -> None:
     """Copy a published data set from a folder or an address, checking every file."""
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend_lab.dataset.verify import fetch_dataset, fetch_list
 
     count = fetch_list(source, out)
@@ -185,7 +184,7 @@ def export_reference(
 ) -> None:
     """Write FOLDER/dataset/*.csv and FOLDER/simulation/add_dudw_data.mat, which the published evaluation reads
     when FOLDER is its folder `data`."""
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend.extras import require
     from printmend_lab.dataset.bodies import body_files
     from printmend_lab.dataset.export import export_reference
@@ -212,7 +211,7 @@ def export_reference(
 @click.option("--json", "as_json", is_flag=True, help="JSON lines on stdout.")
 def import_reference(folder: Path, as_json: bool) -> None:
     """Read a data set in the published layout, check every row, and list its bodies."""
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend_lab.dataset.reference import read_reference
 
     reference = read_reference(folder)

@@ -26,7 +26,7 @@ def command(
 
     Results are kept in OUT/table1.jsonl: an interrupted run goes on where it was.
     """
-    from printmend.cli.progress import progress
+    from printmend.cli.output import progress
     from printmend.demo.damage import check_out
     from printmend.extras import require
     from printmend_lab.bench.rows import PAPER_ROWS, libraries
