@@ -15,6 +15,8 @@ import pytest
 
 import printmend
 import printmend_lab
+from printmend.cli.main import GROUPS
+from printmend.effects import EFFECTS
 
 ROOT = Path(__file__).parents[1]
 
@@ -124,3 +126,17 @@ def test_a_wheel_with_kernels_is_for_this_python_only(pure: bool, tmp_path: Path
     assert pure or tag.startswith(f"cp3{sys.version_info.minor}-none-")
     assert pure or "manylinux_2_" in tag or sys.platform != "linux"
     assert any("compiled" in name for name in zipfile.ZipFile(wheel).namelist()) != pure
+
+
+def test_an_effect_and_a_command_are_in_the_file_of_their_name() -> None:
+    """docs/code_overview.md promises that one guess finds them."""
+    for name, effect in EFFECTS.items():
+        assert type(effect).__module__ == f"printmend.effects.{name}"
+    commands = [command for group in GROUPS.values() for command in group]
+    assert len(commands) > 15
+    assert not [name for name in commands if not (ROOT / "src" / "printmend" / "cli" / f"{name}.py").is_file()]
+    page = (ROOT / "docs" / "code_overview.md").read_text(encoding="utf-8")
+    table = page.partition("## Where is it?")[2].partition("\n## ")[0]
+    places = re.findall(r"`((?:src|lab|tests|tools|benchmarks)/[\w/.]+)`", table)
+    assert len(places) >= 10
+    assert not [place for place in places if "NAME" not in place and not (ROOT / place).exists()]
