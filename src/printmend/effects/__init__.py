@@ -1,4 +1,4 @@
-"""What can go wrong with a printer, its print or its measurement: one effect a file, all that is known of it there.
+"""The effects: causes of error of a printer, its print or its measurement. Each has one file with everything about it.
 
 `EFFECTS` lists them by name; others come by the entry points of the group ``printmend.effects``.
 """
@@ -66,7 +66,8 @@ _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns",
 
 
 def _of_others() -> dict[str, Effect]:
-    """Return the effects that other packages bring. Raises `ConfigError` where one is none, or has a name of ours."""
+    """Return the effects of other packages. Raises `ConfigError` for one that is not an effect, or has a name of
+    printmend's."""
     ours = {effect.name for effect in _ALL}
     found: dict[str, Effect] = {}
     for point in plugin_names(GROUP):
@@ -98,7 +99,7 @@ def registered(name: str) -> str:
 def columns_of(name: str, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
     """Return where an effect moves places [N, 2, P] mm for one unit of each size.
 
-    Where the print began at the end stops, what the machine does there counts as nothing: they put it right.
+    If the print began at the end stops, the machine's error there counts as zero: homing removes it.
     """
     effect = EFFECTS[name]
     columns = effect.columns(places, where, shape, scene)

@@ -1,4 +1,4 @@
-"""Axes of a CoreXY's bed that are not alike: both motors turn for each of them, so that no pulley explains it."""
+"""Unequal axes of a CoreXY's bed. Both motors turn for each axis, so no pulley explains it."""
 
 from collections.abc import Iterator, Sequence
 
@@ -16,7 +16,7 @@ SHARES = np.array([0.5, -0.5])  # of it that X and Y have
 class Aspect(Usual):
     """X that is longer than Y, in mm per 100 mm, half of it on either side; on other printers it is the motors'.
 
-    What both axes share is the scale of both motors, so that the two are told apart.
+    The common part of both axes is the scale of both motors, which keeps the two effects apart.
     """
 
     name = "aspect"

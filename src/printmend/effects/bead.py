@@ -1,4 +1,4 @@
-"""Lines that are wider or narrower than set: every wall stands out by the same amount."""
+"""Lines wider or narrower than set: every wall is offset by the same amount."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

@@ -27,7 +27,7 @@ class Bend(Usual):
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x = (places.motor_mm[:, where] - scene.motor_middle_mm(where)) / SCALE_MM
         low, high = ((end - scene.motor_middle_mm(where)) / SCALE_MM for end in shape)
-        seen = np.clip(x, low, high)  # beyond what was seen it goes on straight
+        seen = np.clip(x, low, high)  # it continues straight beyond the measured span
         columns = [seen**power + power * seen ** (power - 1) * (x - seen) for power in (2, 3)]
         return onto_bed(scene, where, np.stack(columns, axis=1))
 

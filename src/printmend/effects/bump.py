@@ -9,7 +9,7 @@ from printmend.effects.prior import alternatives
 from printmend.effects.splice import AtOnePlace
 
 SPACING = 2.0  # distance of the places that are tried, in widths
-WIDTHS_MM = (1.0, 2.5)  # of the bell; a smooth belt error is as good where it is wider
+WIDTHS_MM = (1.0, 2.5)  # of the bell; a wider one is no better than a smooth belt error
 
 
 class Bump(AtOnePlace):

@@ -1,5 +1,5 @@
-"""A scanner whose carriage runs unevenly: places are off along its way by a process of the place there, and where it
-yaws, across, too."""
+"""A scanner whose carriage runs unevenly: places are off along its way by a random process of the place, and across it
+where the carriage yaws."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

@@ -24,8 +24,10 @@ from printmend.effects.words import Found, Told
 from printmend.messages import say
 
 SHORTEST_MM, LONGEST_MM = 10.0, 150.0  # of a period
-CAMERA_MM = 0.004  # what is more uneven than this is a camera's picture: it has no carriage
-ONE_TURN_SD = 5e-4  # of the difference of the picture's axes: scans at two turns know it better, and cancel the wave
+CAMERA_MM = 0.004  # a more uneven picture is a camera's, which has no carriage
+ONE_TURN_SD = (
+    5e-4  # of the axes' difference: scans at two turns know it better, and they cancel the wave
+)
 
 SAID = partial(say, "wave-mm-scanner-carriage-makes-too")
 

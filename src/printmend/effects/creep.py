@@ -39,6 +39,6 @@ class Creep(Usual):
             yield (float(shape[0] * np.exp(factor)),)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        crept_mm = found.sizes_mm[0] * (1.0 - np.exp(-1.0 / found.shape[0]))  # what is slow is not at its end yet
+        crept_mm = found.sizes_mm[0] * (1.0 - np.exp(-1.0 / found.shape[0]))  # a slow one has not settled yet
         soon = f"{100 * found.shape[0]:.0f}"
         yield Told("creep", CREPT(carrier_name(scene, found.where), f"{crept_mm:+.2f}", soon))

@@ -18,7 +18,7 @@ REPAIR = partial(say, "feel-along-guides")
 
 
 class Crooked(Usual):
-    """Cosines over the span that was seen of one bed axis, which push along the other."""
+    """Cosines over the measured span of one bed axis, which push along the other."""
 
     name = "crooked"
     of = Of.MACHINE
@@ -50,7 +50,7 @@ class Crooked(Usual):
             yield Fault("frame", "crooked", size, sd, "mm", words)
 
     def advice(self, fault: Fault, where: str) -> Care | None:
-        """Say what a crooked guide does, and where to look."""
+        """Return the meaning and the repair of a crooked guide."""
         if fault.kind != "crooked":
             return None
         return Care(TITLE(), MEANING(f"{fault.value:.2f}"), fault.value, REPAIR())

@@ -23,7 +23,7 @@ REPAIR = partial(say, "look-loose-frame-bed-head")
 
 
 class Distortion(Usual):
-    """Products of cosines over what was seen of both bed axes, which push along one of them."""
+    """Products of cosines over the measured spans of both bed axes, which push along one of them."""
 
     name = "distortion"
     of = Of.MACHINE
@@ -58,7 +58,7 @@ class Distortion(Usual):
             yield Fault("frame", "distortion", size, sd, "mm", words)
 
     def advice(self, fault: Fault, where: str) -> Care | None:
-        """Say what a distortion does, and where to look."""
+        """Return the meaning and the repair of a distortion."""
         if fault.kind != "distortion":
             return None
         return Care(TITLE(), MEANING(f"{fault.value:.2f}"), fault.value, REPAIR())

@@ -1,8 +1,8 @@
-"""What an effect is: one cause of error with its linear columns, its prior and its fate in the next print.
+"""The definition of an effect: one cause of error with its linear columns, its prior and its fate in the next print.
 
-An effect offers `Term`s: itself at one motor or axis, with one shape (a period, a break, a length). A term is P columns
-that say where each mark lands, in mm on the bed, for one unit of each of its P sizes. Inference, the twin, the promise
-and the model file all read these columns, and nothing else of an effect.
+An effect offers `Term`s: itself at one motor or axis, with one shape (a period, a break, a length). A term has P
+columns: how far each mark moves on the bed [mm] for one unit of each of its P sizes. Inference, the twin, the promise
+and the model file read these columns and nothing else.
 """
 
 from collections.abc import Iterator
@@ -16,14 +16,14 @@ from printmend.path import Instrument, Trace, last_way
 from printmend.printer import Printer
 
 LONG_MOVE_MM = 50.0  # moves of a part, and those to the end stops, count as long
-ALWAYS = 1e3  # logarithm of the odds of an effect that no print or measurement is without
+ALWAYS = 1e3  # logarithm of the odds of an effect that every print or measurement has
 SCALE_MM = 100.0  # slopes are in mm per this distance, as in the model file
-FEW_LAYERS, MOST_LAYERS = 3, 48  # heights; fewer say nothing of the screw, of more neighbours share a size
-FAR_MM = 30.0  # how far off a place may be that nothing ties to the end stops
+FEW_LAYERS, MOST_LAYERS = 3, 48  # heights; fewer show nothing of the screw, and with more, neighbours share a size
+FAR_MM = 30.0  # standard deviation of a place that nothing ties to the end stops
 
 
 class Of(Enum):
-    """Whose an effect is: what decides whether it acts, and what becomes of it."""
+    """Whose error an effect is. That decides whether it acts, and its fate."""
 
     MACHINE = "machine"  # acts again in every print
     SESSION = "session"  # of this print only, or begins anew in each
@@ -32,7 +32,7 @@ class Of(Enum):
 
 
 class Acts(Enum):
-    """What of a mechanism holds an effect, so that mending can undo it."""
+    """The part of a mechanism that holds an effect, so that mending can undo it."""
 
     DRIVE = "drive"  # the two tables of a motor: it depends on the motor's place and side alone
     FRAME = "frame"  # the polynomials of the frame: it depends on the place on the bed alone
@@ -43,9 +43,9 @@ class Acts(Enum):
 
 @dataclass(frozen=True)
 class Fate:
-    """What becomes of an effect in the next print: the chance that it begins anew, and that it stays as the measured
-    print left it and goes on from there. Else it is gone, as what a homing takes away. What begins anew takes the same
-    course again, or where it is ``otherwise`` another one of the same size: each size has either sign."""
+    """The fate of an effect in the next print: the probability that it begins anew, and that it continues from where
+    the measured print left it. Otherwise it is gone, for example by homing. An effect that begins anew repeats its
+    course, or, if ``otherwise``, takes another one of the same size with either sign."""
 
     anew: float = 0.0
     stays: float = 0.0
@@ -58,14 +58,15 @@ OTHERWISE = Fate(anew=1.0, otherwise=True)
 
 @dataclass(frozen=True)
 class Scene:
-    """The machine that was measured and how far it went.
+    """The measured machine and the spans that it covered.
 
     ``turns_mm`` are the lengths of both motors' turns. ``motor_span_mm`` [2][2] and ``bed_span_mm`` [2][2] are the
     lowest and highest measured position of each motor and bed axis; ``way_mm`` is the length of the print. ``homed``:
-    it began at the end stops, where the machine has no error; ``home_sd_mm`` is how far each belt may rest from there.
-    ``homed_again_mm`` are shifts that were seen between two homings, each with its standard deviation, along one axis.
-    ``layers`` are the lowest and the highest layer [mm] and how many were measured, empty for fewer than `FEW_LAYERS`.
-    ``shrinkage_sd`` is what is not known of how much the measured part shrank, a share; None where nothing can have.
+    it began at the end stops, where the machine has no error; ``home_sd_mm`` is the standard deviation of each belt's
+    place there. ``homed_again_mm`` are observed shifts between two homings along one axis, each with its standard
+    deviation. ``layers`` are the lowest and the highest layer [mm] and how many were measured, empty for fewer than
+    `FEW_LAYERS`. ``shrinkage_sd`` is the uncertainty of the measured part's shrinkage, as a share; None where nothing
+    can shrink.
     """
 
     printer: Printer
@@ -133,9 +134,9 @@ class Places:
 class Term:
     """One effect at one motor or axis ``where`` with one ``shape``.
 
-    ``sd_mm`` [P] are the prior standard deviations of its sizes for a damaged machine; ``log_odds`` is the logarithm of
-    the prior odds that it is there at all, shared among the alternatives of the same effect and place. Of the terms
-    with the same ``slot`` at most one is in a set. ``positive``: a size below 0 has no meaning, as play that pushes.
+    ``sd_mm`` [P] are the prior standard deviations of its sizes on a damaged machine. ``log_odds`` is the logarithm of
+    the prior odds that the machine has it, shared among the alternatives of the same effect and place. A set has at
+    most one term of each ``slot``. ``positive``: a negative size has no meaning, as for play.
     """
 
     effect: str
@@ -164,12 +165,12 @@ class Effect(Protocol):
 
     @property
     def fate(self) -> "Fate":
-        """What becomes of it in the next print."""
+        """Its fate in the next print."""
         ...
 
     @property
     def from_home(self) -> bool:
-        """Say whether the end stops take away what it does at home."""
+        """Say whether homing removes its error at home."""
         ...
 
     @property
@@ -178,21 +179,21 @@ class Effect(Protocol):
         ...
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        """Yield what may be there, each with its prior."""
+        """Yield the terms that a machine may have, each with its prior."""
         ...
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        """Return where the places move [N, 2, P] mm for one unit of each size."""
+        """Return how far the places move [N, 2, P] mm for one unit of each size."""
         ...
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        """Yield shapes about one that was found: the alternatives are a grid, and what is there lies between."""
+        """Yield shapes about a found one, between the alternatives of the grid."""
         ...
 
 
 class Usual:
-    """What most effects have in common: the end stops take away what they do at home, a place has one term of them at
-    most, and they have no shape to be found more finely."""
+    """The usual answers of an effect: homing removes its error at home, each place has at most one term, and its shape
+    needs no refinement."""
 
     from_home = True
     most = 1
@@ -221,7 +222,7 @@ def along(axis: int, moved_mm: np.ndarray) -> np.ndarray:
 
 
 def held(places_mm: np.ndarray, span_mm: tuple[float, ...]) -> np.ndarray:
-    """Return places with those outside a span at its ends: what was not seen goes on as it ended."""
+    """Return places, those outside of a span moved to its ends, so that the effect stays constant there."""
     low, high = span_mm
     return np.clip(places_mm, low, high)
 

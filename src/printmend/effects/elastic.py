@@ -41,7 +41,7 @@ class Elastic(Usual):
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         """The largest wave, by how much it changes from one end to the other.
 
-        Where that of the pulley's eccentricity alone does, an idler of nearly the pulley's size would do the same.
+        If only the wave of the pulley's eccentricity changes, an idler of nearly the pulley's size would look the same.
         """
         low, high = found.shape
         sizes, sds = wave_sizes(found)

@@ -28,7 +28,7 @@ class Friction(Usual):
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x = (places.motor_mm[:, where] - scene.motor_middle_mm(where)) / SCALE_MM
         low, high = ((end - scene.motor_middle_mm(where)) / SCALE_MM for end in shape)
-        seen = np.clip(x, low, high)  # beyond what was seen it goes on straight
+        seen = np.clip(x, low, high)  # it continues straight beyond the measured span
         return onto_bed(scene, where, 0.5 * places.side[:, [where]] * np.stack([x, seen * (2 * x - seen)], axis=1))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:

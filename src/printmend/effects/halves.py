@@ -12,7 +12,7 @@ from printmend.effects.words import LEAST_SHOWN_MM, Found, Told
 from printmend.messages import say, together
 
 BORDERS = 25  # places of a border that are tried
-OTHER_SHARE = 0.1  # a shift along the other axis that is a smaller share is not said
+OTHER_SHARE = 0.1  # a smaller share along the other axis is not reported
 
 ONE_OFF = partial(say, "off-mm-upper-part-mm")
 BOTH_OFF = partial(say, "off-mm-mm-upper-part-mm")

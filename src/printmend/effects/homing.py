@@ -1,9 +1,9 @@
-"""What a homing does to the effects of a drive: it shifts their waves along the motor.
+"""The effect of homing on a drive's effects: it shifts their waves along the motor.
 
-A place of the carriage belongs to one tooth of the belt, one angle of the pulley and one phase of the motor. The
-firmware counts from where the end stop switched. So all waves of a drive are shifted together, by as much as the end
-stops switched elsewhere, and now and then by an electrical turn of the motor: four full steps. A motor's ripple repeats
-in an electrical turn, so that leaves it alone.
+Each place of the carriage has one tooth of the belt, one angle of the pulley and one phase of the motor. The firmware
+counts from the point where the end stop switched. So all waves of a drive shift together, by the scatter of that point
+and now and then by an electrical turn of the motor (four full steps). A motor's ripple repeats in an electrical turn,
+so such a turn leaves it unchanged.
 """
 
 import math
@@ -25,8 +25,8 @@ SEED = 23
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """What is believed of an end stop: alternatives with their ``weight`` [G], each with the standard deviation [G] of
-    the place where it switches, and the share of homings [G] after which a motor stands an electrical turn aside."""
+    """The belief about an end stop: alternatives with their ``weight`` [G], each with the standard deviation [G] of the
+    switching point, and the share of homings [G] after which a motor is an electrical turn off."""
 
     weight: np.ndarray
     sd_mm: np.ndarray
@@ -34,7 +34,7 @@ class Scatter:
 
 
 def scatter_of(homing: Homing, seen_mm: tuple[tuple[float, float], ...] = (), turn_mm: float = 0.8) -> Scatter:
-    """Return what is believed of end stops of which shifts between two homings were ``seen_mm`` (size, its standard
+    """Return the belief about end stops, given the shifts ``seen_mm`` between two homings (size, its standard
     deviation); ``turn_mm`` is a motor's electrical turn."""
     found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for name, share, sd, log_sd, chance in homing_priors():
@@ -59,8 +59,8 @@ def scatter_of(homing: Homing, seen_mm: tuple[tuple[float, float], ...] = (), tu
 
 
 def drawn_shifts_mm(scene: Scene, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Draw by how much each motor is shifted [2, D] from the homing of a measured print to that of the next one, and
-    whether it stands an electrical turn aside [2, D]."""
+    """Draw each motor's shift [2, D] from the homing of the measured print to the next one, and whether it is an
+    electrical turn off [2, D]."""
     printer = scene.printer
     scatter = scatter_of(printer.homing, scene.homed_again_mm, _turn_mm(printer))
     which = rng.choice(len(scatter.weight), count, p=scatter.weight)
@@ -96,9 +96,9 @@ def shifted(sizes_mm: np.ndarray, waves_mm: np.ndarray, by_mm: float | np.ndarra
 
 
 def lasting(effect: str, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray | None:
-    """Return which share of each size [2K] may act in the next print: its mean over the next homings, or nothing where
-    that would make the print worse after too many of them. None where a homing shifts nothing. Electrical turns do not
-    count here: they are accidents."""
+    """Return the share of each size [2K] that may act in the next print: its mean over the next homings, or 0 if that
+    would make the print worse after too many of them. None where homing shifts nothing. Electrical turns are accidents
+    and do not count here."""
     waves_mm = waves_of(effect, where, shape, scene)
     if waves_mm is None:
         return None

@@ -25,8 +25,8 @@ from printmend.effects.words import Fault, Found, amount, motor_name
 from printmend.messages import say
 
 SHORTEST_MM, LONGEST_MM = 12.0, 150.0  # of a period: no idler is smaller, no bed shows larger ones
-IDLERS, NEAR_TEETH = (16, 18, 20), 0.1  # teeth of the idlers that are sold; a turn is so near to their number
-OWN_SHARE = 0.02  # a period nearer to a part of the turn is the pulley's own
+IDLERS, NEAR_TEETH = (16, 18, 20), 0.1  # teeth of common idlers; a period counts as theirs within this many teeth
+OWN_SHARE = 0.02  # a period this near to a fraction of the turn is the pulley's own
 
 
 class Idler(Usual):

@@ -1,8 +1,8 @@
-"""How a person writes an effect down: the names of its numbers, each with its unit, and what they make.
+"""How a person writes an effect down: the names of its numbers, with their units, and the effect that they make.
 
-An effect may have ``keys``: how its shape and its sizes follow from numbers with names. What nobody gives is taken
-from a draw of the prior. `Numbers` name the values one by one, `Waves` give one harmonic by size and phase, `Whole`
-keeps a drawn course and says how large it is.
+An effect may have ``keys``: how its shape and its sizes follow from numbers with names. Missing numbers are drawn from
+the prior. `Numbers` name the values one by one, `Waves` give one harmonic by size and phase, `Whole` scales a drawn
+course to a size.
 """
 
 import math
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Given = Mapping[str, float | str]
 
-# Of each number: the least, the most, and one for an example. A name that is not here goes by its unit.
+# For each number: the least, the most, and an example. A name that is not here goes by its unit.
 _LIMITS: dict[str, tuple[float, float, float]] = {
     "period_mm": (0.05, 10_000.0, 60.0),
     "width_mm": (0.1, 1000.0, 5.0),
@@ -55,7 +55,7 @@ def limits_of(name: str) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Values of the shape and the sizes, one by one, in their order; what has no name stays as it was drawn.
+    """Values of the shape and the sizes, one by one, in their order; those without a name stay as drawn.
 
     ``axis`` is x or y. An angle in degrees becomes mm per 100 mm.
     """
@@ -101,7 +101,7 @@ class Waves:
 
 @dataclass(frozen=True)
 class Whole:
-    """A course that is drawn; ``size_mm`` is by how much it is off at most."""
+    """A drawn course; ``size_mm`` is its largest error."""
 
     @property
     def names(self) -> tuple[str, ...]:

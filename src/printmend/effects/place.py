@@ -22,7 +22,7 @@ class Place(Usual):
     keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        if scene.placed:  # a measurement that knows no place has an origin of its own
+        if scene.placed:  # a measurement without a place has an origin of its own
             for motor in range(2):
                 yield from alternatives(self.name, motor, [()], (scene.home_sd_mm[motor],))
 
@@ -30,7 +30,7 @@ class Place(Usual):
         return onto_bed(scene, where, np.ones((len(places), 1)))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        """A shift is said of a motor that has nothing else: with any other fault it goes with that."""
+        """Report a shift only for a motor without other faults; otherwise it goes with those."""
         others = [each for each in beside if each.acts and each is not found and each.where == found.where]
         if scene.placed and not others:
             value, sd = found.size(lambda sizes: float(sizes[0]))

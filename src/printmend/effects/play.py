@@ -35,7 +35,7 @@ class Play(Usual):
 
 
 def play_mm(beside: Sequence[Found], motor: int, scene: Scene) -> tuple[float, float, float, float]:
-    """Return the mean play of one motor along what was seen, its standard deviation, and the least and the most."""
+    """Return the mean play of one motor over the measured span, its standard deviation, and the least and the most."""
     at = np.zeros((PLACES, 2))
     at[:, motor] = along_motor_mm(scene, motor)
     side, none = np.ones((PLACES, 2)), np.zeros((PLACES, 2))

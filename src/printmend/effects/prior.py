@@ -9,7 +9,7 @@ from typing import Any
 
 from printmend.effects.effect import Scene, Term
 
-NEAR_SHARE = 0.02  # a turn that differs from the printer's by less is its pulley's
+NEAR_SHARE = 0.02  # a turn that differs less from the printer's is its pulley's
 
 
 @cache
@@ -28,7 +28,7 @@ def mild_shares() -> tuple[float, ...]:
 
 
 def share_of(name: str) -> float:
-    """Return how many printers have an effect at one place."""
+    """Return the share of printers that have an effect at one place."""
     return float(_table()[name]["share"])
 
 
@@ -38,7 +38,7 @@ def happens_share(event: str) -> float:
 
 
 def wear_share(name: str) -> float:
-    """Return by what share of its size an effect changes in a month."""
+    """Return the share of its size by which an effect changes in a month."""
     return float(_table()["since"]["wear"].get(name, 0.0))
 
 
@@ -49,7 +49,7 @@ def homing_priors() -> Iterator[tuple[str, float, float, float, float]]:
 
 
 def turning_share(name: str, scene: Scene, motor: int) -> float:
-    """Return how many printers have an effect of a motor's turn, where that may be of another length than it should."""
+    """Return the share of printers with an effect of a motor's turn, where that turn may have a wrong length."""
     off = abs(scene.turns_mm[motor] / scene.printer.axes[motor].mm_per_turn - 1)
     return share_of(name) * (1.0 if off < NEAR_SHARE else share_of("other_turn"))
 

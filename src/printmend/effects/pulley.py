@@ -10,19 +10,19 @@ from printmend.effects.prior import NEAR_SHARE, alternatives, turning_share
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, amount, motor_name, those_of
 from printmend.messages import say
 
-HARMONICS = np.arange(1.0, 33.0)  # corners of a pulley need so many
+HARMONICS = np.arange(1.0, 33.0)  # number of harmonics: corners need so many
 FOLDS = (2, 3, 4, 5, 6)  # of symmetric pulleys: oval, three-cornered, …
 OFF_FOLD = 0.08  # size of what breaks a symmetry, as a share of the usual
 
 
 def profiles() -> list[np.ndarray]:
-    """Return how the harmonics' sizes may fall [32]: all alike, smooth, eccentric alone, or those of one symmetry."""
+    """Return profiles of the harmonics' sizes [32]: all alike, smooth, eccentric alone, or those of one symmetry."""
     plain = HARMONICS**-2.5
     symmetric = [np.where(HARMONICS % fold == 0, 1.0, OFF_FOLD) * plain for fold in FOLDS]
     return [plain, HARMONICS**-4.0, np.where(HARMONICS == 1, 1.0, OFF_FOLD) * plain, *symmetric]
 
 
-LEAST_EFFECT_MM = 0.003  # a wave that shifts a print by less is not named: no print shows it
+LEAST_EFFECT_MM = 0.003  # a smaller wave is not named: no print shows it
 EVEN_SHARE = 0.25  # share of the odd harmonics of its play that the even ones of a loose belt may have
 NAMED_HARMONICS = 3  # most harmonics of a pulley that are named: the largest
 _SHAPES = {1: "shape-eccentric", 2: "shape-oval", 3: "shape-three-cornered", 4: "shape-four-cornered"}
@@ -54,7 +54,7 @@ class Pulley(Usual):
 
 
 def shape_words(order: int) -> str:
-    """Return what a pulley is whose error comes so many times a turn."""
+    """Return the shape of a pulley whose error comes so many times a turn."""
     return say(_SHAPES[order]) if order in _SHAPES else say("shape-uneven-times", order)
 
 

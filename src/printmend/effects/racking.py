@@ -11,7 +11,7 @@ from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told, span_mm
 from printmend.messages import say
 
-ACROSS_SHARE = 2.0  # a gantry racks across where that error is so many times the one along
+ACROSS_SHARE = 2.0  # a gantry racks across if that error is so many times the one along
 RACKS = partial(say, "play-changes-mm-end-other-gantry")
 ACROSS = partial(say, "where-comes-lie-depends-way-moved")
 

@@ -21,7 +21,7 @@ REPAIR = partial(say, "move-by-hand-feel-where-binds")
 
 
 class Rub(Usual):
-    """Cosines over the span that was seen, of one motor's play."""
+    """Cosines of one motor's play over the measured span."""
 
     name = "rub"
     of = Of.MACHINE
@@ -46,7 +46,7 @@ class Rub(Usual):
             yield Fault(motor_name(scene, found.where), "rub", size, sd, "mm", words)
 
     def advice(self, fault: Fault, where: str) -> Care | None:
-        """Say what lost motion that changes from place to place does, and where to look."""
+        """Return the meaning and the repair of lost motion that varies along the axis."""
         if fault.kind != "rub":
             return None
         return Care(TITLE(where), MEANING(f"{fault.value:.2f}"), fault.value, REPAIR())

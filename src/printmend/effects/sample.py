@@ -1,4 +1,4 @@
-"""An effect that is drawn from its prior, and places over what was measured, on which the size of one is taken."""
+"""Draw an effect from its prior; draw places over the measured spans, to judge an effect's size on."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ DAMAGED_SHARE = 0.4  # an alternative with smaller sizes is a mild one, as prior
 
 
 def drawn_places(scene: Scene) -> Places:
-    """Return places of a print on what was measured, each reached either way, by short and by long moves."""
+    """Return places over the measured spans, each reached from either side, by short and by long moves."""
     rng = np.random.default_rng(0)
     low, high = np.array(scene.bed_span_mm).T
     bed = rng.uniform(low, high, (COUNT, 2))
@@ -25,12 +25,12 @@ def drawn_places(scene: Scene) -> Places:
 
 
 def terms_of(effect: Effect, scene: Scene) -> list[Term]:
-    """Return what an effect offers on a machine; what only a measurement of unknown place has, as in one."""
+    """Return an effect's terms on a machine, those of a measurement without a place included."""
     return list(effect.terms(scene)) or list(effect.terms(replace(scene, placed=False)))
 
 
 def drawn_term(terms: list[Term], rng: np.random.Generator) -> tuple[Term, np.ndarray]:
-    """Draw one of some terms as a damaged machine has it: its shape evenly, its sizes [P] by the prior.
+    """Draw one of some terms for a damaged machine: its shape evenly, its sizes [P] by the prior.
 
     The mild alternatives of a shape are left out.
     """

@@ -13,8 +13,8 @@ from printmend.messages import say
 class Shrinkage(Usual):
     """A part that is smaller than it was printed, in mm per 100 mm along a bed axis (0 or 1).
 
-    In a measurement it is what is left of it once the polymer's mean was taken off. It looks exactly like the scale of
-    the machine: `filament.ledger` tells the two apart.
+    In a measurement it is the remainder after the polymer's mean shrinkage. It looks exactly like the scale of the
+    machine; `filament.ledger` separates the two.
     """
 
     name = "shrinkage"
@@ -26,7 +26,7 @@ class Shrinkage(Usual):
     fate = STAYS
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        if scene.shrinkage_sd is not None:  # there is no plastic that does not shrink
+        if scene.shrinkage_sd is not None:  # every plastic shrinks
             for axis in range(2):
                 yield Term(self.name, axis, (), (scene.shrinkage_sd * SCALE_MM,), ALWAYS)
 
@@ -34,4 +34,4 @@ class Shrinkage(Usual):
         return along(where, (scene.middle_mm[where] - places.bed_mm[:, [where]]) / SCALE_MM)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        return iter(())  # it is told beside the machine's scale
+        return iter(())  # it is reported beside the machine's scale

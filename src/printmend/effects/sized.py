@@ -1,4 +1,4 @@
-"""An effect with its sizes, and what it does to a machine: shifts of a belt, a frame."""
+"""An effect with its sizes, and how it changes a machine: shifts of a belt, a frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ class Sized:
 
     @property
     def is_held(self) -> bool:
-        """Say whether the tables and the frame of a machine hold it: what they do not hold acts along the path."""
+        """Say whether the tables and the frame of a machine hold it; other effects act along the path."""
         effect = EFFECTS[self.effect]
         return effect.of is Of.MACHINE and effect.acts is not Acts.NOT and effect.from_home
 
@@ -46,7 +46,7 @@ class Sized:
 
 
 def scene_of_printer(printer: Printer, way_mm: float = 1.0) -> Scene:
-    """Return the scene in which an effect of a whole printer is written down: all of its bed, and any instrument."""
+    """Return the scene of a whole printer: all of its bed, and any instrument."""
     spans = [printer.motor_range_mm(motor) for motor in range(2)]
     bed = [(axis.min_mm, axis.max_mm) for axis in printer.axes[:2]]
     turns = (printer.axes[0].mm_per_turn, printer.axes[1].mm_per_turn)
@@ -57,7 +57,8 @@ def scene_of_printer(printer: Printer, way_mm: float = 1.0) -> Scene:
 
 
 def belts_mm(scene: Scene, motor: int, parts: Sequence[Sized], motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where parts of a drive put its belt [N] beyond a healthy one: pushed forwards, and pulled back."""
+    """Return how far parts of a drive move its belt [N] from a healthy one's place: pushed forwards, and pulled
+    back."""
     few = motor_mm[:: max(len(motor_mm) // FEW, 1)]
     if np.array_equal(_belt_mm(scene, motor, parts, few, -1.0), _belt_mm(scene, motor, parts, few, 1.0)):
         taut = _belt_mm(scene, motor, parts, motor_mm, 1.0)  # no side is read: once is enough
@@ -79,7 +80,7 @@ def _belt_mm(scene: Scene, motor: int, parts: Sequence[Sized], motor_mm: np.ndar
 
 
 def frame_of(scene: Scene, parts: Sequence[Sized]) -> Frame:
-    """Return the frame that these parts make: its polynomials, and a row of its waves for each guide."""
+    """Return the frame of these parts: its polynomials, and its waves for each guide."""
     held = [part for part in parts if EFFECTS[part.effect].acts is Acts.FRAME]
     waves = [_waves(scene, part) for part in parts if EFFECTS[part.effect].acts is Acts.WAVE]
     coefficients = np.zeros((2, 10))
@@ -107,7 +108,7 @@ def _waves(scene: Scene, part: Sized) -> np.ndarray:
 
 
 def few_waves(rows: np.ndarray) -> np.ndarray:
-    """Return rows of waves [K, 6] with those alike put together, and of more than a frame has room for the largest."""
+    """Return rows of waves [K, 6], equal ones merged; if a frame has no room for all, the largest."""
     kinds, which = np.unique(rows[:, :2], axis=0, return_inverse=True)
     if len(kinds) < len(rows) > MOST_WAVES:
         sizes = np.zeros((len(kinds), 4))
@@ -120,7 +121,7 @@ def few_waves(rows: np.ndarray) -> np.ndarray:
 def with_effects(mechanism: Mechanism, parts: Sequence[Sized]) -> Mechanism:
     """Return a machine with those of the parts that its tables and its frame hold.
 
-    No belt has less play than none. Raises `ConfigError` where the parts turn a drive back together.
+    Play is never negative. Raises `ConfigError` if the parts together turn a drive back.
     """
     held = [part for part in parts if part.is_held]
     a, b = (_beside(table, mechanism.printer, motor, held) for motor, table in enumerate(mechanism.transmissions))
@@ -148,7 +149,7 @@ def pushed_mm(scene: Scene, parts: Sequence[Sized], z_mm: np.ndarray) -> np.ndar
 
 
 def _beside(table: Transmission, printer: Printer, motor: int, parts: list[Sized]) -> Transmission:
-    """Return a drive's tables with the effects of this motor in them. No belt has less play than none."""
+    """Return a drive's tables with the effects of this motor in them. Play is never negative."""
     mine = [part for part in parts if EFFECTS[part.effect].acts is Acts.DRIVE and part.where == motor]
     if not mine:
         return table

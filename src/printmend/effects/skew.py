@@ -21,7 +21,7 @@ class Skew(Usual):
     keys = Numbers(("angle_deg",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        # without a place nobody sees which axis leans: the other way the whole print lies turned, of the same shape
+        # without a place the leaning axis is unknown: the alternative is the same shape, turned
         for axis in range(2 if scene.placed else 1):
             yield from alternatives(self.name, axis, [()], (1.0,))
 

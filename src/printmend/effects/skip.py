@@ -1,4 +1,4 @@
-"""A belt that skipped teeth of its pulley, or a motor that lost steps: from then on all is off by a whole number."""
+"""A belt that skipped teeth of its pulley, or a motor that lost steps: everything after it is off by a whole number."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -12,7 +12,7 @@ from printmend.effects.step import APART, BREAKS
 from printmend.effects.words import Found, Told, motor_name
 from printmend.messages import say
 
-MILD = (1.0, 0.35)  # shares of the usual size that are tried: an electrical turn is less than a tooth
+MILD = (1.0, 0.35)  # shares of the usual size to try: an electrical turn is less than a tooth
 
 SKIPPED = partial(say, "skipped-during-test-print-part-may")
 

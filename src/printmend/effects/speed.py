@@ -1,4 +1,4 @@
-"""An error that long, fast moves have and short ones have not."""
+"""An error of long, fast moves that short ones do not have."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

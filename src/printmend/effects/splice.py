@@ -1,4 +1,4 @@
-"""A joint or a dent of the belt: past one place all lies further, reached evenly over a width."""
+"""A joint or a dent of the belt: beyond one place everything is shifted, with an even ramp over a width."""
 
 from collections.abc import Iterator, Sequence
 
@@ -15,7 +15,7 @@ WIDTH_MM = 4.0  # that is tried first: others are looked for about it
 
 
 class AtOnePlace(Usual):
-    """What stands at one place of one belt over a width, of one size; the ids of what is said of it."""
+    """An effect at one place of one belt, with a width and a size; the ids of its messages."""
 
     of = Of.MACHINE
     acts = Acts.DRIVE
@@ -34,7 +34,7 @@ class AtOnePlace(Usual):
         yield Fault(motor_name(scene, found.where), self.name, size, sd, "mm", words)
 
     def advice(self, fault: Fault, where: str) -> Care | None:
-        """Say what it does, and that the belt is to be replaced where it is large."""
+        """Return its meaning; if it is large, advise a new belt."""
         if fault.kind != self.name:
             return None
         size_mm = abs(fault.value)

@@ -38,7 +38,7 @@ class Stretch(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.instrument.covariance.any():
-            # no instrument is exact, though its picture may look so
+            # every instrument has an error, even if its picture looks exact
             yield Term(self.name, 0, (), (1.0, 1.0, 1.0), ALWAYS)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:

@@ -65,7 +65,7 @@ class Teeth(Usual):
         yield Fault(motor_name(scene, found.where), kind, size, sd, "mm", words)
 
     def advice(self, fault: Fault, where: str) -> Care | None:
-        """Say what a ripple does to walls, and what helps."""
+        """Return a ripple's effect on walls, and what helps."""
         size_mm = abs(fault.value)
         if fault.kind == "teeth":
             return Care(TEETH(where), MEANING(f"{TOOTH_MM:g}", f"{size_mm:.3f}"), size_mm, BELT_TODO())
