@@ -143,18 +143,18 @@ class Motion:
 class Trace:
     """Commanded way-points and where they were measured, in the order of motion.
 
-    ``commanded_mm`` [N, 2]; between two rows the commanded motion is straight. ``measured_mm`` [N, 2], NaN
-    where nothing was measured. ``sigma_mm`` [N] is the standard deviation of each measured coordinate, NaN
-    where unknown. ``z_mm`` [N], the commanded height, ``z_measured_mm`` [N] and ``layer`` [N] are optional. ``homed``
-    says that row 0 is the home position, reached from the home side, so that the engaged side of the belt is known
-    there. ``placed`` says that measured positions are the bed's own; those of a scan have an origin of their own.
-    ``instrument`` is what all points share; None for one that nobody described: exact, or for a scan a flatbed.
-    A wall shows one direction only: ``normal`` [N, 2] points out of the plastic and ``offset_mm`` [N] is how far along
-    it the wall lies from where it was commanded, both NaN where a row has none. What all walls share is no error of the
-    machine: beads are wider than thought, the first layer is squashed. ``origin`` is None where nobody said whose.
-    Of a part that shrank after it was printed, what is believed of that is taken off; ``shrinkage_sd`` is the standard
-    deviation of what is left of it along either axis, a share. ``motion`` is what lines printed at speed showed.
-    ``blank_rows`` are those that stood empty between others in a table, and are not among the N.
+    ``commanded_mm`` [N, 2]; between two rows the commanded motion is straight. ``measured_mm`` [N, 2], NaN where
+    nothing was measured. ``sigma_mm`` [N] is the standard deviation of each measured coordinate, NaN where unknown.
+    ``z_mm`` [N], the commanded height, ``z_measured_mm`` [N] and ``layer`` [N] are optional. ``homed`` says that row 0
+    is the home position, reached from the home side, so that the engaged side of the belt is known there. ``placed``
+    says that measured positions are the bed's own; those of a scan have an origin of their own. ``instrument`` is what
+    all points share; None for one that nobody described: exact, or for a scan a flatbed. A wall shows one direction
+    only: ``normal`` [N, 2] points out of the plastic and ``offset_mm`` [N] is how far along it the wall lies from where
+    it was commanded, both NaN where a row has none. What all walls share is no error of the machine: beads are wider
+    than thought, the first layer is squashed. ``origin`` is None where unknown. Of a part that shrank after it was
+    printed, what is believed of that is taken off; ``shrinkage_sd`` is the standard deviation of what is left of it
+    along either axis, a share. ``motion`` is what lines printed at speed showed. ``blank_rows`` are those that stood
+    empty between others in a table, and are not among the N.
     """
 
     commanded_mm: np.ndarray

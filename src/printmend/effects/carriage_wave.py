@@ -25,9 +25,7 @@ from printmend.messages import say
 
 SHORTEST_MM, LONGEST_MM = 10.0, 150.0  # of a period
 CAMERA_MM = 0.004  # a more uneven picture is a camera's, which has no carriage
-ONE_TURN_SD = (
-    5e-4  # of the axes' difference: scans at two turns know it better, and they cancel the wave
-)
+ONE_TURN_SD = 5e-4  # of the axes' difference: scans at two turns know it better, and they cancel the wave
 
 SAID = partial(say, "wave-mm-scanner-carriage-makes-too")
 

@@ -66,7 +66,7 @@ def wave_sizes(found: Found) -> tuple[np.ndarray, np.ndarray]:
 
 
 def is_loose(breathing: Found) -> bool:
-    """Tell whether play breathes as on a loose belt, whose two spans differ in odd harmonics alone (eq. 6)."""
+    """Say whether play breathes as on a loose belt, whose two spans differ in odd harmonics alone (eq. 6)."""
     sizes, sds = wave_sizes(breathing)
     odd, even = sizes[0::2], sizes[1::2]
     return bool(np.linalg.norm(even) < max(EVEN_SHARE * np.linalg.norm(odd), NAMED_SIGMAS * np.linalg.norm(sds[1::2])))

@@ -11,7 +11,7 @@ from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told
 from printmend.messages import say
 
-ALWAYS = 0.999  # nobody knows how a sheet lay on a scanner
+ALWAYS = 0.999  # the turn of a sheet on a scanner is unknown
 
 TURNED = partial(say, "everything-turned-printer-plate-camera-lay")
 TURNED_COREXY = partial(say, "everything-turned-printer-only-frame-skewed")
@@ -35,6 +35,6 @@ class Turn(Usual):
         return np.stack([-y, x], axis=1)[:, :, None]
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        if scene.placed:  # else nobody knows how the sheet lay
+        if scene.placed:  # otherwise the turn of the sheet is unknown
             turned = f"{np.degrees(np.arctan(found.sizes_mm[0] / SCALE_MM)):+.2f}"
             yield Told("turned", (TURNED_COREXY if scene.corexy else TURNED)(turned), is_harmless=True)

@@ -141,5 +141,5 @@ def those_of(effect: str, beside: Iterable[Found], where: int | None = None, *, 
 
 
 def is_first(found: Found, effects: Sequence[str], beside: Iterable[Found]) -> bool:
-    """Tell whether this is the first of some effects that make one fault together, which is said once."""
+    """Say whether this is the first of some effects that make one fault together, which is said once."""
     return next((each for each in beside if each.effect in effects and each.acts), found) is found

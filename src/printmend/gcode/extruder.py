@@ -7,7 +7,7 @@ import numpy as np
 from printmend.gcode import kernels as k
 from printmend.gcode.machine import MachineState
 
-_ENOUGH_MOVES = 20  # that name A, before their numbers alone tell what it is
+_ENOUGH_MOVES = 20  # that name A, before their numbers alone decide what it is
 _IMPLAUSIBLE_SHARE = 0.1  # of these moves, up to which A is taken for an extruder
 _MOST_FILAMENT_PER_MM = 0.3  # of path: a line 0.7 mm² thick of filament of 1.75 mm, wider than slicers write
 _RECORDS, _FIRST_BYTES = 1 << 16, 1 << 16
@@ -16,7 +16,7 @@ _OTHER_AXES = [(letter, np.uint32(1 << (ord(letter) - ord("A")))) for letter in 
 
 
 def settle_extruder(text: np.ndarray, state: MachineState, *, says_a: bool) -> None:
-    """Note in ``state`` where A drives the extruder, and which axis may be one where nobody knows.
+    """Note in ``state`` where A drives the extruder, and which axis may drive it where the file does not say.
 
     ``text`` is a file's beginning, ``says_a`` whether its slicer wrote it for a firmware that extrudes with A. Without
     that A is the extruder where no move names E, the file heats a nozzle, and A goes forwards with the moves in X and Y
@@ -45,7 +45,7 @@ def _moves(text: np.ndarray, state: MachineState) -> np.ndarray:
 
 
 def _is_filament(rows: np.ndarray) -> bool:
-    """Say whether what moves push while the head goes may be filament."""
+    """Say whether the amounts pushed by moving commands may be filament."""
     length_mm = np.hypot(rows["x1"] - rows["x0"], rows["y1"] - rows["y0"])
     pushing = (rows["words"] & k.WORD_E > 0) & (length_mm > 0)
     pushed_mm, length_mm = rows["advance"][pushing], length_mm[pushing]

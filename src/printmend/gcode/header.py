@@ -1,4 +1,4 @@
-"""What slicers write of the printer that a file is for: its name and its bed, in comments or settings."""
+"""The slicer's comments and settings about the printer that a file is for: its name and its bed."""
 
 import re
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The comments that say what a file is: mended, so that it is not mended twice, or a test print of ours."""
+"""The comments that say what a file is: mended, so that it is not mended twice, or a test print of printmend's."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -40,7 +40,7 @@ def _mark(text: bytes) -> re.Match[bytes] | None:
 
 
 def find_test_print(*texts: bytes) -> str | None:
-    """Return which test print of ours the pieces of a file are from: "probe" or "first layer".
+    """Return which test print of printmend's the pieces of a file are from: "probe" or "first layer".
 
     None for any other file, and for a mended test print: that is the check print of `printmend verify`.
     """
@@ -50,8 +50,8 @@ def find_test_print(*texts: bytes) -> str | None:
 
 
 def is_test_print(path: Path) -> bool:
-    """Say whether a file is a test print of ours, unmended. What mends every file must leave it as it is: what is
-    measured on it must be the printer, not the mended printer. Raises `GcodeError` for one that was changed since."""
+    """Say whether a file is an unmended test print of printmend's. Programs that mend every file must leave it
+    unchanged, because it must show the printer without mending. Raises `GcodeError` for one that was changed since."""
     claim = claimed_test_print(str(path))
     if claim == FORGED:
         raise GcodeError(

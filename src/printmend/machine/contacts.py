@@ -11,7 +11,7 @@ from printmend.machine.mechanism import Mechanism
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """``row`` [N, 2] is the row of each motor's last contact, −1 where that is not known; ``side`` [N, 2] its branch,
+    """``row`` [N, 2] is the row of each motor's last contact, −1 where unknown; ``side`` [N, 2] its branch,
     −1 pushed forwards and +1 pulled back; ``belt_mm`` [N, 2] where the belts are."""
 
     row: np.ndarray

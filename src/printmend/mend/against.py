@@ -99,7 +99,7 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
 
 
 def _is_sloped(moves: Moves) -> bool:
-    """Tell whether any extruding move rises or falls, as those of a spiral vase do."""
+    """Say whether any extruding move rises or falls, as those of a spiral vase do."""
     return bool((moves.start_mm[moves.extruding, 2] != moves.end_mm[moves.extruding, 2]).any())
 
 

@@ -328,7 +328,7 @@ def _trend(part: str, kind: str, unit: str, sizes: tuple[Size, ...]) -> Trend:
 def _passed(fault: NamedFault, run: Sequence[Size], slope: float | None) -> tuple[Passed | None, float]:
     """Return what a fault has passed, and by how many mm it shifts a print at the next size that matters.
 
-    Where it grows by ``slope`` a month its trend says when; else the straight line between the last measurement of
+    Where it grows by ``slope`` a month its trend says when; otherwise the straight line between the last measurement of
     ``run`` that was smaller and the next.
     """
     effects_mm = [effect_mm for effect_mm in (SOON_MM, REPAIR_MM) if fault.value >= _level(fault, effect_mm)]
@@ -455,5 +455,5 @@ def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
 
 
 def _said(name: str) -> str:
-    """Return an event or a result as a message; a name that is none of ours stays as it is."""
+    """Return an event or a result as a message; a name that is not one of printmend's stays as it is."""
     return say(_MESSAGES[name]) if name in _MESSAGES else name

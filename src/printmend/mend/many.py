@@ -26,7 +26,7 @@ _MARK = ".mended"
 
 @dataclass(frozen=True, eq=False)
 class FileOutcome:
-    """What became of a file: ``mended``, or the ``error`` and its exit ``code`` (2 or 3, 1 for a fault of ours).
+    """What became of a file: ``mended``, or the ``error`` and its exit ``code`` (2 or 3, 1 for a fault of printmend's).
 
     ``test_print``: it is a test print of printmend's and was copied unchanged. ``current``: this model had mended it,
     so it was copied. ``already``: it was mended before and left alone.

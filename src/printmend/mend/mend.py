@@ -105,7 +105,7 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
     with open_gcode(source) as file:
         refuse_mended(file)
         refuse_grown(file, model.filament)
-        if said := said_of(model.document, REFITTED):  # nobody knows where the errors are now
+        if said := said_of(model.document, REFITTED):  # the errors' places are unknown now
             raise RefusedError(file.name, wanted=say("model-measured-after-work"), came=said[0], todo=PHASE_TODO)
         fineness, fewer = with_few_moves(file, model, AS_USUAL)
         planner = start(model.mechanism)

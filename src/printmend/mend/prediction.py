@@ -58,7 +58,7 @@ class Prediction:
     Moves: ``moves`` and ``commands`` count what moves the head before and after. ``takeups`` counts the reversals at
     which slack is taken up, ``stops`` those where the nozzle stands still amid an extruded path, ``anchors`` the places
     where the engaged side had to be made certain again, ``coarse`` those beyond the tolerance. ``duration`` is how long
-    both files take, None where nobody asked.
+    both files take, None if not asked for.
 
     Not corrected: ``unknown`` counts extruding moves left as they are, because their words cannot be read or the file
     does not say where the head is (``unknown_lines`` are the lines of the first). ``splines`` counts such curves (G5).
@@ -128,7 +128,7 @@ class Prediction:
 
     @property
     def where_unknown(self) -> str:
-        """The lines of the moves that were left as they are, in brackets; empty where that is not known."""
+        """The lines of the moves that were left as they are, in brackets; empty where unknown."""
         if not self.unknown_lines:
             return ""
         more = [] if self.unknown == len(self.unknown_lines) else ["…"]

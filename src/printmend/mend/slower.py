@@ -79,7 +79,7 @@ def with_few_moves(file: GcodeFile, model: SavedModel, fineness: Fineness) -> tu
 
 
 def _ripples(model: SavedModel) -> bool:
-    """Tell whether a model has a ripple that acts."""
+    """Say whether a model has a ripple that acts."""
     belief = parse_belief(model)
     return belief is not None and any(part.acts_mm.any() for part in belief.of("teeth"))
 

@@ -183,7 +183,7 @@ def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarra
         if of in (Of.MACHINE, Of.SESSION):
             columns = seen(part.effect, part.where, part.shape, fit.places, fit.rows, scene)
             sums[wanders and of is Of.SESSION] += columns @ part.draws_mm
-    if not placed:  # nobody knows where the plate lay
+    if not placed:  # the plate's place is unknown
         along = fit.rows.along
         sums = {key: each - along @ np.linalg.lstsq(along, each, rcond=None)[0] for key, each in sums.items()}
     surely_mm, wanders_mm = (PLANE_FACTOR * np.sqrt(np.mean(sums[key] ** 2, axis=0)) for key in (False, True))
@@ -191,7 +191,7 @@ def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarra
 
 
 def _is_beyond(found: Renewed) -> bool:
-    """Tell whether a check print shows anything that no drawn machine has."""
+    """Say whether a check print shows anything that no drawn machine has."""
     return any(
         EFFECTS[part.effect].of in (Of.MACHINE, Of.SESSION) and part.effect != "wander" for part in found.beside
     )  # fmt: skip

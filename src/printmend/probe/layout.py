@@ -85,7 +85,7 @@ def glass_area_mm(printer: Printer, glass_mm: tuple[float, float]) -> tuple[np.n
 
 
 def area_around_mm(printer: Printer, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of the area of marks that a part needs: its own, and one turn of each pulley at the least.
+    """Return the corners of the area of marks that a part needs: its own, and one turn of each pulley at least.
 
     ``points_mm`` [N, 2] are the ends of the part's moves.
     """

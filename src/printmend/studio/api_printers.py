@@ -127,7 +127,7 @@ def add(here: Here, new: NewPrinter) -> PrinterCard:
 
 
 def _described(here: StudioState, new: NewPrinter) -> tuple[Printer, tuple[str, ...]]:
-    """Return the printer that a request describes, and what is to be said of it."""
+    """Return the printer that a request describes, and notes about it."""
     from printmend.printer import preset_names
 
     if new.preset is not None and new.preset not in preset_names():

@@ -162,7 +162,7 @@ def families_table(
 
 
 def measures(label: str) -> bool:
-    """Tell whether a row learns from the measurement, so that its noise matters."""
+    """Say whether a row learns from the measurement, so that its noise matters."""
     return label.partition("+")[0] not in ("naive", "oracle", OPTIMUM)
 
 

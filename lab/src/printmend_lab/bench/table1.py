@@ -277,7 +277,7 @@ def _line(row: str, results: list[Result], found: Summary) -> Line:
 
 
 def has_play(family: str) -> bool:
-    """Tell whether a family has play, in which the paper's Algorithm 1 stands still: the paper's Table I has none."""
+    """Say whether a family has play, in which the paper's Algorithm 1 stands still: the paper's Table I has none."""
     return any(each in family for each in WITH_PLAY)
 
 

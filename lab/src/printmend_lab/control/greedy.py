@@ -47,7 +47,7 @@ class Greedy:
 def _plan_by_advance(
     model: WorldModel, targets: np.ndarray, start: np.ndarray, c_max: int, controls: np.ndarray, imagined: np.ndarray
 ) -> None:
-    """Plan with tables read off `advance`, where they are worth it and hold; else one call of it a target."""
+    """Plan with tables read off `advance`, where they are worth it and hold; otherwise one call of it a target."""
     asked = sum(steps + 1 for steps in model.printer.bed_steps)  # times the controls of an axis
     if len(targets) * (2 * c_max + 1) > asked and (tables := increments_by_advance(model, start, c_max=c_max)):
         kernels.plan_increments(targets, start, *tables.displacement_steps, controls, imagined)

@@ -37,7 +37,7 @@ def increments_by_advance(model: WorldModel, start_steps: np.ndarray, *, c_max: 
 
 
 def agrees(model: WorldModel, start_steps: np.ndarray, controls: np.ndarray, imagined: np.ndarray) -> bool:
-    """Tell whether `advance` says of every tick of a plan [T, 2] what was imagined [T + 1, 2], in one call for all.
+    """Say whether `advance` says of every tick of a plan [T, 2] what was imagined [T + 1, 2], in one call for all.
 
     A plan that leaves the bed is not looked at: the answer is no.
     """
@@ -59,5 +59,5 @@ def _repeated(memory: np.ndarray | None, count: int) -> np.ndarray | None:
 
 
 def _same(one: np.ndarray | None, other: np.ndarray | None) -> bool:
-    """Tell whether nothing was remembered."""
+    """Say whether nothing was remembered."""
     return one is other is None or (one is not None and other is not None and np.array_equal(one, other))

@@ -132,7 +132,7 @@ def machine_figure(printer: Printer) -> Figure:
     line([(-20, at[1], top), (x + 20, at[1], top)], INK, 2)
     line([(-20, at[1], top + 8), (x + 20, at[1], top + 8)], PALETTE[0], 1.2)
     line([(*at, top), (*at, top - 35)], INK, 5)
-    # A CoreXY's motors stand still in two corners; else that of x rides on the gantry.
+    # A CoreXY's motors stand still in two corners; otherwise that of x rides on the gantry.
     motors = ((x + 20, -20.0) if printer.kinematics == "corexy" else (x + 20, at[1])), (x + 20, y + 20)
     for place in motors:
         axes.plot(*project(np.array([place]), top + 8)[0], "o", color=INK, markersize=9)

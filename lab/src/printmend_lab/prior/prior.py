@@ -45,7 +45,7 @@ class PriorLearner:
 
 
 def _applies(choice: Choice) -> bool:
-    """Tell whether the mixture knows drives of this kind: the pulley bends both branches alike, everywhere."""
+    """Say whether the mixture knows drives of this kind: the pulley bends both branches alike, everywhere."""
     structure = choice.structure
     plain = structure.play in ("none", "constant") and not (structure.elastic or structure.drift or structure.warp_mm)
     return plain and (structure.scale or structure.pulley != "none")

@@ -135,7 +135,7 @@ def _add_arc(limits, clock, queue, times, r, x, y, z, c0, c1, advance_mm, feed):
     sweep += 2.0 * np.pi * r.turns
     length = np.hypot(sweep * radius, h1 - h0)
     count = np.int64(min(max(length / limits.arc_mm, 1.0), MOST_CHORDS))
-    if not length >= 0.0:  # nobody knows where it begins
+    if not length >= 0.0:  # its start is unknown
         return
     for i in range(1, count + 1):
         part = i / count

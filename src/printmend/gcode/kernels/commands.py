@@ -1,5 +1,5 @@
 # ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
-"""What each command does to the machine's state and to the record of its statement."""
+"""The effect of each command on the machine's state and on the record of its statement."""
 
 import numpy as np
 
@@ -58,7 +58,7 @@ def finish_record(r, numbers, counts):
     r.flags = r.flags | counts.known * FLAG_KNOWN_X1
 
 
-# What events lose: the axes (bits) whose place is uncertain afterwards come with the event, in its higher byte.
+# The higher byte of an event holds the axes (bits) whose place is uncertain afterwards.
 _LOST = 256
 ALL_LOST = 7 * _LOST
 
@@ -233,7 +233,7 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
         axes = ((words | bare | unclear) >> 23) & 7
         flavour = counts.flavour
         if (words | bare) & WORD_O and flavour != FLAVOUR_KLIPPER and flavour != FLAVOUR_RRF:
-            # Marlin homes then only what is not known, and stays elsewhere.
+            # Marlin then homes only axes with an unknown place, and leaves the others.
             return 0 if counts.known == 7 and flavour != FLAVOUR_UNKNOWN else EVENT_PROBE + ALL_LOST
         _home(r, numbers, counts, axes if axes else 7)
     elif code == 920 or code == 921 or code == 922:
@@ -301,7 +301,7 @@ def _g10(r, numbers, counts, words, values, code):
 def tool_change(numbers, counts, tool):
     """T: the macro behind it leaves the head where the file thinks it is, or an extruding line after it would be lost.
 
-    With increments, or where the tools' offsets differ, nobody knows; but a file's first T0 names the tool at hand.
+    With increments, or where the tools' offsets differ, it is unknown; but a file's first T0 names the tool at hand.
     """
     old = counts.tool
     same = counts.relative == 0 or (old < 0 and tool == 0)
@@ -314,7 +314,7 @@ def tool_change(numbers, counts, tool):
 
 
 # M commands in tenths. The place is kept by the first three groups and lost by the last two.
-_M_GEOMETRY = np.array([4250, 5560, 5790, 8520])  # from here on the firmware changes what it is told
+_M_GEOMETRY = np.array([4250, 5560, 5790, 8520])  # from here on the firmware changes commanded positions
 _M_PAUSE = np.array([0, 10, 250, 600, 1250, 2260, 6000, 6010, 6020])  # the head parks and comes back
 _M_EXCLUDE = np.array([4860, 6240, 6250])  # what follows may be skipped
 _M_TOOL = np.array([60, 6200, 6210, 7010, 7020, 7030])  # tools, and filament that is changed

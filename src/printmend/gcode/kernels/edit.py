@@ -239,7 +239,7 @@ def add_axes(r, piece, writer, out, at):
             continue
         target = axis_value(r, piece, axis)
         if np.isnan(writer.place[axis]) and not r.flags & (FLAG_KNOWN_X1 << axis):
-            writer.place[axis] = target  # nobody knows where it is: leave it there
+            writer.place[axis] = target  # its place is unknown: leave it there
             continue
         scaled = scaled_axis(r, writer, target, axis)
         if wants_axis(r, writer, target, scaled, axis):

@@ -22,7 +22,7 @@ RECORD = np.dtype(
         ("e1", "f8"),  # logical E after
         ("advance", "f8"),  # filament advance [mm]: (e1 − e0) × M221 ÷ filament area of M200
         ("feed", "f8"),  # modal F after this statement [mm/min], 0 before the first F
-        ("accel", "f8"),  # of printing moves, as it was last told [mm/s²], 0 where nobody knows
+        ("accel", "f8"),  # of printing moves, the last one set [mm/s²], 0 where unknown
         ("ox", "f8"),  # machine = logical × unit + offset [mm]
         ("oy", "f8"),
         ("oz", "f8"),
@@ -52,7 +52,7 @@ EVENT_MOTORS_OFF = 8  # M84
 EVENT_RESTORE = 9  # RESTORE_GCODE_STATE MOVE=1, SET_GCODE_OFFSET MOVE=1: the carriage goes there by itself
 EVENT_OFFSET = 10  # offsets changed; the carriage has not moved
 EVENT_SAVE = 11  # SAVE_GCODE_STATE: nothing is uncertain, but a restore comes back to here
-EVENT_GEOMETRY = 12  # M425, M556, M579, M852, SET_SKEW: from here on the firmware changes what it is told
+EVENT_GEOMETRY = 12  # M425, M556, M579, M852, SET_SKEW: from here on the firmware changes commanded positions
 EVENT_SPLINE = 13  # a G5 or G5.1 that is not cut into chords: followed to its end, on a way that is not
 
 FLAG_RELATIVE = 1 << 0  # X Y Z words are increments
@@ -77,16 +77,16 @@ FLAG_TWICE = 1 << 22  # a word comes twice: the last one counts
 FLAG_CURVE = 1 << 23  # a chord of a G5; all but its last one have no text of their own
 FLAG_E_IS_A = 1 << 24  # the extruder's word is A, and stands among the words as E
 
-# What a line is printed for, from this bit of its flags on: walls that are seen and others, closed surfaces, infill,
-# and what is no part of the object.
+# The role of a line, from this bit of its flags on: outer and inner walls, closed surfaces, infill, and lines that are
+# not part of the object.
 ROLE_SHIFT, ROLE_MASK = 25, 7
 ROLE_UNKNOWN, ROLE_OUTER, ROLE_INNER, ROLE_SOLID, ROLE_INFILL, ROLE_ASIDE = 0, 1, 2, 3, 4, 5
 
-# How an acceleration is told, from this bit of the flags on: by M204's P, or by its S, which holds for travels, too.
+# How an acceleration is set, from this bit of the flags on: by M204's P, or by its S, which holds for travels, too.
 TELL_SHIFT, TELL_MASK = 28, 3
 TELL_NOTHING, TELL_P, TELL_S = 0, 1, 2
 
-# What the firmware is: the cases in which firmwares differ.
+# The kinds of firmware that differ in reading G-code.
 FLAVOUR_UNKNOWN, FLAVOUR_MARLIN2, FLAVOUR_MARLIN1, FLAVOUR_KLIPPER, FLAVOUR_RRF, FLAVOUR_PRUSA = 0, 1, 2, 3, 4, 5
 E_EITHER, E_FOLLOWS, E_APART = 0, 1, 2  # how G90/G91 act on E: relative if G91 or M83; sets E too; not at all
 
@@ -101,7 +101,7 @@ _MODAL_NUMBERS = [
     ("feed", "f8"),  # modal F [mm/min]
     ("flow", "f8"),  # of M221, 1 for 100 %
 ]
-# What a machine's state holds in numbers, and whole numbers.
+# The numbers and whole numbers of a machine's state.
 NUMBERS = np.dtype(
     [
         *_MODAL_NUMBERS,
@@ -109,7 +109,7 @@ NUMBERS = np.dtype(
         ("m206", "f8", 3),  # home offset of M206 [mm]
         ("offset", "f8", 3),  # machine − logical [mm], the sum of all shifts
         ("area", "f8"),  # of the filament after M200 [mm²], 0 while E is mm
-        ("accel", "f8"),  # of printing moves [mm/s²], 0 where nobody knows
+        ("accel", "f8"),  # of printing moves [mm/s²], 0 where unknown
         ("work", "f8", (WORK_OFFSETS, 3)),  # work offsets of G54 to G59.3 [mm]
         ("tools", "f8", (TOOLS, 3)),  # tool offsets [mm]
         ("saved", np.dtype(_MODAL_NUMBERS, align=True), SAVED_SLOTS),
@@ -209,7 +209,7 @@ WRITER = np.dtype(
         ("modal", "i8"),  # the motion in force, as in COUNTS
         ("crlf", "i8"),  # 1 where the last line ended in CR and LF
         ("numbered", "i8"),  # 1 where lines have numbers
-        ("e_debt", "f8"),  # what rounding took of relative E so far, in steps of E
+        ("e_debt", "f8"),  # relative E lost to rounding so far, in steps of E
         ("saved", _SHIFTED_PLACE, SAVED_SLOTS),  # for each slot the place and the shift when it was saved
     ],
     align=True,

@@ -1,5 +1,6 @@
 # ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
-"""Notes beside the records: what a text says of time and of the machine's limits, which moves nothing by itself."""
+"""Notes beside the records: a text's statements about time and the machine's limits, which move nothing by
+themselves."""
 
 import numpy as np
 
@@ -102,7 +103,7 @@ def note_statement(buf, s, stop, values, notes, numbers, counts, record):
 
 @inner
 def _keep_accel(printing, travel, both, numbers, counts):
-    """Keep M204's acceleration of printing moves [mm/s²], NaN where it is not given, and how it was told."""
+    """Keep M204's acceleration of printing moves [mm/s²], NaN where it is not given, and by which word it was set."""
     if both > 0.0:
         numbers.accel, counts.tell = both, TELL_S
     elif counts.flavour == FLAVOUR_KLIPPER:  # which takes the smaller of P and T, and neither by itself

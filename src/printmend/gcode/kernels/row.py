@@ -98,7 +98,7 @@ def put_row(buf, r, piece, cumulated, before, last, writer, out, at):
         target = axis_value(r, piece, axis)
         sure = r.words & (WORD_X << axis) or r.flags & (FLAG_KNOWN_X1 << axis)
         if np.isnan(writer.place[axis]) and not sure:
-            continue  # nobody knows where it is: leave it there
+            continue  # its place is unknown: leave it there
         scaled = scaled_axis(r, writer, target, axis)
         # An arc names its end; and where it comes from an unknown place the writer's own is a guess.
         named = r.words & (WORD_X << axis) and (piece.kind == PIECE_ARC or not r.flags & (FLAG_KNOWN_X0 << axis))

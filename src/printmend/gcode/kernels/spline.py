@@ -43,9 +43,9 @@ def most_records(buf, p, stop):
 
 @inner
 def chords_of(r, s, values, numbers, counts):
-    """Return into how many chords the curve of a statement has to be cut; 0 where nobody knows how it goes.
+    """Return into how many chords the curve of a statement has to be cut; 0 where its course is unknown.
 
-    For a parameter step h a chord is off by |B″| h²/8 at the most, and B″ is largest at an end of the curve.
+    For a parameter step h a chord is off by |B″| h²/8 at most, and B″ is largest at an end of the curve.
     Where I and J, or P and Q, are missing, firmwares differ.
     """
     sure = r.flags & FLAG_KNOWN_X0 and r.flags & FLAG_KNOWN_Y0 and counts.known & 3 == 3 and counts.plane == 0

@@ -40,7 +40,7 @@ STATEMENT = np.dtype(
         ("twice", "i8"),  # and those that come twice
         ("flags", "i8"),  # FLAG_* of its line so far
         ("spaced", "i8"),  # 1 where blanks were seen in its line
-        ("garbled", "i8"),  # 1 where nobody knows what a firmware makes of it
+        ("garbled", "i8"),  # 1 where firmwares may read it in different ways
         ("over", "i8"),  # 1 where reading stopped before the line's end
         ("again", "i8"),  # 1 where another statement of the same line follows
     ]

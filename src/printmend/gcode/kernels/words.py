@@ -78,7 +78,7 @@ def put_word(out, at, r, byte, scaled, decimals):
 
 @inner
 def decimals(r):
-    """Return the decimals of X Y Z in the file's unit, which round by 0.5 µm at the most (0.13 µm in inches)."""
+    """Return the decimals of X Y Z in the file's unit, which round by 0.5 µm at most (0.13 µm in inches)."""
     return 5 if r.flags & FLAG_INCH else 3
 
 

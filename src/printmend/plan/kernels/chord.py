@@ -27,11 +27,11 @@ from printmend.plan.kernels.state import followed, middle, motor_along
 
 SHORT_MM = 0.4  # chords below this may bulge twice as far; on a radius of 4 mm all are shorter
 LOOK_AHEAD_MM = 8.0  # how far along a line its curvature is looked up at once
-LOOKS_A_CHORD, CLOSEST_LOOK_MM = 10.0, 0.01  # at how many places of a chord, and how densely it is looked at the most
+LOOKS_A_CHORD, CLOSEST_LOOK_MM = 10.0, 0.01  # at how many places of a chord, and how densely it is looked at most
 UNEVEN = 0.03  # by which share a wall may be wider or thinner somewhere along a chord: some 1 % RMS
 SHORTEST_EVEN_MM = 0.2  # chords that are to keep a wall's width: half a line's width
-ALONG_AN_AXIS = 0.26  # the tangent of a wall's angle to it, at the most
-GENTLY = 0.1  # mm of slack a mm of path, at the most: a motor that crosses faster turns the command aside
+ALONG_AN_AXIS = 0.26  # the tangent of a wall's angle to it, at most
+GENTLY = 0.1  # mm of slack a mm of path, at most: a motor that crosses faster turns the command aside
 MOST_SCORE = 1.1  # that such a chord may have: the exact command's distances are nearly those on the bed
 REST_SHARE = 0.5  # of a chord: before a shorter rest it is cut in the middle
 _FAR_MM = 12.0  # for how much of a motor's way the curvature of its tables is looked up
@@ -241,7 +241,7 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     d1 = 0.0 if mode1 == 0 else abs(m1 - from1)
     far0, far1 = min(d0, _FAR_MM) * np.sign(m0 - from0), min(d1, _FAR_MM) * np.sign(m1 - from1)
     bend0, bend1 = sharpest(model, 0, from0, from0 + far0), sharpest(model, 1, from1, from1 + far1)
-    bound = norm(bend0 * d0 * d0, bend1 * d1 * d1)  # 8 times the sagitta, at the most
+    bound = norm(bend0 * d0 * d0, bend1 * d1 * d1)  # 8 times the sagitta, at most
     if is_flat_arc(curve):
         bound += whole * whole * abs(curve.sweep) * length
     elif is_framed(model):

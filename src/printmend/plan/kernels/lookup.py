@@ -42,7 +42,7 @@ HEAD = np.dtype(
         ("sample", "f8"),  # how densely a chord must be looked at [mm]
         ("look", "f8"),  # how densely the prediction looks [mm]
         ("crossing", "f8"),  # the largest acceleration of a motor that crosses its slack [mm/s²], 0 for the file's
-        ("period", "f8"),  # how much time a move must take at the least [min]
+        ("period", "f8"),  # how much time a move must take at least [min]
         ("screw", "f8"),  # 1 or 0: a Z screw that is not perfect; then also:
         ("rise", "f8"),  # how far it may rise in one straight command [mm]
         ("z_limits", "f8", 2),  # [mm]

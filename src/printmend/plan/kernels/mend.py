@@ -99,7 +99,7 @@ from printmend.plan.kernels.state import (
 from printmend.plan.kernels.travel import arrival, arriving_push, plan_travel
 from printmend.plan.kernels.turns import survey
 
-LOOKS_FROM_HOME = 256  # places of a line from home that are looked at: 1.2 mm apart at the most on a bed of 220 mm
+LOOKS_FROM_HOME = 256  # places of a line from home that are looked at: 1.2 mm apart at most on a bed of 220 mm
 
 
 # The kernels here, in `draw` and in `predict` have many parameters: the arrays of one file's way through the planner,
@@ -297,7 +297,7 @@ def _from_home(model, record, m0, m1):
 
 @inner(error_model="numpy", _nrt=False)
 def _count_left(counts, record, extruding):
-    """Count an extruding move that stays as it is, or whose start nobody knows, and keep the lines of the first."""
+    """Count an extruding move that stays as it is, or has an unknown start, and keep the lines of the first."""
     if extruding and counts.unknown < UNKNOWN_LINES:
         counts.unknown_at[counts.unknown] = record.line + 1
     counts.unknown += extruding

@@ -121,7 +121,7 @@ def prepare(model, state, k, start, end, anywhere, trend, hold):
 
     Returns (mode, first, second): mode 1 pushes (lower), −1 pulls (upper), 2 does both, without play, 0 stands still;
     ``first`` and ``second`` are the motor positions of two dead moves that make the belt engaged, equal to where it is
-    when none is needed. None is made for a way of at most ``hold`` [mm]. The trend is 0 where it is not known.
+    when none is needed. None is made for a way of at most ``hold`` [mm]. The trend is 0 where unknown.
     """
     m = state.mended.m[k]
     if is_taut(model, k) and is_sure(state, k) and abs(middle(state, k) - start) <= 1.5 * hold and not anywhere:

@@ -1,7 +1,7 @@
 """Compiled planning of travels of several legs: what draws nothing is followed only as far as to arrive right.
 
 At a corner of a travel a loose motor need not cross its slack: its belt may lag there. Each motor goes as the path
-does, whatever its belt is doing, and crosses the slack once at the most: on the longest leg after which the belt still
+does, whatever its belt is doing, and crosses the slack once at most: on the longest leg after which the belt still
 ends where it is wanted, and to the side on which the line behind the travel will push it.
 
 A bad Z screw pushes the nozzle otherwise at each height. Of a travel that rises and comes down only the end has to be

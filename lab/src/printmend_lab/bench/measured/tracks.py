@@ -37,7 +37,7 @@ class MeasuredSet:
     ``free`` is what of a judged track is not predicted: its mean, its straight line, or nothing but its start.
     Input and output are lengths or angles of one unit, of which ``mm_per_unit`` make a millimetre of a printer's axis;
     None where they are different things, which are stretched to it. Tracks of a ``joined`` set follow each other on one
-    machine; else each begins at rest.
+    machine; otherwise each begins at rest.
     """
 
     name: str

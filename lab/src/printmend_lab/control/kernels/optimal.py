@@ -94,7 +94,7 @@ def advance(
 
 @inner
 def parent(costs, base0, left0, right0, k, m, first, last, low, high, c_max):
-    """Return the state (k, m) of the tick before from which (k, m) is reached at the least cost."""
+    """Return the state (k, m) of the tick before from which (k, m) is reached at least cost."""
     best, best_k, best_m = np.inf, -1, -1
     rows, m0, m1 = right0 - left0, first[left0], last[right0 - 1]
     at = base0 - m0 * rows - left0

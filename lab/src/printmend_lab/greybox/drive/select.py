@@ -67,7 +67,7 @@ class Structure:
 
     @property
     def waves(self) -> bool:
-        """Tell whether the mean has parts that average to 0 over a turn or the axis: they need an offset, too."""
+        """Say whether the mean has parts that average to 0 over a turn or the axis: they need an offset, too."""
         return self.pulley != "none" or self.ripple or self.elastic or self.warp_mm > 0 or self.second_mm > 0
 
     def active(self, design: Design) -> np.ndarray:

@@ -11,7 +11,7 @@ GLIMPSED_TURN = 0.15  # a smaller share of a turn says nothing about a pulley's 
 
 
 def crosses(rows: Rows) -> bool:
-    """Tell whether the other motor moved by itself, not only along with this one."""
+    """Say whether the other motor moved by itself, not only along with this one."""
     measured = rows.weight > 0
     own, other = rows.own_mm[measured], rows.other_mm[measured]
     own, other = own - own.mean(), other - other.mean()

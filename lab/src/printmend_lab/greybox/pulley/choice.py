@@ -81,7 +81,7 @@ def _unsure_mm(rows: Rows, choice: Choice) -> float:
 
 
 def _applies(choice: Choice) -> bool:
-    """Tell whether an outline says all about both branches: play is constant, or that of a loose belt."""
+    """Say whether an outline says all about both branches: play is constant, or that of a loose belt."""
     structure = choice.structure
     plain = structure.play != "free" and not (structure.elastic or structure.drift or structure.warp_mm)
     return plain and not structure.friction and (structure.scale or structure.pulley != "none")
@@ -140,7 +140,7 @@ def _believed(places: MotorPlaces) -> list[OutlineFit]:
 
 
 def _is_patternless(found: OutlineFit, places: MotorPlaces) -> bool:
-    """Tell whether the residuals, in the order of their angles, look like noise."""
+    """Say whether the residuals, in the order of their angles, look like noise."""
     if found.left_mm <= ARITHMETIC_MM:
         return True
     left = found.residual_mm[np.argsort(places.angle_rad)] * np.sqrt(places.rows)
@@ -148,7 +148,7 @@ def _is_patternless(found: OutlineFit, places: MotorPlaces) -> bool:
 
 
 def _is_settled(found: OutlineFit) -> bool:
-    """Tell whether the rows settle every angle of an outline, and every disc: else a simpler outline says as much."""
+    """Say whether the rows settle every angle of an outline, and every disc: else a simpler outline says as much."""
     sds = np.sqrt(np.diag(found.covariance))[: len(found.q)]
     disc = found.outline.spread / 2 if isinstance(found.outline, EggOutline) else np.inf
     return bool((sds < np.where(np.isnan(found.outline.centre), SETTLED_ANGLE_RAD, disc)).all())
