@@ -23,24 +23,24 @@ _FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshade
 
 
 class Server:
-    """`printmend studio` over ``folder``; a second start takes the first one's port."""
+    """`printmend studio` over ``folder``; a second start takes the first one's port. ``token`` is what it told."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.port, self.address = folder, 0, ""
+    def __init__(self, folder: Path, *options: str) -> None:
+        self.folder, self.port, self.address, self.token, self._options = folder, 0, "", "", options
         self._process: subprocess.Popen | None = None
         self.start()
 
     def start(self) -> None:
         """Start it and wait until it listens."""
-        command = [PRINTMEND, "studio", "--no-browser", "--port", self.port, "--folder", self.folder]
+        command = [PRINTMEND, "studio", "--no-browser", "--port", self.port, "--folder", self.folder, *self._options]
         self._process = subprocess.Popen(  # noqa: S603 - our own program
             list(map(str, command)), stdout=subprocess.PIPE, text=True, start_new_session=True
         )
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
-        found = re.search(r"http://127\.0\.0\.1:(\d+)/", line)
+        found = re.search(r"(http://127\.0\.0\.1:(\d+)/)(?:\?token=(\S+))?", line)
         assert found, line
-        self.port, self.address = int(found[1]), found[0]
+        self.address, self.port, self.token = found[1], int(found[2]), found[3] or self.token
 
     @property
     def process(self) -> subprocess.Popen:

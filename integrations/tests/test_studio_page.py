@@ -221,7 +221,12 @@ def test_broken_to_mended_on_the_play_screen(browser: Browser, server: Server) -
     machine.locator("[data-part=y]").focus()
     expect(page.locator("[data-fault=y]").first).to_have_class(re.compile("lit"))
     watched.picture("play-mended")
-    page.get_by_role("button", name="Share").click()
+    share = page.get_by_role("button", name="Share")
+    page.set_viewport_size({"width": 390, "height": 844})  # a phone shows what comes next without scrolling
+    page.evaluate("scrollTo(0, 0)")
+    for one in (share, handle, page.get_by_text("times better")):
+        expect(one).to_be_in_viewport()
+    share.click()
     with page.expect_download() as load:
         page.get_by_role("dialog").get_by_role("button", name="Save as PNG").click()
     card, _ = read_image(Path(load.value.path()))
@@ -229,7 +234,10 @@ def test_broken_to_mended_on_the_play_screen(browser: Browser, server: Server) -
     halves = [card[220:900, :1190].reshape(-1, 3).astype(float), card[220:900, 1210:].reshape(-1, 3).astype(float)]
     red = [(half[:, 2] > half[:, 0] + 60).mean() for half in halves]
     assert red[0] > 0.02 > 10 * red[1]  # what is far off is red, and is not in the mended half
+    sides = np.concatenate([card[220:900, at] for at in (0, 1180, 1220, 2399)]).astype(int)
+    assert np.ptp(sides, axis=-1).max() < 30  # grey: the whole part is in it
     page.get_by_role("button", name="Close").click()
+    page.set_viewport_size({"width": 1280, "height": 860})
     drawn_finely(page, page.get_by_role("button", name="as it prints").click)
     with page.expect_download() as load:
         page.get_by_role("button", name="Save as PNG").click()

@@ -13,12 +13,6 @@ const W = 1200, H = 630, DOTS = 2, PART = [0, 96, W / 2, 372];
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const loaded = async (blob) => { const picture = new Image(); picture.src = URL.createObjectURL(blob); await picture.decode(); return picture; };
 
-// Draw a picture so that it fills a place, cut where it is too long.
-function fill(pen, picture, [x, y, w, h]) {
-  const scale = Math.max(w / picture.width, h / picture.height), cut = [w / scale, h / scale];
-  pen.drawImage(picture, (picture.width - cut[0]) / 2, (picture.height - cut[1]) / 2, ...cut, x, y, w, h);
-}
-
 // `before` and `after` are pictures of the part, `numbers` {before_mm, after_mm}, `scene` what the scale is read from.
 export async function draw({ before, after, numbers, scene, printer, part }) {
   const canvas = Object.assign(document.createElement("canvas"), { width: W * DOTS, height: H * DOTS }), pen = canvas.getContext("2d"), scale = scaleOf(scene);
@@ -33,8 +27,8 @@ export async function draw({ before, after, numbers, scene, printer, part }) {
   if (numbers.before_mm / numbers.after_mm > 1.5) text(`${times(numbers.before_mm / Math.max(numbers.after_mm, 1e-4))} ${t("better")}`, W - 40, 62, 28, { weight: 640, align: "right" });
   pen.fillStyle = colour("--well");
   pen.fillRect(0, PART[1], W, PART[3]);
-  fill(pen, before, PART);
-  fill(pen, after, [W / 2, ...PART.slice(1)]);
+  pen.drawImage(before, ...PART);
+  pen.drawImage(after, W / 2, ...PART.slice(1));
   pen.fillStyle = colour("--line");
   pen.fillRect(W / 2 - 1, PART[1], 2, PART[3]);
   text(t("printed"), 40, PART[1] + 38, 24, { weight: 620, fill: "--printed" });
@@ -51,14 +45,14 @@ export async function draw({ before, after, numbers, scene, printer, part }) {
   return new Promise((done) => canvas.toBlob(done, "image/png"));
 }
 
-// A button that makes the card and shows it. `shots` returns the pictures of the part as they are seen now.
+// A button that makes the card and shows it. `shots` returns pictures of the part of a size in dots.
 export function Share({ shots, numbers, scene, printer, part, name = "printmend" }) {
   const [open, setOpen] = useState(false), [made, setMade] = useState(null);
   useEffect(() => {
     if (!open) return undefined;
     let address;
     (async () => {
-      const [before, after] = await Promise.all((await shots()).map(loaded)), blob = await draw({ before, after, numbers, scene, printer, part });
+      const [before, after] = await Promise.all((await shots(DOTS * PART[2], DOTS * PART[3])).map(loaded)), blob = await draw({ before, after, numbers, scene, printer, part });
       for (const picture of [before, after]) URL.revokeObjectURL(picture.src);
       address = URL.createObjectURL(blob);
       setMade({ blob, address });

@@ -63,6 +63,7 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false, sh
         <button class="quiet glass" onClick=${() => { setTop(last); setSingle(false); view.current?.fit(); view.current?.draw(); }}>${t("reset")}</button>
         <button class="quiet glass" aria-pressed=${cut} onClick=${() => setCut(!cut)}>${t("cut_show")}</button>
         <${Save} save=${save} />
+        ${scene.mended && share && html`<${Share} ...${share} scene=${scene} name=${name} shots=${(...size) => view.current.shots(...size)} />`}
       </div>
     </div>
     ${scene.mended && wipe !== null && html`<${Wipe} at=${wipe} onMove=${setWipe} />`}
@@ -79,7 +80,6 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false, sh
   </div>
   ${scene && html`<label class="field"><span class="sr">${t("morph")}</span>
     <input type="range" min="0" max=${scene.mended ? 2 : 1} step="0.01" value=${morph} onInput=${(event) => { setWipe(null); setMorph(Number(event.target.value)); }} /><span class="row between faint" aria-hidden="true">${places.map(([place]) => html`<span>${t(place)}</span>`)}</span></label>
-  ${scene?.mended && share && html`<div class="row end"><${Share} ...${share} scene=${scene} name=${name} shots=${() => view.current.shots()} /></div>`}
   ${cut && html`<${Cut} scene=${scene} morph=${morph} scale=${scale} name=${name} />`}
   ${scene.every > 1 && !scene.coarse && html`<p class="faint">${t("every", { n: scene.every })}</p>`}`}`;
 }

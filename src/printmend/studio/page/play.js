@@ -120,7 +120,7 @@ export function Play() {
 
 function Result({ result, played }) {
   const [lit, light] = useState(null), { before, after, said } = result, more = before.rms_mm / Math.max(after.rms_mm, 1e-4), larger = said ? inside(said.machine) : 1;
-  return html`<section class="card stack"><div class="numbers">
+  return html`<section class="card stack tally"><div class="numbers">
       <${Number_} value=${mm(before.rms_mm)}>${t("before")}</${Number_}><${Counting} from=${before.rms_mm} to=${after.rms_mm}>${t("after")}</${Counting}>
       ${!result.refused && more > 1.5 && html`<${Counting} from=${1} to=${more} unit="" show=${times}>${t("better")}</${Counting}>`}</div></section>
     ${!said ? html`<section class="card stack"><h2>${t("found")}</h2><p class="soft">${t("static_known")}</p></section>` : html`<section class="card stack"><h2>${t("found")}</h2>

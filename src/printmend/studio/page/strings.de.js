@@ -19,7 +19,7 @@ export default {
   off: "daneben, im Mittel", off_layer: "daneben in dieser Schicht, im Mittel", mend_it: "Heilen", mending: "Heilt …",
   step_print: "Testdruck drucken", step_scan: "Einscannen", step_measure: "Marken finden", step_learn: "Lernen, was kaputt ist",
   step_mend: "Ein Teil heilen, das nie dabei war",
-  now_mended: "Geheilt. Den Schieber zwischen gewollt, wie er druckt und geheilt ziehen; das Teil mit der Maus drehen.",
+  now_mended: "Geheilt. Den Griff ziehen, um zu vergleichen; das Teil ziehen, um es zu drehen. Dann auf Teilen drücken.",
   before: "das Teil, wie er druckt", after: "das Teil, geheilt", better: "mal besser", found: "Was der Testdruck verriet", change: "Fehler ändern",
   play_healthy: "Es gab nichts zu heilen: Das Teil wird gedruckt, wie es ist.",
   aligned: "Beide Drucke liegen so, wie sie am besten passen, wie man sie in der Hand hält.",

@@ -19,7 +19,7 @@ export default {
   off: "off, on average", off_layer: "off in this layer, on average", mend_it: "Mend it", mending: "Mending…",
   step_print: "Print the test print", step_scan: "Scan it", step_measure: "Find the marks", step_learn: "Learn what is wrong",
   step_mend: "Mend a part that it never saw",
-  now_mended: "Mended. Drag the slider between wanted, as it prints and mended; turn the part with the mouse.",
+  now_mended: "Mended. Drag the handle to compare, and the part to turn it. Then press Share.",
   before: "the part as it prints", after: "the part mended", better: "times better", found: "What the test print told", change: "Change the faults",
   play_healthy: "There was nothing to mend: the part is printed as it is.",
   aligned: "Both prints are laid where they fit best, as you would hold them in your hand.",

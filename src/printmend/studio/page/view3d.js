@@ -70,6 +70,7 @@ const FLOOR = {
 // Of a picture while it turns: how long it may take, and how many segments may be drawn in it to begin with. Without a
 // graphics card a fine picture is drawn in pieces of so many segments.
 const JERK_MS = 110, FIRST = { gpu: 1e9, cpu: 12000 }, LEAST = 4000, PIECE = 25000;
+const ROOM = 1.06; // so much larger than the part's box the picture is
 
 export class View {
   constructor(canvas, { onFrame = () => {} } = {}) {
@@ -166,12 +167,12 @@ export class View {
     this.draw();
   }
 
-  // The segments [first, count] of every `step`-th layer that is shown, the lowest and the highest always.
+  // The segments [first, count] of every `step`-th layer that is shown, the lowest, the highest and the light ones always.
   spans(step) {
-    const { layers, points } = this.part, [low, high] = this.range, found = [];
+    const { layers, points } = this.part, [low, high] = this.range, light = points / layers.length / step, found = [];
     for (let i = low; i <= high && i < layers.length; i++) {
-      if ((i - low) % step && i !== high) continue;
       const first = layers[i][1], end = layers[i + 1]?.[1] ?? points, before = found.at(-1);
+      if ((i - low) % step && i !== high && end - first > light) continue;
       if (before && before[0] + before[1] === first) before[1] += end - first;
       else found.push([first, end - first]);
     }
@@ -196,13 +197,18 @@ export class View {
     this.glance();
   }
 
+  // Look along `from` at the middle of the part, as near as its box allows.
   fit(from = this.part.from ?? [-0.5, -1, 0.72]) {
-    const { low_mm: low, high_mm: high } = this.part;
-    const middle = new Vector3(...low.map((v, i) => (v + high[i]) / 2));
-    const size = Math.hypot(...low.map((v, i) => high[i] - v)) || 50;
-    const narrow = Math.min(1, this.camera.aspect);
+    const { low_mm: low, high_mm: high } = this.part, { aspect, fov } = this.camera, steep = Math.tan((fov * Math.PI) / 360);
+    const middle = new Vector3(...low.map((v, i) => (v + high[i]) / 2)), size = Math.hypot(...low.map((v, i) => high[i] - v)) || 50;
+    const back = new Vector3(...from).normalize(), right = new Vector3(0, 0, 1).cross(back).normalize(), up = back.clone().cross(right);
+    let away = size / 20;
+    for (let corner = 0; corner < 8; corner++) {
+      const at = new Vector3(...low.map((v, i) => (corner >> i & 1 ? high[i] : v))).sub(middle);
+      away = Math.max(away, at.dot(back) + (ROOM * Math.max(Math.abs(at.dot(right)) / aspect, Math.abs(at.dot(up)))) / steep);
+    }
     this.controls.target.copy(middle);
-    this.camera.position.copy(middle).addScaledVector(new Vector3(...from).normalize(), (size * 1.3) / narrow);
+    this.camera.position.copy(middle).addScaledVector(back, away);
     this.camera.near = size / 60;
     this.camera.far = size * 12;
     this.camera.updateProjectionMatrix();
@@ -297,25 +303,35 @@ export class View {
     if (this.part) this.glance();
   }
 
-  // Pictures of the part as it prints and mended, seen as now.
-  shots() {
-    const { wipe, uniforms: { morph } } = this, kept = morph.value;
+  // Pictures of the whole part as it prints and mended, `width` × `height` dots, seen from where one looks now.
+  shots(width, height) {
+    const { wipe, camera, controls, uniforms: { morph } } = this, kept = morph.value, [eye, target] = [camera.position.clone(), controls.target.clone()];
     this.wipe = null; // until both are drawn nothing else may run: the wipe may still be moving
+    this.renderer.setPixelRatio(1);
+    this.size(width, height);
+    this.fit(eye.clone().sub(target).toArray());
     const found = [1, 2].map((value) => { morph.value = value; return this.picture(); });
     this.wipe = wipe;
     morph.value = kept;
-    this.draw();
+    camera.position.copy(eye);
+    controls.target.copy(target);
+    controls.update();
+    this.resize();
     return Promise.all(found);
   }
 
   resize() {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     if (!width || !height) return;
+    this.size(width, height);
+    this.draw();
+  }
+
+  size(width, height) {
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.uniforms.minimum.value = 0.55 * Math.tan((this.camera.fov * Math.PI) / 360) / height * 2;
     this.camera.updateProjectionMatrix();
-    this.draw();
   }
 
   // Draw every `step`-th layer now, on the floor.
