@@ -1,5 +1,6 @@
 """Who comes into the studio from other computers, and what keeps others from coming in."""
 
+import getpass
 import http.client
 import plistlib
 import re
@@ -12,6 +13,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 import uvicorn
@@ -92,6 +94,18 @@ def test_a_studio_behind_a_proxy_asks_for_a_token(
     monkeypatch.setattr(uvicorn.Server, "run", run)
     serve(folder, host="127.0.0.1", port=0, names=names, browser=False, told=told.append)
     assert answers == [401 if asks else 200, 200]
+
+
+def test_an_address_that_the_computer_got_later_is_answered_to(folder: Path) -> None:
+    """A lease may change over the years; a name that leads here is another site's, whatever address it led to."""
+    app, new = create_app(folder, workers=1, devices=Devices(folder)), "192.168.7.9"
+    token = {"authorization": f"Bearer {Devices(folder).add('phone')}"}
+    with TestClient(app, base_url=f"http://{new}:8765") as client:
+        assert client.get("/api/health", headers=token).status_code == 200
+        for host in ("192.168.7.8", f"{new}.evil.example", "evil.example"):
+            assert client.get("/api/health", headers={**token, "host": host}).status_code == 421, host
+    with TestClient(app, base_url="http://evil.example") as client:
+        assert client.get("/api/health", headers=token).status_code == 421
 
 
 def test_devices_are_let_in_and_revoked_by_name(folder: Path) -> None:
@@ -258,7 +272,7 @@ def test_a_device_is_let_in_by_a_code(folder: Path) -> None:
 
 @pytest.mark.parametrize("platform", ["linux", "darwin", "win32"])
 def test_a_service_starts_the_studio_as_it_was_asked_for(platform: str, tmp_path: Path) -> None:
-    made = service(["--folder", "/data/our % studio"], platform=platform, home=tmp_path)
+    made = service(options := ["--folder", "/data/our % <studio> für uns"], platform=platform, home=tmp_path)
     assert made.path.is_relative_to(tmp_path)
     if platform == "linux":
         line = next(line for line in made.text.splitlines() if line.startswith("ExecStart="))
@@ -266,10 +280,21 @@ def test_a_service_starts_the_studio_as_it_was_asked_for(platform: str, tmp_path
     elif platform == "darwin":
         words = plistlib.loads(made.text.encode())["ProgramArguments"]
     else:
-        told = re.search(r'/TR "(.*)"', made.text)
-        assert told
-        words = shlex.split(told[1].replace('\\"', '"').replace("%%", "%"), posix=True)
-    assert words == [sys.executable, "-m", "printmend", "studio", "--no-browser", "--folder", "/data/our % studio"]
+        names = {"": "http://schemas.microsoft.com/windows/2004/02/mit/task"}
+        task = ElementTree.fromstring(made.text)  # noqa: S314 - our own
+        said = {name: str(task.findtext(f".//{name}", namespaces=names)) for name in ("Command", "Arguments", "UserId")}
+        words = [said["Command"], *shlex.split(said["Arguments"])]
+        assert said["UserId"] == getpass.getuser()
+        assert task.findtext(".//ExecutionTimeLimit", namespaces=names) == "PT0S"  # for ever
+    assert words == [
+        sys.executable,
+        "-m",
+        "printmend",
+        "studio",
+        "--no-browser",
+        "--folder",
+        "/data/our % <studio> für uns",
+    ]
     with pytest.raises(InputError, match="without quotes"):
         service(["--name", 'a"b'], platform=platform, home=tmp_path)
     write_service(made)

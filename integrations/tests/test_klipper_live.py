@@ -10,6 +10,7 @@ import pytest
 from hosts import INTEGRATIONS
 from parts import part
 
+from bench_live import compare, drawn
 from klippy_bead import wall_deviation
 from klippy_judge import Track, judge_both, wanted_path
 from klippy_run import RefusedByPlanner, plan
@@ -38,7 +39,6 @@ def extra():
 
 
 LIVE = extra()
-BUSY = b"M106 S100\nM204 S800\n"
 CASES = [
     ("pulley-play", ENDER3, True), ("pulley-loose", COREXY, True), ("everything", COREXY, False),
     ("screw", ENDER3, True),
@@ -48,18 +48,7 @@ CASES = [
 @pytest.mark.parametrize(("family", "printer", "arcs"), CASES, ids=lambda value: getattr(value, "name", str(value)))
 def test_it_prints_what_the_mended_file_prints(family: str, printer, arcs: bool, tmp_path: Path) -> None:
     """The same error, no stop more, and the time of the file that was mended offline; limits and fans in their turn."""
-    corruption = sample(family, np.random.default_rng([5, *family.encode()]), "realistic")
-    model = exact_model(corruption.lower(printer))
-    write_model(path := tmp_path / "printer.mend.json", model)
-    text = part(1, arcs=arcs) + BUSY + part(1).replace(b"G28\n", b"")
-    (source := tmp_path / "part.gcode").write_bytes(text)
-    mend_gcode(source, model, output := tmp_path / "mended.gcode")
-    original = plan(text, printer, tmp_path / "a")
-    offline = plan(output.read_bytes(), printer, tmp_path / "b", around=original)
-    live = plan(text, printer, tmp_path / "c", around=original, extras=f"[printmend]\nmodel: {path}\n")
-    true = TruePrinter.of(corruption_toml(corruption), printer)
-    _, mended, _ = judge_both(original, offline, printer, true, text, output.read_bytes())
-    before, after, complaints = judge_both(original, live, printer, true, text, text)
+    before, mended, after, complaints = compare(drawn(family), printer, tmp_path, arcs=arcs)
     assert not complaints
     assert after.rms_mm < 0.012
     assert before.rms_mm > 3 * after.rms_mm or before.height_max_mm > 10 * after.height_max_mm

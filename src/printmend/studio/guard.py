@@ -7,6 +7,7 @@ or reaches us by a name that is not ours (DNS rebinding), and both are refused.
 
 import asyncio
 import contextlib
+import ipaddress
 import json
 import time
 from collections.abc import Callable, Iterable
@@ -85,7 +86,7 @@ class Guard:
 
     def _refusal(self, scope: Scope, headers: Headers, limit: int) -> tuple[int, str] | None:
         host = headers.get("host", "")
-        if _name_of(host) not in self._hosts:
+        if _name_of(host) not in self._hosts and _name_of(host) != _reached(scope):
             return (
                 421,
                 f"this studio answers to {', '.join(sorted(self._hosts))} only; --host and --name change that",
@@ -122,6 +123,15 @@ def _given(scope: Scope, headers: Headers) -> list[str]:
 def _query_token(scope: Scope) -> str:
     """Return the token that an address bears."""
     return parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+
+
+def _reached(scope: Scope) -> str | None:
+    """Return the address of this computer that a request came to, which may be new since the start: by an address no
+    page of another site comes, as DNS rebinding needs a name. None where it came to a name or to no address."""
+    with contextlib.suppress(ValueError, TypeError, KeyError):
+        address = ipaddress.ip_address(scope["server"][0])
+        return str(getattr(address, "ipv4_mapped", None) or address)
+    return None
 
 
 def _name_of(host: str) -> str:

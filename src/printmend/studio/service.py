@@ -3,12 +3,14 @@
 Each is the user's own: nothing needs an administrator.
 """
 
+import getpass
 import plistlib
 import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 from printmend.errors import InputError
 from printmend.files import replacing
@@ -19,8 +21,6 @@ _LABEL = "org.printmend.studio"
 _UNIT = """\
 [Unit]
 Description=printmend studio
-After=network-online.target
-Wants=network-online.target
 
 [Service]
 ExecStart={command}
@@ -33,11 +33,22 @@ NoNewPrivileges=yes
 [Install]
 WantedBy=default.target
 """
+# Without these settings a task ends after three days, and does not begin on a battery. [MS-TSCH] 2.5
 _TASK = """\
-@echo off
-rem Starts the studio when you log in. Keep this file, and run it once to make the task.
-schtasks /Create /F /SC ONLOGON /TN {name} /TR "{command}"
-schtasks /Run /TN {name}
+<Task version="1.2" xmlns="http://schemas.microsoft.com/windows/2004/02/mit/task">
+  <RegistrationInfo><Description>printmend studio</Description></RegistrationInfo>
+  <Triggers><LogonTrigger><UserId>{user}</UserId></LogonTrigger></Triggers>
+  <Principals>
+    <Principal id="Owner"><UserId>{user}</UserId><LogonType>InteractiveToken</LogonType></Principal>
+  </Principals>
+  <Settings>
+    <DisallowStartIfOnBatteries>false</DisallowStartIfOnBatteries>
+    <StopIfGoingOnBatteries>false</StopIfGoingOnBatteries>
+    <ExecutionTimeLimit>PT0S</ExecutionTimeLimit>
+    <RestartOnFailure><Interval>PT1M</Interval><Count>100</Count></RestartOnFailure>
+  </Settings>
+  <Actions Context="Owner"><Exec><Command>{program}</Command><Arguments>{words}</Arguments></Exec></Actions>
+</Task>
 """
 
 
@@ -64,10 +75,12 @@ def service(options: Sequence[str], *, platform: str = sys.platform, home: Path 
                                "KeepAlive": {"SuccessfulExit": False}}).decode()  # fmt: skip
         return Service(path, text, (f"launchctl load -w '{path}'",), (f"launchctl unload -w '{path}'", f"rm '{path}'"))
     if platform == "win32":
-        path = home / f"{NAME}.cmd"
-        shown = subprocess.list2cmdline(command).replace('"', '\\"').replace("%", "%%")
-        text = _TASK.format(name=NAME, command=shown)
-        return Service(path, text, (f'"{path}"',), (f"schtasks /Delete /F /TN {NAME}", f'del "{path}"'))
+        path = home / f"{NAME}.xml"
+        given = {"user": getpass.getuser(), "program": command[0], "words": subprocess.list2cmdline(command[1:])}
+        text = _TASK.format(**{name: escape(value) for name, value in given.items()})
+        text = text.encode("ascii", "xmlcharrefreplace").decode()  # in whatever encoding it is read
+        begin = (f'schtasks /Create /F /TN {NAME} /XML "{path}"', f"schtasks /Run /TN {NAME}")
+        return Service(path, text, begin, (f"schtasks /Delete /F /TN {NAME}", f'del "{path}"'))
     path = home / ".config/systemd/user" / f"{NAME}.service"
     quoted = " ".join(f'"{word}"'.replace("%", "%%").replace("$", "$$").replace("\\", "\\\\") for word in command)
     begin = ("systemctl --user daemon-reload", f"systemctl --user enable --now {NAME}", "loginctl enable-linger")
