@@ -286,15 +286,7 @@ def test_a_service_starts_the_studio_as_it_was_asked_for(platform: str, tmp_path
         words = [said["Command"], *shlex.split(said["Arguments"])]
         assert said["UserId"] == getpass.getuser()
         assert task.findtext(".//ExecutionTimeLimit", namespaces=names) == "PT0S"  # for ever
-    assert words == [
-        sys.executable,
-        "-m",
-        "printmend",
-        "studio",
-        "--no-browser",
-        "--folder",
-        "/data/our % <studio> für uns",
-    ]
+    assert words == [sys.executable, "-m", "printmend", "studio", "--no-browser", *options]
     with pytest.raises(InputError, match="without quotes"):
         service(["--name", 'a"b'], platform=platform, home=tmp_path)
     write_service(made)

@@ -79,8 +79,8 @@ def service(options: Sequence[str], *, platform: str = sys.platform, home: Path 
         given = {"user": getpass.getuser(), "program": command[0], "words": subprocess.list2cmdline(command[1:])}
         text = _TASK.format(**{name: escape(value) for name, value in given.items()})
         text = text.encode("ascii", "xmlcharrefreplace").decode()  # in whatever encoding it is read
-        begin = (f'schtasks /Create /F /TN {NAME} /XML "{path}"', f"schtasks /Run /TN {NAME}")
-        return Service(path, text, begin, (f"schtasks /Delete /F /TN {NAME}", f'del "{path}"'))
+        made = (f'schtasks /Create /F /TN {NAME} /XML "{path}"', f"schtasks /Run /TN {NAME}")
+        return Service(path, text, made, (f"schtasks /Delete /F /TN {NAME}", f'del "{path}"'))
     path = home / ".config/systemd/user" / f"{NAME}.service"
     quoted = " ".join(f'"{word}"'.replace("%", "%%").replace("$", "$$").replace("\\", "\\\\") for word in command)
     begin = ("systemctl --user daemon-reload", f"systemctl --user enable --now {NAME}", "loginctl enable-linger")
