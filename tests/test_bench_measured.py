@@ -36,7 +36,7 @@ CORPUS = {
 def write_servo(path: Path) -> Path:
     """A log of the form of the published ones: a target every 5 rows, the servo behind it by half its play."""
     rng, head = np.random.default_rng(0), "timestamp,target pos (5),pos (5),target pos (3),pos (3)"
-    lines, at = [head], 2047
+    lines, at = [head, "t,2047,,1747,"], 2047  # the published logs begin before the servos answer
     before = 2047
     for target in rng.integers(1800, 2300, 40):
         for k in range(5):

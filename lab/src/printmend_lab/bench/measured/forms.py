@@ -89,8 +89,9 @@ def read_servo(path: Path) -> list[MeasuredSet]:
     motors = [name[len("target pos (") : -1] for name in table[0] if name.startswith("target pos (")]
     sets = []
     for motor in motors:
+        answered = [row for row in table if row[f"pos ({motor})"]]  # before the first answer a position is empty
         target, pos = (
-            np.array([_number(path, row[f"{name} ({motor})"]) for row in table]) for name in ("target pos", "pos")
+            np.array([_number(path, row[f"{name} ({motor})"]) for row in answered]) for name in ("target pos", "pos")
         )
         fresh = np.diff(target, prepend=np.nan) != 0  # a new target
         since = np.arange(len(target)) - np.maximum.accumulate(np.where(fresh, np.arange(len(target)), 0))
