@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import special
 
+from printmend.corruption import fault
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, places_of, scene_of
 from printmend.effects.prior import share_of
 from printmend.effects.sample import drawn_places
@@ -20,6 +21,7 @@ from printmend.infer.part import DRAWS
 from printmend.infer.posterior import drawn_sets, posterior_of
 from printmend.infer.search import Search
 from printmend.infer.simulate import drawn_parts, measured
+from printmend.learn.learned import learn_model
 from printmend.machine import healthy_mechanism, print_from_home
 from printmend.path import FLATBED, Trace
 from printmend.printer import Printer, read_printer
@@ -107,6 +109,24 @@ def test_noise_alone_makes_no_machine(preset: str) -> None:
         trace = measured(path, dots, scene, [], NOISE_MM, np.random.default_rng(seed))
         posterior = posterior_of(fitted(trace, scene, healthy_mechanism(printer)), np.random.default_rng(0))
         assert not any(part.acts_mm.any() for part in posterior.parts)
+
+
+@pytest.mark.parametrize("span_mm", [0.5, 2.0])
+def test_an_axis_that_moved_little_is_learned_from_home(
+    span_mm: float, ender5: Printer, rng: np.random.Generator
+) -> None:
+    """Play may hide so short a way, but not the way from the end stops to it."""
+    twin = Twin.of(fault("pulley", np.random.default_rng(5), "damaged"), ender5)
+    x, y = rng.uniform(90, 90 + span_mm, 60), rng.uniform(70, 150, 60)
+    way = np.vstack([ender5.home_mm[:2], np.stack([x, y], axis=1)])
+    printed = twin.follow(way)
+    seen_mm = printed + rng.normal(0, 0.02, printed.shape)
+    seen_mm[0] = np.nan
+    trace = Trace(way, seen_mm, homed=True)
+    mechanism = learn_model(trace, ender5).mechanism
+    naive = np.abs(printed - way)[1:, 0].mean()
+    assert naive > 0.5
+    assert np.abs(print_from_home(mechanism, way[1:]) - printed[1:])[:, 0].mean() < 0.02
 
 
 COMMON = ("place", "scale", "play", "skew", "pulley", "idler", "drift", "turn", "halves")

@@ -6,9 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Places, Scene, Term, columns_of
-
-HIDDEN_MM = 2.0  # of a motor's way that play may hide: the widest of any printer
+from printmend.effects import EFFECTS, Places, Scene, Term, columns_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +87,7 @@ def blocks_of(scene: Scene, kept: Callable[[Term], bool] | None = None) -> tuple
     grouped: dict[tuple[str, int, tuple[float, ...]], list[Term]] = {}
     for effect in EFFECTS.values():
         for term in effect.terms(scene):
-            if (kept is None or kept(term)) and _shows(term, scene):
+            if kept is None or kept(term):
                 grouped.setdefault(term.key, []).append(term)
     return laid_side_by_side(map(_block, grouped.values()))
 
@@ -106,15 +104,6 @@ def seen_blocks(blocks: tuple[Block, ...], places: Places, rows: Rows, scene: Sc
     places, rows = narrowed(places, rows)
     columns = [seen(block.effect, block.where, block.shape, places, rows, scene) for block in blocks]
     return Dictionary(blocks, np.hstack(columns))
-
-
-def _shows(term: Term, scene: Scene) -> bool:
-    """Tell whether a machine's effect can show: play may hide all of a motor's way, and then only a place is seen."""
-    effect = EFFECTS[term.effect]
-    if effect.of is not Of.MACHINE or term.effect == "place":
-        return True
-    moved = [high - low > HIDDEN_MM for low, high in scene.motor_span_mm]
-    return moved[term.where] if effect.acts is Acts.DRIVE else all(moved)
 
 
 def _block(terms: Sequence[Term]) -> Block:
