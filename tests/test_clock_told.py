@@ -115,9 +115,9 @@ def test_a_mended_file_tells_its_own_times(tmp_path: Path, end: bytes) -> None:
 
 
 def test_the_mended_seconds_are_those_of_the_written_file(tmp_path: Path) -> None:
-    """What was planned takes as long as what was written, read again by the slow planner."""
+    """What was planned takes as long as what was written, read again by the slow planner: retractions, too."""
     source, output = tmp_path / "part.gcode", tmp_path / "out.gcode"
-    source.write_bytes(timed_part())
+    source.write_bytes(timed_part().replace(b";TIME_ELAPSED", b"G1 E-1 F1200\nG1 E1\nG1 F3000\n;TIME_ELAPSED"))
     duration = mend_gcode(source, exactly(BENT), output).prediction.duration
     assert duration is not None
     for path, seconds in ((source, duration.before_s), (output, duration.after_s)):

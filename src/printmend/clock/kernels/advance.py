@@ -32,6 +32,9 @@ from printmend.gcode.kernels.layout import (
     TELL_MASK,
     TELL_S,
     TELL_SHIFT,
+    WORD_X,
+    WORD_Y,
+    WORD_Z,
 )
 from printmend.jit import entry, inner
 
@@ -261,7 +264,9 @@ def advance(limits, clock, queue, times, records, begin, end, notes, first, piec
             at[0], at[1], at[2] = r.x0, r.y0, r.z0
         count = first[i + 1] - first[i] if mended and not r.flags & FLAG_OPAQUE else 0
         if count == 0:
-            x, y, z = r.x1, r.y1, r.z1
+            x = r.x1 if r.words & WORD_X else at[0]  # a mended head is not where the file has it
+            y = r.y1 if r.words & WORD_Y else at[1]
+            z = r.z1 if r.words & WORD_Z else at[2]
             if r.flags & FLAG_RELATIVE:
                 x, y, z = at[0] + r.x1 - r.x0, at[1] + r.y1 - r.y0, at[2] + r.z1 - r.z0
             is_arc = r.kind != KIND_LINEAR
