@@ -137,7 +137,7 @@ def misfits_of(parts: Sequence[Part], scene: Scene, nats: Sequence[float] = ()) 
 
 def _is_lost(found: Found, scene: Scene) -> bool:
     """Tell whether an effect is certain and acts no more because the next homing shifts it too far."""
-    share = lasting(found.effect, found.where, found.shape, scene)
+    share = lasting(found.sizes_mm, found.effect, found.where, found.shape, scene)
     return share is not None and not share.any() and found.chance >= CERTAIN
 
 

@@ -8,7 +8,6 @@ so such a turn leaves it unchanged.
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from printmend.printer import Homing, Printer
 
 GRID = np.linspace(-2.0, 2.0, 9)  # of the logarithm of a scatter, in its standard deviations
 HOMINGS = 4096  # that are drawn to see what may act
-MOST_WORSE_SHARE = 0.05  # of the next homings that may make a print worse with a wave that acts
+MOST_WORSE_SHARE = 0.01  # of the next homings that may make a print worse with an effect that acts
 STEPS_A_TURN = 4  # full steps of an electrical turn
 SEED = 23
 
@@ -58,15 +57,14 @@ def scatter_of(homing: Homing, seen_mm: tuple[tuple[float, float], ...] = (), tu
     return Scatter(weight / weight.sum(), scatter.sd_mm, scatter.turn)
 
 
-def drawn_shifts_mm(scene: Scene, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Draw each motor's shift [2, D] from the homing of the measured print to the next one, and whether it is an
-    electrical turn off [2, D]."""
+def drawn_shifts_mm(scene: Scene, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw each motor's shift [2, D] from the homing of the measured print to the next one."""
     printer = scene.printer
     scatter = scatter_of(printer.homing, scene.homed_again_mm, _turn_mm(printer))
     which = rng.choice(len(scatter.weight), count, p=scatter.weight)
     axes_mm = math.sqrt(2) * scatter.sd_mm[which] * rng.standard_normal((2, count))
     aside = rng.choice((-1.0, 1.0), (2, count)) * (rng.uniform(size=(2, count)) < scatter.turn[which])
-    return np.asarray(printer.to_motor(axes_mm.T).T + _turn_mm(printer) * aside), aside != 0
+    return np.asarray(printer.to_motor(axes_mm.T).T + _turn_mm(printer) * aside)
 
 
 def _turn_mm(printer: Printer) -> float:
@@ -95,34 +93,15 @@ def shifted(sizes_mm: np.ndarray, waves_mm: np.ndarray, by_mm: float | np.ndarra
     return np.vstack([cos * np.cos(angle) + sin * np.sin(angle), sin * np.cos(angle) - cos * np.sin(angle)])
 
 
-def lasting(effect: str, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray | None:
-    """Return the share of each size [2K] that may act in the next print: its mean over the next homings, or 0 if that
-    would make the print worse after too many of them. None where homing shifts nothing. Electrical turns are accidents
-    and do not count here."""
+def lasting(sizes_mm: np.ndarray, effect: str, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray | None:
+    """Return the share of each size [2K] that may act in the next print: its mean over the next homings. It is 0 if all
+    the waves together would make the print worse after too many of them. None where homing shifts nothing."""
     waves_mm = waves_of(effect, where, shape, scene)
     if waves_mm is None:
         return None
-    homing, axes = scene.printer.homing, scene.printer.to_motor(np.eye(2))
-    share, worse = _lasting(
-        homing, scene.homed_again_mm, _turn_mm(scene.printer), float(np.abs(axes).sum(axis=0)[where]) > 1.0,
-        tuple(waves_mm.tolist()),
-    )  # fmt: skip
-    return np.tile(np.where(worse > MOST_WORSE_SHARE, 0.0, share), 2)
-
-
-@lru_cache(maxsize=256)
-def _lasting(
-    homing: Homing,
-    seen_mm: tuple[tuple[float, float], ...],
-    turn_mm: float,
-    both_axes: bool,
-    waves_mm: tuple[float, ...],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean of cos(2π shift / wave) [K] over the next homings, and the share of them [K] after which a wave
-    that acts so makes a print worse."""
-    rng, scatter = np.random.default_rng(SEED), scatter_of(homing, seen_mm, turn_mm)
-    which = rng.choice(len(scatter.weight), HOMINGS, p=scatter.weight)
-    shift_mm = math.sqrt(4 if both_axes else 2) * scatter.sd_mm[which] * rng.standard_normal(HOMINGS)
-    cosines = np.cos(2 * np.pi * np.divide.outer(shift_mm, np.array(waves_mm)))
+    shift_mm = drawn_shifts_mm(scene, HOMINGS, np.random.default_rng(SEED))[where]
+    cosines = np.cos(2 * np.pi * np.divide.outer(shift_mm, waves_mm))
     share = np.maximum(cosines.mean(axis=0), 0.0)
-    return share, np.mean(cosines < share / 2, axis=0)
+    square = np.sum(np.square(np.split(sizes_mm, 2)), axis=0)
+    worse = (square * share * (share - 2 * cosines)).sum(axis=1) > 0.0
+    return np.tile(share if worse.mean() <= MOST_WORSE_SHARE else 0.0 * share, 2)

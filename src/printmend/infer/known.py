@@ -87,7 +87,7 @@ def moved_by(part: Part, motor: int, by_mm: float | np.ndarray, scene: Scene) ->
 
 def homed_again(parts: Sequence[Part], scene: Scene, rng: np.random.Generator) -> tuple[Part, ...]:
     """Return parts as another homing may have them, where that shifts their waves too far for a direction to say it."""
-    (by_mm, _), sd_mm = drawn_shifts_mm(scene, DRAWS, rng), spread_mm(scene)
+    by_mm, sd_mm = drawn_shifts_mm(scene, DRAWS, rng), spread_mm(scene)
 
     def on(part: Part) -> Part:
         waves_mm = waves_of(part.effect, part.where, part.shape, scene)

@@ -75,7 +75,7 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
 
 def after_homing(part: Part, scene: Scene) -> Part:
     """Return a part that acts as far as it will still be where it was measured once the printer has homed again."""
-    share = lasting(part.effect, part.where, part.shape, scene)
+    share = lasting(part.acts_mm, part.effect, part.where, part.shape, scene)
     return part if share is None else replace(part, acts_mm=share * part.acts_mm)
 
 

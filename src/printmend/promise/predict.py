@@ -146,14 +146,13 @@ def promised(
     """
     if not len(path.weight) or path.weight.sum() <= 0:
         return None
-    belief, usual = after_homing(belief)
+    belief = after_homing(belief)
     with threadpool_limits(1, user_api="blas"):  # the products are small: a second thread would only be waited for
-        return _outlook(mechanism, belief, _thinned(path, belief.placed), (before, after), usual, at_rest)
+        return _outlook(mechanism, belief, _thinned(path, belief.placed), (before, after), at_rest)
 
 
 def _outlook(
-    mechanism: Mechanism, belief: Belief, path: PathPlaces, errors: tuple[Errors, Errors], usual: np.ndarray,
-    at_rest: bool,
+    mechanism: Mechanism, belief: Belief, path: PathPlaces, errors: tuple[Errors, Errors], at_rest: bool,
 ) -> Outlook:  # fmt: skip
     rng = np.random.default_rng(SEED)
     aims = _aims(mechanism, path, at_rest)
@@ -172,7 +171,7 @@ def _outlook(
     strange = {"scatter", *(name for name in results[1][0].made_of if name in EFFECTS)}
     strange2 = OTHERWISE_SHARE**2 * sum(results[1][0].made_of[name] ** 2 for name in strange)
     gain_mm = results[0][1] - np.sqrt(results[1][1] ** 2 + strange2)
-    return Outlook(results[0][0], results[1][0], np.resize(gain_mm[usual], DRAWS) if len(usual) else gain_mm)
+    return Outlook(results[0][0], results[1][0], gain_mm)
 
 
 @dataclass(frozen=True, eq=False)
