@@ -15,6 +15,7 @@ from tests import foreign_part as foreign
 from printmend.diagnosis.scale import axis_scales
 from printmend.mend.filament import learn_in, parse_travel, update_in
 from printmend.mend.fit import fit_part
+from printmend.messages import is_one_of
 from printmend.path import Instrument, Trace
 from printmend.printer import read_printer
 from printmend.promise.belief import parse_belief
@@ -97,7 +98,7 @@ def scale_case(seed):
 def _errors(model, machine, shrinks):
     belief = parse_belief(model)
     _, draws = axis_scales(belief.scene, belief.parts)
-    claimed = not any(gap.startswith(UNTOLD) for gap in model.findings)
+    claimed = not any(is_one_of(gap, UNTOLD) for gap in model.findings)
     known = known_filaments(model)
     own = draws.mean(axis=1) - machine
     of = [known[name][axis].draws_mm.mean() / 100 - shrinks[name][axis] for name in known for axis in range(2)]
