@@ -1,6 +1,6 @@
 """Are fine patterns on walls found, named and mended, and is no healthy printer accused of one?
 
-    .venv/bin/python benchmarks/bench_vfa.py --seed 1 --printers 100 [--healthy 200] [--part] [--walls [--shaper]]
+    .venv/bin/python benchmarks/bench_vfa.py --seed 1 --printers 100 [--healthy 200] [--part] [--walls [--shaper] [--live]]
 
 Of each printer of printmend's twin the dots of `printmend probe` are measured with noise of 0.02 mm, as a scan that
 knows neither place nor scale. One motor ripples by 0.016 to 0.04 mm, with a belt tooth, motor poles, pairs of full
@@ -11,7 +11,8 @@ printed: what the ripple and all else leave of it [mm RMS], and how many moves a
 With ``--walls`` a box is mended, whose walls go along the axes. There a ripple is an error of speed, and so of how wide
 a line is. Klipper's planner drives the printer (`make hosts`), with pressure advance; the width's RMS deviation [%] is
 that of the box on a sound printer, of the box as it is, and of the mended one (klippy_bead.py). With ``--shaper`` an
-input shaper is on, too: one of 40 Hz takes half of what mends a tooth at 50 mm/s, which is 25 Hz.
+input shaper is on, too: one of 40 Hz takes half of what mends a tooth at 50 mm/s, which is 25 Hz. With ``--live`` the
+live transform mends, which knows the shaper, in place of a mended file. Walls are printed at ``--speed`` mm/s.
 """
 
 import argparse
@@ -34,6 +35,7 @@ from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism
 from printmend.mend import mend_gcode
 from printmend.model import SavedModel
+from printmend.model.model import write_model
 from printmend.path import FLATBED
 from printmend.printer import Homing, MotionLimits, Printer, read_printer
 from printmend.probe import design_probe
@@ -66,9 +68,9 @@ def machine(broken: Corruption, printer: Printer) -> Mechanism:
     return made
 
 
-def box_gcode(side_mm: float = 60.0, walls: int = 1, layers: int = 4) -> str:
+def box_gcode(side_mm: float = 60.0, walls: int = 1, layers: int = 4, speed_mm_s: float = 50.0) -> str:
     """Return a box whose walls go along the axes."""
-    rows, low = ["G28", "G90", "M83"], 110.0 - side_mm / 2
+    rows, low, feed = ["G28", "G90", "M83"], 110.0 - side_mm / 2, 60 * speed_mm_s
     for layer in range(layers):
         rows += ["G1 E-0.8 F2400", f"G1 Z{0.2 * (layer + 1):.2f} F600"]
         for wall in range(walls):
@@ -76,17 +78,20 @@ def box_gcode(side_mm: float = 60.0, walls: int = 1, layers: int = 4) -> str:
             rows += [";TYPE:" + ("External perimeter" if wall == 0 else "Perimeter")]
             rows += [f"G0 X{inside:.3f} Y{inside:.3f} F7200"] + ["G1 E0.8 F2400"] * (wall == 0)
             for x, y in ((1, 0), (1, 1), (0, 1), (0, 0)):
-                rows.append(f"G1 X{inside + x * long:.3f} Y{inside + y * long:.3f} E{0.0335 * long:.5f} F3000")
+                rows.append(f"G1 X{inside + x * long:.3f} Y{inside + y * long:.3f} E{0.0335 * long:.5f} F{feed:g}")
     return "\n".join(rows) + "\n"
 
 
 def widths_percent(
-    source: Path, mended: Path, broken: Corruption, printer: Printer, extras: str
+    source: Path, mended: Path, broken: Corruption, printer: Printer, extras: str, live: str = ""
 ) -> tuple[float, float, float]:
-    """Return how far lines are from their width on a sound printer, on the broken one, and there as mended [% RMS]."""
+    """Return how far lines are from their width on a sound printer, on the broken one, and there as mended [% RMS].
+
+    With ``live``, lines of Klipper's configuration, ``mended`` is what the live transform is to mend."""
     printer = replace(printer, limits=MotionLimits(*FAST))
     true, folder = TruePrinter.of(corruption_toml(broken), printer), source.parent / "run"
-    plans = [plan(ADVANCED + path.read_bytes(), printer, folder, extras=extras) for path in (source, mended)]
+    texts = ((source, extras), (mended, extras + live))
+    plans = [plan(ADVANCED + path.read_bytes(), printer, folder, extras=more) for path, more in texts]
     wanted, tracks = wanted_path(plans[0]), [Track(plans[0], printer), *(Track(one, printer, true) for one in plans)]
     sound, before, after = (
         100 * wall_deviation(one, track, wanted) for one, track in zip([plans[0], *plans], tracks, strict=True)
@@ -121,6 +126,8 @@ def main() -> None:
     parser.add_argument("--part", action="store_true")
     parser.add_argument("--walls", action="store_true")
     parser.add_argument("--shaper", action="store_true")
+    parser.add_argument("--live", action="store_true")
+    parser.add_argument("--speed", type=float, default=50.0)
     given = parser.parse_args()
     printer = replace(read_printer("ender3"), homing=Homing(given.switch))
     began, found, false = time.perf_counter(), Counter[str](), Counter[str]()
@@ -149,9 +156,13 @@ def main() -> None:
                 row = (error_mm(source, source, true), error_mm(source, output, true), ratio)
                 left.setdefault(kind, []).append(row)
             if given.walls:
-                source.write_text(box_gcode())
+                source.write_text(box_gcode(speed_mm_s=given.speed))
                 said = mend_gcode(source, model, output, force=True).prediction
-                row = widths_percent(source, output, broken, printer, SHAPED if given.shaper else "")
+                write_model(path := source.parent / "printer.mend.json", model)
+                live = f"[printmend]\nmodel: {path}\nphase_x: 0\nphase_y: 0\n" if given.live else ""
+                row = widths_percent(
+                    source, source if live else output, broken, printer, SHAPED if given.shaper else "", live
+                )
                 widths.setdefault(kind, []).append((*row, said.commands / said.moves))
                 output.unlink()
         healthy = 0

@@ -287,11 +287,18 @@ class Printmend:
             return
         self.handing_on = True
         now = self._limits()
+        self.planner.shape(self._pulses())
         try:
             self.planner.plan(len(self.planner.waiting) if count is None else count, self._put)
         finally:
             self.handing_on = False
             self._set(now)
+
+    def _pulses(self):
+        """Return the pulses of the input shapers of x and of y: when they come [s], and their weights."""
+        shaper = self.printer.lookup_object("input_shaper", None)
+        shapers = [] if shaper is None else [each.get_shaper() for each in shaper.get_shapers()[:2]]
+        return tuple(tuple(zip(times, weights)) for _, weights, times in shapers) or ((), ())
 
     def _limits(self):
         return {name: getattr(self.toolhead, name) for name in LIMITS if hasattr(self.toolhead, name)}

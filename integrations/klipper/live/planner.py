@@ -63,7 +63,8 @@ class Planner:
         self.look, self.belts = (load("printmend.plan.kernels." + name) for name in ("lookup", "state"))
         self.height, self.layout = (load("printmend.plan.kernels." + name) for name in ("height", "layout"))
         self.text = load("printmend.gcode.kernels.layout")
-        self.model = tables.model_of(document, self.kernels)
+        self.model, self.ripples = tables.model_of(document, self.kernels)
+        self.pulses = ((), ())
         self.state, self.counts = self.layout.STATE.one(), self.layout.COUNTS.one()
         curve = load("printmend.plan.kernels.curve").CURVE
         self.curve, self.has_screw = curve.one(), bool(self.model.head.screw)
@@ -74,6 +75,12 @@ class Planner:
         self.flags = (text.FLAG_KNOWN_X0 | text.FLAG_KNOWN_Y0 | text.FLAG_KNOWN_Z0
                       | text.FLAG_KNOWN_X1 | text.FLAG_KNOWN_Y1 | text.FLAG_KNOWN_Z1)  # fmt: skip
         self.waiting = []
+
+    def shape(self, pulses):
+        """Note the pulses [s, share] of the input shaper of x and of y, of which walls' speed makes up for."""
+        if pulses != self.pulses:
+            self.pulses = pulses
+            tables.put_shaper(self.model.head, self.ripples, pulses)
 
     def home(self, axes):
         """Note that the end stops of ``axes`` (bits of x, y, z) were met: the homing direction's branch is engaged."""

@@ -12,6 +12,7 @@ PITCH_MM = 0.05  # of the tables, and at least 24 places a wave
 BEND_REACH_MM = 0.05  # curvature is measured over this distance
 RISE_LOOK_MM = 0.05
 TOLERANCE_MM = 0.01
+TOOTH_MM, STEPS_A_TURN = 2.0, 4  # of the waves of which a shaper takes a share: a belt tooth, a motor's electrical turn
 SEGMENTS_PER_S = 2000.0  # that Klipper surely plans
 
 
@@ -78,6 +79,19 @@ class Drive:
             return table[-1] + m - grid[-1]
         i = min(int((m - grid[0]) / (grid[-1] - grid[0]) * (len(grid) - 1)), len(grid) - 2)
         return table[i] + (table[i + 1] - table[i]) * (m - grid[i]) / (grid[i + 1] - grid[i])
+
+    def ripple_mm(self, lengths_mm):
+        """Return the one of some wave lengths at which the belt's speed ripples most, 0 where it does at none."""
+        off, steepest, found = [u - m for u, m in zip(self.lower, self.grid)], 1e-3, 0.0
+        for length in lengths_mm if self.curved else ():
+            rate = 2.0 * math.pi / length
+            count = int(int((self.grid[-1] - self.grid[0]) / length) * length / self.pitch_mm)
+            a = sum(u * math.cos(rate * m) for u, m in zip(off[:count], self.grid))
+            b = sum(u * math.sin(rate * m) for u, m in zip(off[:count], self.grid))
+            slope = 2.0 * math.hypot(a, b) / max(count, 1) * rate
+            if slope > steepest:
+                steepest, found = slope, length
+        return found
 
     def bends(self, block):
         """Return the largest curvature of either branch [1/mm] in each block of entries."""
@@ -189,7 +203,9 @@ def powers(wave, x, reach, middle):
 
 
 def model_of(document, kernels):
-    """Return a document's machine as the kernels' ``Model``; its place of the end stops is what the document says."""
+    """Return a document's machine as the kernels' ``Model``, and the length of each motor's ripple.
+
+    Its place of the end stops is what the document says."""
     look = kernels.load("printmend.plan.kernels.lookup")
     printer = document["printer"]
     x, y, z = printer["x"], printer["y"], printer["z"]
@@ -219,7 +235,30 @@ def model_of(document, kernels):
         head.z_home_side = 1.0 if z["home_side"] == "max" else -1.0
         head.push[:] = len(tables), len(tables) + len(screw.grid)
         tables += screw.pushes[0] + screw.pushes[1]
-    return look.Model(head, tables)
+    return look.Model(head, tables), ripples_of(document, drives)
+
+
+def ripples_of(document, drives):
+    """Return the wave length of each motor that a shaper would take from a wall's speed, 0 for none."""
+    turns = [STEPS_A_TURN * axis["mm_per_turn"] / axis["steps_per_turn"] for axis in map(document["printer"].get, "xy")]
+    return [drive.ripple_mm((TOOTH_MM, turn)) for drive, turn in zip(drives, turns)]
+
+
+def put_shaper(head, ripples, pulses):
+    """Let walls' speed make up for what an input shaper takes of a ripple: pulses [s, share] of x and of y.
+
+    Where both axes move both motors, only a shaper that both have is known for a motor.
+    """
+    head.ripple[:] = [0.0, 0.0]
+    if not all(pulses) or (head.bed_map.corexy and pulses[0] != pulses[1]):
+        return
+    for motor, own in enumerate(pulses):
+        whole = sum(share for _, share in own)
+        middle = sum(at * share for at, share in own) / whole
+        own = [(at - middle, share / whole) for at, share in own] + [(0.0, 0.0)] * len(head.pulse[motor])
+        for i in range(len(head.pulse[motor])):
+            head.pulse_s[motor, i], head.pulse[motor, i] = own[i]
+        head.ripple[motor] = ripples[motor]
 
 
 def _put_frame(way, frame, corexy):

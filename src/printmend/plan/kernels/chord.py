@@ -16,6 +16,10 @@ from printmend.plan.kernels.layout import (
     TINY_ADVANCE_MM,
 )
 from printmend.plan.kernels.lookup import (
+    LOWER,
+    PULSES,
+    UPPER,
+    backward,
     from_motors,
     is_framed,
     printed,
@@ -29,9 +33,10 @@ SHORT_MM = 0.4  # chords below this may bulge twice as far; on a radius of 4 mm 
 LOOK_AHEAD_MM = 8.0  # how far along a line its curvature is looked up at once
 LOOKS_A_CHORD, CLOSEST_LOOK_MM = 10.0, 0.01  # at how many places of a chord, and how densely it is looked at most
 UNEVEN = 0.03  # by which share a wall may be wider or thinner somewhere along a chord: some 1 % RMS
-SHORTEST_EVEN_MM = 0.2  # chords that are to keep a wall's width: half a line's width
+SHORTEST_EVEN_MM = 0.1  # chords that are to keep a wall's width: a quarter of a line's
 ALONG_AN_AXIS = 0.26  # the tangent of a wall's angle to it, at most
 GENTLY = 0.1  # mm of slack a mm of path, at most: a motor that crosses faster turns the command aside
+LEAST_KEPT = 0.1  # share of a wave that a shaper keeps, from which on the command makes up for the rest
 MOST_SCORE = 1.1  # that such a chord may have: the exact command's distances are nearly those on the bed
 REST_SHARE = 0.5  # of a chord: before a shorter rest it is cut in the middle
 _FAR_MM = 12.0  # for how much of a motor's way the curvature of its tables is looked up
@@ -49,6 +54,38 @@ def along_curve(model, curve, state, mode0, mode1, t):
     x, y, _ = place(curve, t)
     u0, u1 = wanted(model, x, y)
     return motor_along(model, state, 0, mode0, u0, t), motor_along(model, state, 1, mode1, u1, t)
+
+
+@inner(error_model="numpy", _nrt=False)
+def _exactly(model, curve, k, mode, t):
+    """Return where motor k puts its belt where it is wanted at t, pushing in the sense of ``mode``."""
+    x, y, _ = place(curve, t)
+    u0, u1 = wanted(model, x, y)
+    return backward(model, k, LOWER if mode > 0 else UPPER, u0 if k == 0 else u1)
+
+
+@inner(error_model="numpy", _nrt=False)
+def _made_up(model, curve, k, mode, t):
+    """Return by how much further on than exactly motor k has to be at t, for a shaper takes a share of its ripple.
+
+    The shaper keeps Σ a cos ω t of a wave. To command more in return is a filter's inverse, held in bounds where little
+    is kept (Wiener); what is not kept at all is not commanded.
+    """
+    h = model.head
+    if mode == 0 or not h.ripple[k] > 0.0:
+        return 0.0
+    way = abs(_exactly(model, curve, k, mode, 1.0) - _exactly(model, curve, k, mode, 0.0))
+    half = h.ripple[k] / (2.0 * max(way, h.ripple[k]))
+    if t < half or t > 1.0 - half:
+        return 0.0
+    around = _exactly(model, curve, k, mode, t - half) + _exactly(model, curve, k, mode, t + half)
+    wave = _exactly(model, curve, k, mode, t) / 2.0 - around / 4.0
+    rate = 2.0 * np.pi * h.speed * way / (curve.length * h.ripple[k])
+    kept = 0.0
+    for i in range(PULSES):
+        kept += h.pulse[k, i] * np.cos(rate * h.pulse_s[k, i])
+    kept, least = max(kept, 0.0), LEAST_KEPT * LEAST_KEPT
+    return (kept * (1.0 + least) / (kept * kept + least) - 1.0) * wave
 
 
 # These kernels take many parameters: the curve, the motors and their modes, and what may be spared.
@@ -143,7 +180,8 @@ def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most
     along_most = max(ALONG_PER_ASIDE * model.head.chord, abs(x * tx + y * ty))
     near = max(aside_most, abs(tx * y - ty * x))
     low, high, slow, fast = -np.inf, np.inf, -np.inf, np.inf
-    last, slowest, fastest = x * tx + y * ty, -np.inf, np.inf
+    last = behind = x * tx + y * ty
+    slowest, fastest = -np.inf, np.inf
     end, aside, along, least, most = t, 0.0, 0.0, 0.0, 0.0
     at, seen, step = t, t, 0.0
     while at < limit:
@@ -165,7 +203,7 @@ def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most
             last = a
             if q * length > SHORTEST_EVEN_MM:
                 slow, fast = max(slow, slowest), min(fast, fastest)
-        if from_p <= to_p and slow * q <= a <= fast * q:
+        if from_p <= to_p and slow * q <= (a - behind if even else a) <= fast * q:
             end, aside, along, least, most = at, p, a, from_p, to_p
         low, high = max(low, (p - near) / q), min(high, (p + near) / q)
         slow, fast = max(slow, (a - along_most) / q), min(fast, (a + along_most) / q)
@@ -180,6 +218,9 @@ def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most
         p = most if p / q > aside / (end - t) else least
     x, y = along * tx - p * ty, along * ty + p * tx
     d0, d1 = to_motors(model, x, y)
+    if even:
+        d0 += _made_up(model, curve, 0, mode0, end)
+        d1 += _made_up(model, curve, 1, mode1, end)
     if mode0 == 0:  # it stands, or crosses its slack
         d0 = motor_along(model, state, 0, mode0, u0, end) - from0
     elif mode0 * d0 < 0.0 and mode0 != 2:

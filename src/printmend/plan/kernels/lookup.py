@@ -13,6 +13,7 @@ from printmend.machine.kernels.table import branch_at
 
 LOWER, UPPER = 0, 1
 ROLES, TRAVEL = 8, 7  # of lines, as the records' flags have them; and of travels
+PULSES = 5  # of an input shaper, at the most
 BEND_BLOCK = 64  # one curvature stands for that many entries of the tables
 
 # A machine in numbers. What is [3] belongs to a motor, Z the third where there is a screw, what is [3, 2] to a motor
@@ -39,6 +40,12 @@ HEAD = np.dtype(
         ("chords", "f8", ROLES),  # the same of lines of each role, of travels the last
         ("evenly", "f8"),  # 1 or 0: walls keep their width
         ("even", "f8"),  # 1 or 0: the line in hand is a wall that does, because it shows
+        ("speed", "f8"),  # of the line in hand [mm/s]
+        # of the wave of each motor of which an input shaper takes a share: its length [mm], 0 for none, and the
+        # shaper's pulses: when they come [s], from their middle, and their shares
+        ("ripple", "f8", 2),
+        ("pulse_s", "f8", (2, PULSES)),
+        ("pulse", "f8", (2, PULSES)),
         ("sample", "f8"),  # how densely a chord must be looked at [mm]
         ("look", "f8"),  # how densely the prediction looks [mm]
         ("crossing", "f8"),  # the largest acceleration of a motor that crosses its slack [mm/s²], 0 for the file's

@@ -347,6 +347,7 @@ def mend(
         extruding = r.flags & FLAG_EXTRUDING != 0
         role = (r.flags >> ROLE_SHIFT) & ROLE_MASK if extruding else TRAVEL
         model.head.chord, model.head.even = model.head.chords[role], model.head.evenly * (role == ROLE_OUTER)
+        model.head.speed = r.feed / 60.0
         counts.moves += 1
         if extruding and known:
             counts.extruding += 1
