@@ -91,7 +91,7 @@ def test_what_matters_least_pays_for_the_time(source: Path, tmp_path: Path) -> N
 
 def test_a_limit_that_cannot_be_kept_is_refused(source: Path, tmp_path: Path) -> None:
     output = tmp_path / "out.gcode"
-    with pytest.raises(RefusedError, match=r"at most 0 % more printing time, found .* as coarse as they may be"):
+    with pytest.raises(RefusedError, match=r"printing would take over 0 % longer \(.* as coarse as they may be"):
         mend_gcode(source, exactly(BENT), output, fineness=Fineness(slower=0.0))
     assert not output.exists()
 

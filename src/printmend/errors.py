@@ -21,7 +21,9 @@ from typing import Any
 
 from printmend.messages import said, say
 
-WHY = "why"  # id of an error as a message: its subject, what was wanted, what came, what to do
+# An error as a message: its id, and its English with the subject, what was expected, what was found, what to do.
+WHY = "why", "{}: expected {}, found {}; {}"
+REFUSED = "refused", "{}: {} ({}); {}"
 _REASONS = {errno.ENOENT: "no-such-file-or-directory", errno.EACCES: "permission-denied", errno.ENOSPC: "no-space-left"}
 _LONGEST = 600  # characters of each part of a message
 
@@ -34,12 +36,14 @@ class PrintmendError(Exception):
     """
 
     exit_code = 2
+    frame = WHY
 
     def __init__(self, subject: object, *, wanted: str, came: str, todo: str) -> None:
         self.subject, self.wanted, self.came, self.todo = str(subject), wanted, came, todo
         parts = (subject if isinstance(subject, str) else str(subject), wanted, came, todo)
         a, b, c, d = map(_line, parts)
-        self.message = said(WHY, {"a": a, "b": b, "c": c, "d": d}, f"{a}: expected {b}, found {c}; {d}")
+        name, english = self.frame
+        self.message = said(name, {"a": a, "b": b, "c": c, "d": d}, english.format(a, b, c, d))
         super().__init__(str(self.message))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -100,9 +104,10 @@ class MissingToolError(PrintmendError):
 
 
 class RefusedError(PrintmendError):
-    """The work is possible, but would not help."""
+    """The work is possible, but would not help: ``wanted`` says so in a clause, ``came`` why."""
 
     exit_code = 3
+    frame = REFUSED
 
 
 @contextmanager

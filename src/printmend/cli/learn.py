@@ -136,5 +136,5 @@ def command(
             comes = say("terminal-next-learn-again")
         elif is_healthy(printed_in(model, filament)):
             comes = say("nothing-to-mend")
-        for line in (report(model), *filament_words(model), comes, written):
+        for line in (report(model), *filament_words(model), written, comes):
             echo(line)

@@ -83,7 +83,7 @@ def _judged(
     if not names:
         came = together("; ", left_out) if left_out else say("settings-change-nothing")
         raise RefusedError(
-            model.printer.name, wanted=say("fault-firmware-can-hold"), came=say("none-3", came),
+            model.printer.name, wanted=say("fault-firmware-can-hold"), came=came,
             todo=say("leave-settings-they-there-nothing-mend") if model.is_healthy
             else say("terminal-leave-settings-they-printmend-mend-mends"),
         )  # fmt: skip

@@ -209,13 +209,14 @@ def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Predict
     todo = say("print-original-use-force")
     if prediction.extruding + prediction.unknown == 0:
         raise RefusedError(
-            file.name, wanted=say("print"), came=say("moves-extrude-nothing", prediction.moves),
+            file.name, wanted=say("prints-nothing"), came=say("moves-extrude-nothing", prediction.moves),
             todo=say("put-m83-top-each-meant-add"),
         )  # fmt: skip
     if prediction.length_mm == 0:
         raise RefusedError(
-            file.name, wanted=say("extruding-moves-known-place"), came=say("none"), todo=say("home-g28-before-printing")
-        )
+            file.name, wanted=say("extruding-moves-known-place"), came=say("place-unknown", prediction.unknown),
+            todo=say("home-g28-before-printing"),
+        )  # fmt: skip
     if prediction.held_mm > _MOST_HELD_SHARE * prediction.length_mm:
         raise RefusedError(
             file.name,
