@@ -1,7 +1,6 @@
 """Are fine patterns on walls found, named and mended, and is no healthy printer accused of one?
 
-    .venv/bin/python benchmarks/bench_vfa.py --seed 1 --printers 100 [--healthy 200] [--part] [--walls [--shaper]]
-        [--live] [--speed 50]
+    .venv/bin/python benchmarks/bench_vfa.py --seed 1 [--healthy 200] [--part] [--walls [--shaper] [--live]]
 
 Of each printer of printmend's twin the dots of `printmend probe` are measured with noise of 0.02 mm, as a scan that
 knows neither place nor scale. One motor ripples by 0.016 to 0.04 mm, with a belt tooth, motor poles, pairs of full
