@@ -1,6 +1,7 @@
 """Hidden machine x hidden filament, and hidden holes, feet and widths: how well `learn --filament` and `fit` tell them.
 
-Parts and scans are those of `tests/foreign_part.py`, which shares no code with printmend.
+Parts and scans are those of `tests/foreign_part.py`, which shares no code with printmend. With ``--callipers`` the two
+widths that `fit` names are read to 0.02 mm and given with ``--distance``.
 
     python -m benchmarks.bench_fit --cases 20
 """
@@ -13,6 +14,9 @@ import numpy as np
 from tests import foreign_part as foreign
 
 from printmend.diagnosis.scale import axis_scales
+from printmend.gcode.read import read_gcode
+from printmend.measure.walls import read_walls
+from printmend.measure.width import choose_widths
 from printmend.mend.filament import learn_in, parse_travel, update_in
 from printmend.mend.fit import fit_part
 from printmend.messages import is_one_of
@@ -24,7 +28,7 @@ from printmend.promise.filament import UNTOLD, known_filaments
 POLYMERS = ("pla", "petg", "abs", "asa")
 
 
-def fit_case(seed, folder):
+def fit_case(seed, folder, callipers):
     """Errors of one part's outline, holes, foot, width and hole diameters [mm], of its shrinkage [%], and their sds."""
     rng = np.random.default_rng(seed)
     outline, foot, hole = rng.uniform(-0.05, 0.12), rng.uniform(0.0, 0.3), rng.uniform(0.0, 0.2)
@@ -38,9 +42,16 @@ def fit_case(seed, folder):
     (folder / "top.png").write_bytes(
         foreign.scan([(lower, 0.35, 0.25), (upper, 1.0, 0.03)], rng, below=False, stretch=stretch)
     )
+    printer, read_mm = read_printer("ender3"), []
+    for width in (
+        choose_widths(read_walls(read_gcode(folder / "part.gcode", printer=printer), printer)) if callipers else ()
+    ):
+        way = [np.cos(width.angle_rad), np.sin(width.angle_rad)]
+        read_mm.append(np.ptp(lower[0] @ way) + rng.normal(0, 0.02))
     found = fit_part(
-        folder / "under.png", folder / "part.gcode", read_printer("ender3"), filament="pla", top=folder / "top.png"
-    ).estimate
+        folder / "under.png", folder / "part.gcode", printer, filament="pla", top=folder / "top.png",
+        distances_mm=read_mm,
+    ).estimate  # fmt: skip
     first, above = found.first, found.upper
     rows = {
         "outline": (above.outline_mm - outline, above.outline_sd_mm),
@@ -116,13 +127,14 @@ def main():
     parser.add_argument("--cases", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--only", choices=["fit", "scale"])
+    parser.add_argument("--callipers", action="store_true")
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.cases)
     if options.only != "scale":
         found = {}
         with tempfile.TemporaryDirectory() as folder:
             for seed in seeds:
-                for name, row in fit_case(seed, Path(folder)).items():
+                for name, row in fit_case(seed, Path(folder), options.callipers).items():
                     found.setdefault(name, []).append(row)
         print(f"{'':18}  median |error|  largest  in 90 % range")
         for name, rows in found.items():

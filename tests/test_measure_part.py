@@ -251,11 +251,11 @@ def scales_of(trace):
 def test_widths_of_another_part_are_named(scanned):
     walls = read_walls(read_gcode(scanned / "gear.gcode", printer=PRINTER), PRINTER)
     edges = walls.commanded_mm[walls.row] + walls.half_mm[:, None] * walls.normal
-    widths, offset = choose_widths(walls), np.zeros(len(edges))
+    widths = choose_widths(walls)
     with pytest.raises(TraceError, match=r"along X .*, found 2\.89, which looks like inches; measure"):
-        scaled_by_widths((2.89,), widths, edges, walls, offset, Instrument())
+        scaled_by_widths((2.89,), widths, edges, Instrument())
     with pytest.raises(TraceError, match=r"expected at most 2 distances"):
-        scaled_by_widths((73.0, 70.0, 30.0), widths, edges, walls, offset, Instrument())
+        scaled_by_widths((73.0, 70.0, 30.0), widths, edges, Instrument())
 
 
 def test_a_ruler_beside_the_part_settles_the_scale_along_it(scanned):

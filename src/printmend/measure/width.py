@@ -80,10 +80,10 @@ def widths_asked(widths: Sequence[Width], edge_mm: np.ndarray, scale: str, *, ru
 
 
 def scaled_by_widths(
-    distances_mm: Sequence[float], widths: Sequence[Width], edge_mm: np.ndarray, walls: Walls, offset_mm: np.ndarray,
-    instrument: Instrument,
-) -> tuple[np.ndarray, Instrument, str]:  # fmt: skip
-    """Return the walls' offsets [S] at the scale that callipers say, what is still open of the instrument, and a note.
+    distances_mm: Sequence[float], widths: Sequence[Width], edge_mm: np.ndarray, instrument: Instrument
+) -> tuple[np.ndarray, Instrument, str]:
+    """Return the map [2, 2] of places of the image to the scale that callipers say, what is still open of the
+    instrument, and a note.
 
     ``edge_mm`` [S, 2] is where the image shows the walls. Raises `TraceError` for widths of another part.
     """
@@ -92,7 +92,7 @@ def scaled_by_widths(
             say("distance-option"), wanted=say("so-many-widths", len(widths)),
             came=str(len(distances_mm)), todo=say("leave-others-out-scan-own-scale"),
         )  # fmt: skip
-    begun, notes = edge_mm, []
+    begun, onto, notes = edge_mm, np.eye(2), []
     for distance_mm, width in zip(distances_mm, widths, strict=False):
         seen = width.across_mm(edge_mm)
         excess = seen / distance_mm - 1.0
@@ -103,9 +103,15 @@ def scaled_by_widths(
             )  # fmt: skip
         stretch, instrument, note = settled(excess, width.angle_rad, distance_mm, instrument, reading_mm=READING_MM)
         notes.append(together(": ", [width.words, note]))
-        middle = edge_mm.mean(axis=0)
-        edge_mm = (edge_mm - middle) @ np.linalg.inv(stretch).T + middle
-    return offset_mm + np.sum((edge_mm - begun) * walls.normal, axis=1), instrument, together("; ", notes)
+        onto = np.linalg.inv(stretch) @ onto
+        edge_mm = mapped(begun, onto)
+    return onto, instrument, together("; ", notes)
+
+
+def mapped(edge_mm: np.ndarray, onto: np.ndarray) -> np.ndarray:
+    """Return places [S, 2] mm that a map [2, 2] has about their middle."""
+    middle = edge_mm.mean(axis=0)
+    return np.asarray((edge_mm - middle) @ onto.T + middle)
 
 
 def _unit(angle_rad: float) -> np.ndarray:

@@ -71,10 +71,11 @@ Measured = Sequence[tuple[int, PartMeasurement]]  # layers of a part, each with 
 
 def fit_part(
     scan: str | Path, path: str | Path, printer: Printer, *, model: SavedModel | None = None,
-    filament: str | None = None, top: str | Path | None = None,
+    filament: str | None = None, top: str | Path | None = None, distances_mm: Sequence[float] = (),
 ) -> Fits:  # fmt: skip
     """Say whether a part fits, from a scan of its underside and of its ``top``, as `measured_part` and `fits` do."""
-    return fits(measured_part(scan, path, printer, top=top), path, printer, model, filament)
+    measured = measured_part(scan, path, printer, top=top, distances_mm=distances_mm)
+    return fits(measured, path, printer, model, filament)
 
 
 def measured_part(
@@ -88,7 +89,8 @@ def measured_part(
     if top is None:
         return [(layer, first)]
     last = first.walls.layers
-    return [(layer, first), (last, measure_part(top, program, printer, layer=last, dpi=dpi))]
+    above = measure_part(top, program, printer, layer=last, dpi=dpi)
+    return [(layer, first), (last, above.also_mapped(first.onto))]
 
 
 def fits(

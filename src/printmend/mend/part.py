@@ -26,7 +26,7 @@ from printmend.measure.register import Pose
 from printmend.measure.ruler import Ruler, find_rulers
 from printmend.measure.silhouette import Silhouette, find_edges, find_silhouette
 from printmend.measure.walls import Walls, read_walls
-from printmend.measure.width import choose_widths, scaled_by_widths, widths_asked
+from printmend.measure.width import choose_widths, mapped, scaled_by_widths, widths_asked
 from printmend.messages import say
 from printmend.path import Instrument, Origin, Trace
 from printmend.printer import Printer
@@ -53,7 +53,8 @@ class PartMeasurement:
     """The ``trace`` of a part, ``notes`` for its owner, how many places of walls were ``found``.
 
     ``stands_mm`` [S] is how far each place of ``walls`` is outside of the file's wall, bead width included; NaN where
-    none was seen. ``trace`` leaves out the offset that all walls share.
+    none was seen. ``trace`` leaves out the offset that all walls share. ``onto`` [2, 2] took the places to the scale of
+    the callipers.
     """
 
     trace: Trace
@@ -61,6 +62,13 @@ class PartMeasurement:
     found: int
     walls: Walls
     stands_mm: np.ndarray
+    onto: np.ndarray
+
+    def also_mapped(self, onto: np.ndarray) -> "PartMeasurement":
+        """Return it with the scale that callipers gave another scan of the same part and scanner."""
+        edge_mm = self.walls.commanded_mm[self.walls.row] + self.walls.half_mm[:, None] * self.walls.normal
+        moved_mm = np.sum((mapped(edge_mm, onto) - edge_mm) * self.walls.normal, axis=1)
+        return replace(self, stands_mm=self.stands_mm + moved_mm)
 
 
 # Long, with many parameters: it is the whole way from an image to a trace.
@@ -110,11 +118,13 @@ def measure_part(
         rulers = tuple(ruler.in_photo(float(page.eye_mm[2]), walls.tall_mm) for ruler in rulers)
     seen = [(ruler, match.pose.matrix) for ruler in rulers]
     edge_mm, instrument, ruled = scaled_by_rulers(seen, edges.begin_mm, instrument)
-    offset = offset + np.sum((edge_mm - edges.begin_mm) * walls.normal, axis=1)
+    onto = np.eye(2)
     if distances_mm:
-        offset, instrument, asked = scaled_by_widths(distances_mm, widths, edge_mm, walls, offset, instrument)
+        onto, instrument, asked = scaled_by_widths(distances_mm, widths, edge_mm, instrument)
+        edge_mm = mapped(edge_mm, onto)
     elif widths:
         asked = widths_asked(widths, edge_mm, page.scale, ruled=bool(rulers))
+    offset = offset + np.sum((edge_mm - edges.begin_mm) * walls.normal, axis=1)
     message = "part-seen-from-below" if lie.mirrored else "part-seen"
     notes = (
         say(message, path, found, len(walls.row), f"{lie.turned_deg:.1f}", page.scale),
@@ -124,7 +134,7 @@ def measure_part(
     )
     sigma = np.full(len(walls.row), float(np.clip(fit.sigma_mm, EDGE_SIGMA_MM, 1.0)))
     trace = replace(walls.trace(offset, sigma), instrument=instrument, origin=Origin(printer.name, printer.kinematics))
-    return PartMeasurement(trace, tuple(filter(None, notes)), found, walls, offset + beads_mm)
+    return PartMeasurement(trace, tuple(filter(None, notes)), found, walls, offset + beads_mm, onto)
 
 
 def _located(path: str | Path, page: Page, walls: Walls, rulers: Sequence[Ruler]) -> tuple[Silhouette, Lie]:
