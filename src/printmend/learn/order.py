@@ -1,28 +1,33 @@
-"""Does each row have its own point? Rows of a table that were reversed, shuffled or shifted, found and put right.
+"""How is a table to be read? Its rows reversed, shifted or shuffled, or as they came: the likeliest reading stands.
 
-A shift shows by the cheapest history of it under a rough map of the bed (dynamic programming over the shift); an order
-by the map under which places and commands agree. A whole table reversed shows by layers that go down. Each is believed
-only where the drives, learned from the rows put right, fit them far better than the rows as they came: play in a fine
-path looks like a shift, too.
+Each reading has prior odds (`effects/priors.toml`). Those that a rough map of the bed makes likely are learned from
+roughly, and held against the rows as they came by what either leaves. How far rows slipped is the likeliest history
+under that map, in which a slip costs its odds (Viterbi 1967).
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
+from scipy.special import gammaln
 from threadpoolctl import threadpool_limits
 
 from printmend.effects import scene_of
+from printmend.effects.effect import FAR_MM, SCALE_MM
+from printmend.effects.prior import rows_share, size_mm
 from printmend.errors import TraceError
 from printmend.infer.first import among
-from printmend.infer.fit import fitted
+from printmend.infer.fit import Fit, fitted
+from printmend.infer.search import LEAST_SIGMA_MM
 from printmend.machine import healthy_mechanism
 from printmend.measure.axes import AXES_TODO, wrong_axes
 from printmend.measure.follows import FARTHEST_MM
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say, together
-from printmend.metrics.robust import ridge, scale_of
-from printmend.metrics.shape import nearest, spacing
+from printmend.metrics.robust import costs_of, own_share, ridge, scale_of
+from printmend.metrics.shape import nearest
 from printmend.model.misfit import NOTE, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -33,15 +38,9 @@ MOST_SHIFT_ROWS = 12  # largest shift that is tried, either way
 MOST_ROWS_FOLLOWED = 3000  # most measured rows whose shifts are followed; of more, every n-th
 MOST_ROWS_MAPPED = 20_000  # measured rows that a rough map looks at
 LEAST_SCALE_MM = 0.05  # smallest standard deviation that is assumed of what a rough map leaves
-MOST_NATS_A_PLACE = 12.0  # one place costs no more, however far it is off: an outlier decides nothing
-CHANGE_NATS = 30.0  # nats for each change of the shift
-MOST_CHANGES = 12  # of the shift in one table: cells slip a few times, a machine's error along a fine path everywhere
-LEAST_NATS_SAVED = 60.0  # nats that a history of shifts must save
-HISTORY_ROUNDS = 3  # rounds of finding shifts: the first under a rough map, the others under the drives learned then
-BETTER_SHARE = 0.5  # rows put right must leave less than this share of what the rows as they came leave
-CLOSE_SHARE = 0.2  # shuffled places are told apart where they are missed by less than this share of their distance
+ROUNDS = 3  # of finding slips, the first under a rough map, the others under the drives learned then
+MAP_ROUNDS = 8  # of mapping places that are in no order
 LEAST_MATCHED_SHARE = 0.98  # share of shuffled rows that must find one place of their own
-GAIN_SD, LEAN_SD = 0.2, 0.05  # prior deviations of a rough map's scales from 1 and leans [rad], as of damaged printers
 # Effects of a machine that is roughly learned: those that most damaged printers have
 ROUGH = (
     "place", "scale", "bend", "pulley", "breathing", "play", "friction", "skew", "aspect", "bent", "origin", "shift",
@@ -55,6 +54,17 @@ class InOrder:
 
     trace: Trace
     found: tuple[Misfit, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A way to read a table: its rows put so, the logarithm of its odds against the rows as they came, its words."""
+
+    trace: Trace
+    log_odds: float
+    kind: str
+    words: str
+    is_certain: bool = True  # which row each place belongs to
 
 
 def passed_over(trace: Trace, copies: int) -> tuple[Misfit, ...]:
@@ -71,7 +81,7 @@ def passed_over(trace: Trace, copies: int) -> tuple[Misfit, ...]:
 
 
 def in_order(trace: Trace, printer: Printer) -> InOrder:
-    """Return the trace with every measured place in its own row, where that is certain.
+    """Return the trace as it is to be read.
 
     Raises `TraceError` where the rows are certainly in no order that can be put right, or the axes are not the bed's.
     """
@@ -83,25 +93,75 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
     commanded, measured = trace.commanded_mm[seen], np.clip(trace.measured_mm[seen], -FARTHEST_MM, FARTHEST_MM)
     if np.ptp(np.quantile(commanded, (0.1, 0.9), axis=0), axis=0).max() < LEAST_SPREAD_MM:
         return InOrder(trace)
-    if _goes_backwards(trace, printer):
-        again = _turned_round(trace, printer)
-        if learned_roughly(again, printer).left_mm < BETTER_SHARE * (
-            left_mm := learned_roughly(trace, printer).left_mm
-        ):
-            return _put_right(again, say("rows-reversed-order"), left_mm, kind="rows-reversed")
     plain = _map(commanded, measured)
-    plain_mm = _missed_mm(plain, commanded, measured)
-    backwards = _map(commanded, measured[::-1])
-    if _missed_mm(backwards, commanded, measured[::-1]) < BETTER_SHARE * plain_mm:
-        again = _with(trace, seen, measured[::-1])
-        if learned_roughly(again, printer).left_mm < BETTER_SHARE * learned_roughly(trace, printer).left_mm:
-            return _put_right(again, say("measured-rows-reversed-order"), plain_mm, kind="rows-reversed")
-    shifted = _shifted(trace, seen, printer, _mapped(plain, trace.commanded_mm))
-    if shifted is not None:
-        return _put_right(*shifted, plain_mm)
-    if plain_mm < LEAST_SPREAD_MM / 4 or len(seen) > MOST_ROWS_MAPPED:
+    size_mm, places_mm = _missed_mm(plain, commanded, measured), _mapped(plain, trace.commanded_mm)
+    best, gain, came = None, 0.0, None
+    for _ in range(ROUNDS):
+        newer = None
+        for reading in _readings(trace, seen, places_mm, printer, is_first=came is None):
+            came = came or roughly(trace, printer)
+            fit = roughly(reading.trace, printer)
+            if (nats := likelier_nats(fit, came, 2 * len(seen)) + reading.log_odds) > gain:
+                best, gain, newer = reading, nats, fit
+        if newer is None:
+            break
+        places_mm = newer.places_mm()
+    if best is None:
         return InOrder(trace)
-    return _unshuffled(trace, seen, plain_mm)
+    if not best.is_certain:
+        raise TraceError(
+            say("trace"), wanted=say("each-measured-point-row-own-command"),
+            came=say("same-points-another-order"),
+            todo=say("measure-again-order-rows-let-printmend"),
+        )  # fmt: skip
+    return InOrder(best.trace, (Misfit(best.kind, WARNING, size_mm, gain, say("rows-put-right", best.words)),))
+
+
+def roughly(trace: Trace, printer: Printer) -> Fit:
+    """Return the drives' main parts alone, as some rows show them; whose home the trace begins at nobody knows yet."""
+    scene = scene_of(replace(trace, homed=False), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    with threadpool_limits(1, user_api="blas"):
+        return fitted(trace, scene, healthy_mechanism(printer), kept=among(ROUGH), quick=True)
+
+
+def likelier_nats(rival: Fit, than: Fit, numbers: int) -> float:
+    """Return by how much a rival is likelier than another fit of so many measured ``numbers``, by what each leaves.
+
+    Where what the rival leaves is alike from mark to mark, so many of them tell the same.
+    """
+    left_mm = rival.left_mm()
+    count = numbers * own_share(left_mm, scale_of(left_mm, LEAST_SIGMA_MM))
+    return count * (_cost(than) - _cost(rival)) + _of_set(rival) - _of_set(than)
+
+
+def _cost(fit: Fit) -> float:
+    """Return how improbable a measured number is, beside what a fit makes of it, nats in the mean."""
+    away = fit.left_mm() * np.sqrt(fit.rows.weight)
+    scale = scale_of(away, LEAST_SIGMA_MM)
+    return float(np.log(scale) + costs_of(away, scale).mean())
+
+
+def _of_set(fit: Fit) -> float:
+    """Return the logarithm of the odds of a fit's effects, less what their freedom costs."""
+    gram, state = fit.search.gram, fit.state
+    left = gram.square - gram.slope[state.columns] @ state.mean_mm
+    return state.score + 0.5 * (gram.count * math.log(state.sigma_mm**2) + float(left) / state.sigma_mm**2)
+
+
+def _readings(
+    trace: Trace, seen: np.ndarray, places_mm: np.ndarray, printer: Printer, *, is_first: bool
+) -> Iterator[Reading]:
+    """Yield how else a table may be read, where its places [N, 2] are about known."""
+    reversed_ = math.log(rows_share("reversed"))
+    if is_first and _goes_backwards(trace, printer):
+        yield Reading(_turned_round(trace, printer), reversed_, "rows-reversed", say("rows-reversed-order"))
+    commanded, measured = trace.commanded_mm[seen], trace.measured_mm[seen]
+    if is_first and reversed_ + _best_nats(commanded, measured[::-1]) > _best_nats(commanded, measured):
+        words = say("measured-rows-reversed-order")
+        yield Reading(_with(trace, seen, measured[::-1]), reversed_, "rows-reversed", words)
+    yield from _slipped(trace, seen, places_mm)
+    if is_first:
+        yield from _unshuffled(trace, seen)
 
 
 def _goes_backwards(trace: Trace, printer: Printer) -> bool:
@@ -123,11 +183,6 @@ def _turned_round(trace: Trace, printer: Printer) -> Trace:
     return replace(trace, homed=bool(at_home), **rows)
 
 
-def _put_right(trace: Trace, words: str, size_mm: float, *, kind: str = "rows-shifted") -> InOrder:
-    found = Misfit(kind, WARNING, size_mm, LEAST_NATS_SAVED, say("rows-put-right", words))
-    return InOrder(trace, (found,))
-
-
 def _with(trace: Trace, rows: np.ndarray, measured_mm: np.ndarray) -> Trace:
     """Return the trace with these places [M, 2] in these rows [M] and no others."""
     moved = np.full(trace.measured_mm.shape, np.nan)
@@ -143,9 +198,10 @@ def _map(commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
     columns = np.column_stack([np.ones(len(commanded)), commanded - middle])
     shift, fit = np.median(measured - commanded, axis=0), np.zeros((3, 2))
     for axis in range(2):
-        sds = np.array([FARTHEST_MM, *np.where(np.arange(2) == axis, GAIN_SD, LEAN_SD)])
+        slopes = np.where(np.arange(2) == axis, size_mm("scale"), size_mm("skew")) / SCALE_MM
         off = measured[:, axis] - commanded[:, axis] - shift[axis]
         first_mm = scale_of(off, LEAST_SCALE_MM)
+        sds = np.array([FARTHEST_MM, *slopes])
         fit[:, axis], _, _ = ridge(columns, off, sds, first_mm=first_mm, least_mm=LEAST_SCALE_MM)
         fit[[0, 1 + axis], axis] += shift[axis] + middle[axis], 1.0
     return np.vstack([fit[0] - middle @ fit[1:], fit[1:]])
@@ -160,37 +216,29 @@ def _missed_mm(fit: np.ndarray, commanded: np.ndarray, measured: np.ndarray) -> 
     return float(np.median(np.hypot(*(measured - _mapped(fit, commanded)).T)))
 
 
-def _shifted(trace: Trace, seen: np.ndarray, printer: Printer, places_mm: np.ndarray) -> tuple[Trace, str] | None:
-    """Return the trace with shifts of its rows undone, and what they were; None without any.
+def _map_nats(fit: np.ndarray, commanded: np.ndarray, measured: np.ndarray) -> float:
+    """Return the log likelihood of places under a map."""
+    left_mm = measured - _mapped(fit, commanded)
+    scales_mm = np.array([scale_of(axis, LEAST_SCALE_MM) for axis in left_mm.T])
+    return -float(len(left_mm) * np.log(scales_mm).sum() + costs_of(left_mm, scales_mm).sum())
 
-    ``places_mm`` [N, 2] is where a rough map has every row; later rounds ask the drives that were learned from the
-    rows put right. Cells move by rows of the table, or by measured places where others are empty.
+
+def _best_nats(commanded: np.ndarray, measured: np.ndarray) -> float:
+    return _map_nats(_map(commanded, measured), commanded, measured)
+
+
+def _slipped(trace: Trace, seen: np.ndarray, places_mm: np.ndarray) -> Iterator[Reading]:
+    """Yield what the trace would be without the likeliest history of slips, and without its commonest shift.
+
+    Cells move by rows of the table, or by measured places where others are empty.
     """
-    best: tuple[Trace, str] | None = None
-    least_mm = np.inf
-    for _ in range(HISTORY_ROUNDS):
-        learned = None
-        for again, words in _undone(trace, seen, places_mm):
-            one = learned_roughly(again, printer)
-            if not np.isfinite(least_mm):
-                least_mm = BETTER_SHARE * learned_roughly(trace, printer).left_mm
-            if one.left_mm < least_mm:
-                best, least_mm, learned = (again, words), one.left_mm, one
-        if learned is None:
-            break
-        places_mm = learned.places_mm
-    return best
-
-
-def _undone(trace: Trace, seen: np.ndarray, places_mm: np.ndarray) -> Iterator[tuple[Trace, str]]:
-    """Yield what the trace would be without the likeliest history of shifts, and without its commonest shift."""
     found = []
     everywhere = np.arange(len(trace))
     for places in (everywhere, seen) if len(seen) < len(trace) else (everywhere,):
         at = np.searchsorted(places, seen)  # the number of each measured row among the places
         measured = np.clip(trace.measured_mm[seen], -FARTHEST_MM, FARTHEST_MM)
         history, saved = _history(places_mm[places], at, measured)
-        if saved > LEAST_NATS_SAVED and history.any() and np.count_nonzero(np.diff(history)) <= MOST_CHANGES:
+        if saved > 0 and history.any():
             found.append((saved, places, at, history))
     if not found:
         return
@@ -199,11 +247,18 @@ def _undone(trace: Trace, seen: np.ndarray, places_mm: np.ndarray) -> Iterator[t
     for shifts in (history, commonest) if (commonest != history).any() and commonest.any() else (history,):
         to = at - shifts
         kept = (to >= 0) & (to < len(places)) & (np.diff(to, prepend=-1) > 0)
-        yield _with(trace, places[to[kept]], trace.measured_mm[seen[kept]]), _history_words(seen, shifts)
+        log_odds = -_slip_nats(len(seen)) * np.count_nonzero(np.diff(shifts, prepend=0))
+        again = _with(trace, places[to[kept]], trace.measured_mm[seen[kept]])
+        yield Reading(again, log_odds, "rows-shifted", _history_words(seen, shifts))
+
+
+def _slip_nats(rows: int) -> float:
+    """Return what a slip costs: it may come at any row, and be of any size."""
+    return -math.log(rows_share("slips") / (2 * MOST_SHIFT_ROWS * rows))
 
 
 def _history(places_mm: np.ndarray, at: np.ndarray, measured: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return by how many places each measured row is shifted [M], and by how many nats that is cheaper than not at all.
+    """Return by how many places each measured row is shifted [M], and by how many nats that is likelier than none.
 
     ``places_mm`` [P, 2] is where a rough map has every place, ``at`` [M] the place whose row a measurement is in.
     """
@@ -213,17 +268,17 @@ def _history(places_mm: np.ndarray, at: np.ndarray, measured: np.ndarray) -> tup
     to = np.clip(at[looked, None] - shifts, 0, len(places_mm) - 1)
     away = np.square(measured[looked, None] - places_mm[to]).sum(axis=2)
     # the scale is that of the best shift at each row: what a shift cannot explain is the machine's
-    scale2 = max(
-        float(np.median(away.min(axis=1))), float(np.median(away[:, MOST_SHIFT_ROWS])) / 100.0, LEAST_SCALE_MM**2
-    )
-    cost = np.minimum(away / (2 * scale2), MOST_NATS_A_PLACE)
-    total, back = cost[0].copy(), np.zeros(cost.shape, np.int64)
+    scale2 = max(float(np.median(away.min(axis=1))), LEAST_SCALE_MM**2)
+    lost = rows_share("lost")  # and lies anywhere
+    cost = -np.log((1 - lost) * np.exp(-away / (2 * scale2)) + lost * 2 * np.pi * scale2 / (2 * FAR_MM) ** 2)
+    slip = _slip_nats(len(looked))
     stay = np.arange(len(shifts))
+    total, back = cost[0] + slip * (shifts != 0), np.zeros(cost.shape, np.int64)
     for row in range(1, len(cost)):
         cheapest = int(np.argmin(total))
-        changed = total[cheapest] + CHANGE_NATS < total
+        changed = total[cheapest] + slip < total
         back[row] = np.where(changed, cheapest, stay)
-        total = np.where(changed, total[cheapest] + CHANGE_NATS, total) + cost[row]
+        total = np.where(changed, total[cheapest] + slip, total) + cost[row]
     state = int(np.argmin(total))
     saved = float(cost[:, MOST_SHIFT_ROWS].sum() - total[state])
     states = np.empty(len(cost), np.int64)
@@ -244,50 +299,27 @@ def _history_words(seen: np.ndarray, history: np.ndarray) -> str:
     return say("measured-cells-stood", together(", ", [*parts, *(["…"] if len(starts) > 3 else [])]))
 
 
-@dataclass(frozen=True, eq=False)
-class RoughlyLearned:
-    """Roughly learned drives: the mean distance that they leave, ``left_mm``, where they print every row [N, 2], and
-    each one's play [2]."""
-
-    left_mm: float
-    places_mm: np.ndarray
-    play_mm: np.ndarray
-
-
-def learned_roughly(trace: Trace, printer: Printer) -> RoughlyLearned:
-    """Return the drives' main parts alone, as some rows show them; whose home the trace begins at nobody knows yet."""
-    scene = scene_of(replace(trace, homed=False), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
-    with threadpool_limits(1, user_api="blas"):
-        fit = fitted(trace, scene, healthy_mechanism(printer), kept=among(ROUGH), quick=True)
-        left_mm = fit.left_by_mark_mm(trace)
-    play_mm = [sum(part.sizes_mm[0] for part in fit.parts() if (part.effect, part.where) == ("play", motor))
-               for motor in range(2)]  # fmt: skip
-    return RoughlyLearned(float(np.nanmean(np.abs(left_mm)) * 2), fit.places_mm(), np.array(play_mm, float))
-
-
-def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:
-    """Return the trace with shuffled places put back, where each has but one row that it can belong to."""
+def _unshuffled(trace: Trace, seen: np.ndarray) -> Iterator[Reading]:
+    """Yield the trace with shuffled places put back."""
     commanded, measured = trace.commanded_mm[seen], trace.measured_mm[seen]
+    log_odds = math.log(rows_share("shuffled")) - float(gammaln(len(seen) + 1))  # any order is as likely as another
+    came, least = _best_nats(commanded, measured), -measured.size * math.log(LEAST_SCALE_MM)  # no map leaves less
+    if len(seen) > MOST_ROWS_MAPPED or least + log_odds < came:
+        return
     fit = np.vstack([np.zeros(2), np.eye(2)])
     if not trace.placed:
         fit[0] = np.median(measured, axis=0) - np.median(commanded, axis=0)
-    for _ in range(8):
-        away, to = nearest(_mapped(fit, commanded), measured)
-        near = away <= np.quantile(away, 0.8)
-        fit = _map(commanded[to[near]], measured[near])
+    for _ in range(MAP_ROUNDS):
+        _, to = nearest(_mapped(fit, commanded), measured)
+        fit = _map(commanded[to], measured)
     expected = _mapped(fit, commanded)
-    apart = float(np.median(spacing(expected)))
-    away, to = nearest(expected, measured)
-    if np.median(away) > min(plain_mm * BETTER_SHARE, LEAST_SPREAD_MM / 4):
-        return InOrder(trace)  # no order of these rows makes them a measurement of this print
-    counts = np.bincount(to, minlength=len(seen))
-    single = counts[to] == 1
-    if np.quantile(away, LEAST_MATCHED_SHARE) > CLOSE_SHARE * apart or single.mean() < LEAST_MATCHED_SHARE:
-        raise TraceError(
-            say("trace"), wanted=say("each-measured-point-row-own-command"),
-            came=say("same-points-another-order"),
-            todo=say("measure-again-order-rows-let-printmend"),
-        )  # fmt: skip
-    again = _with(trace, seen[to[single]], measured[single])
+    away, to = (each.T for each in cKDTree(expected).query(measured, 2))
+    single = np.bincount(to[0], minlength=len(seen))[to[0]] == 1
+    if single.sum() < LEAST_ROWS or _map_nats(fit, commanded[to[0]], measured) + log_odds < came:
+        return  # no order of these rows makes them a measurement of this print
+    scale_mm = scale_of(measured - expected[to[0]], LEAST_SCALE_MM)
+    others = np.exp((away[0] ** 2 - away[1] ** 2) / (2 * scale_mm**2))  # the odds of the next row
+    sure = (single & (others < 1 - LEAST_MATCHED_SHARE)).mean()
     words = say("measured-rows-shuffled-certain", int(single.sum()), len(seen))
-    return _put_right(again, words, plain_mm, kind="rows-shuffled")
+    again = _with(trace, seen[to[0][single]], measured[single])
+    yield Reading(again, log_odds, "rows-shuffled", words, is_certain=bool(sure >= LEAST_MATCHED_SHARE))

@@ -23,6 +23,12 @@ def weights_of(left_mm: np.ndarray, scale_mm: float) -> np.ndarray:
     return np.asarray((DEGREES + 1) / np.maximum(DEGREES + 1, (left_mm / scale_mm) ** 2))
 
 
+def costs_of(left_mm: np.ndarray, scale_mm: float | np.ndarray) -> np.ndarray:
+    """Return how much less likely residuals are than none, in nats, for the noise that `weights_of` is of."""
+    square, inside = np.square(left_mm / scale_mm), DEGREES + 1
+    return np.asarray(np.minimum(square, inside) / 2 + inside / 2 * np.log(np.maximum(square / inside, 1.0)))
+
+
 def ridge(
     columns: np.ndarray, wanted_mm: np.ndarray, sds: np.ndarray, *, first_mm: float, least_mm: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
