@@ -21,7 +21,6 @@ from printmend.printer import Printer
 
 KINDS = ("lead", "periodic", "backlash")
 Z_SAID = "z"  # the document's key of what was said of the lift, kind by kind
-LEAST_WAVE_MM = 0.003  # a smaller wave is not named
 _LEAST_HEIGHTS = 3  # that were measured; fewer say nothing of Z
 HEALTHY_SD_MM = 0.03  # a trace that tells a wave less well than this does not call a screw healthy
 
@@ -110,27 +109,17 @@ def find_lift(trace: Trace, printer: Printer) -> Lift | None:
 
 
 def _lift(z_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> Lift:
-    """Learn how the screw lifts: first with all terms, then again with those alone that are surely there."""
+    """Learn how the screw lifts."""
     lead_mm = printer.z.mm_per_turn
     span_mm = float(np.ptp(z_mm[np.isfinite(measured_mm)]))
     gaps: dict[str, str] = {}
-    active = np.ones(1 + 2 * HARMONICS, bool)
     if span_mm < LEAST_TURNS * lead_mm:
         gaps["lead"] = too_low("lead-and-unevenness", span_mm, lead_mm)
-        active[:] = False
     else:
         _check_follows(z_mm, measured_mm)
-    height = fit_height(z_mm, measured_mm, printer, active=active)
-    sizes = np.array([abs(height.terms[0]), *np.repeat(_sizes(height.terms[1:]), 2)])
+    height = fit_height(z_mm, measured_mm, printer, turns="lead" not in gaps)
     spreads = np.array([height.sds[0], *np.repeat(_sizes(height.sds[1:]) / np.sqrt(2), 2)])
-    sure = (
-        active
-        & (sizes > NAMED_SIGMAS * spreads)
-        & (sizes * np.array([span_mm] + [1.0] * 2 * HARMONICS) > LEAST_WAVE_MM)
-    )
-    if (sure != active).any():
-        height = fit_height(z_mm, measured_mm, printer, active=sure)
-    terms, known = np.where(sure, height.terms, 0.0), {}
+    terms, known = height.terms, {}
     for kind, sd_mm in (("lead", float(spreads[0] * span_mm)), ("periodic", float(spreads[1]))):
         if "lead" in gaps:
             continue
@@ -140,7 +129,7 @@ def _lift(z_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> Lift:
         else:
             known[kind] = _of_lead(own, height.sds, spreads) if kind == "lead" else _of_waves(own, height.sds, spreads)
     if _comes_back(z_mm, measured_mm):
-        backlash_mm = height.backlash_mm if height.backlash_mm > LEAST_WAVE_MM else 0.0
+        backlash_mm = height.backlash_mm
         sd = height.backlash_sd_mm
         said = say("z-has-backlash", amount(backlash_mm, sd)) if backlash_mm else ""
         faults = (Fault("z", "backlash", backlash_mm, sd, "mm", said),) if backlash_mm else ()

@@ -53,6 +53,12 @@ def homing_priors() -> Iterator[tuple[str, float, float, float, float]]:
         yield name, float(row["share"]), float(row["sd"]), float(row["log_sd"]), float(row["turn"])
 
 
+def lift_rests() -> tuple[tuple[float, float], ...]:
+    """Return where in its play a nut may rest at first, 0 to 1, and the logarithm of how often it does."""
+    on_flank = share_of("rest")
+    return (0.5, math.log(1 - on_flank)), (0.0, math.log(on_flank / 2)), (1.0, math.log(on_flank / 2))
+
+
 def turning_share(name: str, scene: Scene, motor: int) -> float:
     """Return the share of printers with an effect of a motor's turn, where that turn may have a wrong length."""
     off = abs(scene.turns_mm[motor] / scene.printer.axes[motor].mm_per_turn - 1)

@@ -89,7 +89,7 @@ def blocks_of(scene: Scene, kept: Callable[[Term], bool] | None = None) -> tuple
         for term in effect.terms(scene):
             if kept is None or kept(term):
                 grouped.setdefault(term.key, []).append(term)
-    return laid_side_by_side(map(_block, grouped.values()))
+    return laid_side_by_side(map(block_of, grouped.values()))
 
 
 def dictionary_of(
@@ -106,7 +106,8 @@ def seen_blocks(blocks: tuple[Block, ...], places: Places, rows: Rows, scene: Sc
     return Dictionary(blocks, np.hstack(columns))
 
 
-def _block(terms: Sequence[Term]) -> Block:
+def block_of(terms: Sequence[Term]) -> Block:
+    """Return the alternatives in size of an effect at one place with one shape, its columns the first."""
     one, sds_mm = terms[0], np.array([term.sd_mm for term in terms])
     log_odds = np.array([term.log_odds for term in terms])
     return Block(one.effect, one.where, one.shape, slice(0, sds_mm.shape[1]), sds_mm, log_odds, one.positive)

@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.special import gammaln
 from threadpoolctl import threadpool_limits
 
 from printmend.effects import scene_of
@@ -27,7 +25,7 @@ from printmend.measure.follows import FARTHEST_MM
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say, together
 from printmend.metrics.robust import costs_of, own_share, ridge, scale_of
-from printmend.metrics.shape import nearest
+from printmend.metrics.shape import nearest, spacing
 from printmend.model.misfit import NOTE, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -302,7 +300,7 @@ def _history_words(seen: np.ndarray, history: np.ndarray) -> str:
 def _unshuffled(trace: Trace, seen: np.ndarray) -> Iterator[Reading]:
     """Yield the trace with shuffled places put back."""
     commanded, measured = trace.commanded_mm[seen], trace.measured_mm[seen]
-    log_odds = math.log(rows_share("shuffled")) - float(gammaln(len(seen) + 1))  # any order is as likely as another
+    log_odds = math.log(rows_share("shuffled")) - math.lgamma(len(seen) + 1)  # any order is as likely as another
     came, least = _best_nats(commanded, measured), -measured.size * math.log(LEAST_SCALE_MM)  # no map leaves less
     if len(seen) > MOST_ROWS_MAPPED or least + log_odds < came:
         return
@@ -313,13 +311,14 @@ def _unshuffled(trace: Trace, seen: np.ndarray) -> Iterator[Reading]:
         _, to = nearest(_mapped(fit, commanded), measured)
         fit = _map(commanded[to], measured)
     expected = _mapped(fit, commanded)
-    away, to = (each.T for each in cKDTree(expected).query(measured, 2))
-    single = np.bincount(to[0], minlength=len(seen))[to[0]] == 1
-    if single.sum() < LEAST_ROWS or _map_nats(fit, commanded[to[0]], measured) + log_odds < came:
+    away_mm, to = nearest(expected, measured)
+    single = np.bincount(to, minlength=len(seen))[to] == 1
+    if single.sum() < LEAST_ROWS or _map_nats(fit, commanded[to], measured) + log_odds < came:
         return  # no order of these rows makes them a measurement of this print
-    scale_mm = scale_of(measured - expected[to[0]], LEAST_SCALE_MM)
-    others = np.exp((away[0] ** 2 - away[1] ** 2) / (2 * scale_mm**2))  # the odds of the next row
+    scale_mm = scale_of(measured - expected[to], LEAST_SCALE_MM)
+    next_mm = np.maximum(spacing(expected)[to] - away_mm, 0.0)  # another row is no nearer
+    others = np.exp((away_mm**2 - next_mm**2) / (2 * scale_mm**2))  # … and these are its odds
     sure = (single & (others < 1 - LEAST_MATCHED_SHARE)).mean()
     words = say("measured-rows-shuffled-certain", int(single.sum()), len(seen))
-    again = _with(trace, seen[to[0][single]], measured[single])
+    again = _with(trace, seen[to[single]], measured[single])
     yield Reading(again, log_odds, "rows-shuffled", words, is_certain=bool(sure >= LEAST_MATCHED_SHARE))
