@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from printmend.effects.wobble import LEAST_TURNS
-from printmend.effects.words import NAMED_SIGMAS, Fault, amount
+from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, amount
 from printmend.errors import TraceError
 from printmend.infer.screw import fit_height
 from printmend.measure.follows import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
@@ -148,7 +148,8 @@ def _of_lead(terms: np.ndarray, sds: np.ndarray, spreads: np.ndarray) -> Quantit
 
 
 def _of_waves(terms: np.ndarray, sds: np.ndarray, spreads: np.ndarray) -> Quantity:
-    waved = [(k, size, float(sds[2 * k])) for k, size in enumerate(_sizes(terms), 1) if size > 0]
+    each = ((k, size, float(sds[2 * k])) for k, size in enumerate(_sizes(terms), 1))
+    waved = [(k, size, sd) for k, size, sd in each if size > max(NAMED_SIGMAS * sd, LEAST["mm"])]
     if not waved:
         return Quantity(terms, sd=float(spreads[1]))
     often = {1: "once-a-turn", 2: "twice-a-turn"}

@@ -25,6 +25,7 @@ from printmend.effects.idler import Idler
 from printmend.effects.lag import Lag
 from printmend.effects.lag_wear import LagWear
 from printmend.effects.layer import Layer
+from printmend.effects.loose import Loose
 from printmend.effects.origin import Origin
 from printmend.effects.place import Place
 from printmend.effects.play import Play
@@ -59,8 +60,8 @@ from printmend.plugins import load_plugin, plugin_names
 _ALL: tuple[Effect, ...] = (
     Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Bump(), Rub(),
     Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Crooked(), Distortion(), Racking(), Tilt(), Lag(), LagWear(),
-    Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Skip(), Warmth(), Wear(), Wander(), Wobble(), Layer(),
-    Origin(), Shift(), Turn(), Stretch(), Carriage(), CarriageWave(), Halves(), Bead(), Shrinkage(),
+    Loose(), Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Skip(), Warmth(), Wear(), Wander(), Wobble(),
+    Layer(), Origin(), Shift(), Turn(), Stretch(), Carriage(), CarriageWave(), Halves(), Bead(), Shrinkage(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")
 

@@ -106,6 +106,7 @@ class Places:
     ``ways`` [N, 2] the direction in which each bed axis last moved, ``turned`` [N, 2] that of each motor. ``done`` [N]
     is the length printed so far over that of the measured print; ``move_mm`` [N] the length of the last move.
     ``normal`` [N, 2] points out of a wall's plastic, 0 for other marks; ``z_mm`` [N] is the height, None for home's.
+    ``heading`` [N, 2] is the direction of the last move on the bed, of length 1, None for half-way between the axes'.
     """
 
     motor_mm: np.ndarray
@@ -117,6 +118,7 @@ class Places:
     move_mm: np.ndarray
     normal: np.ndarray
     z_mm: np.ndarray | None = None
+    heading: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.motor_mm)
@@ -124,6 +126,11 @@ class Places:
     def at(self, rows: np.ndarray) -> "Places":
         """Return some of the places."""
         return replace(self, **{name: value[rows] for name, value in vars(self).items() if value is not None})
+
+    def headings(self) -> np.ndarray:
+        """Return the direction of the last move to each place [N, 2], of length 1, or 0 before the first."""
+        way = self.ways if self.heading is None else self.heading
+        return np.asarray(way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9))
 
     def heights_mm(self, scene: Scene) -> np.ndarray:
         """Return the height of each place [N]."""
@@ -246,7 +253,9 @@ def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndar
     """
     motor = scene.printer.to_motor(trace.commanded_mm)
     at = np.where(contact_row >= 0, contact_row, np.arange(len(motor))[:, None])  # else about where the motor is
-    step = np.hypot(*np.diff(trace.commanded_mm, axis=0, prepend=trace.commanded_mm[:1]).T)
+    moves = np.diff(trace.commanded_mm, axis=0, prepend=trace.commanded_mm[:1])
+    step = np.hypot(*moves.T)
+    last = np.maximum.accumulate(np.where(step > 0, np.arange(len(step)), 0))
     return Places(
         motor_mm=np.take_along_axis(motor, at, axis=0),
         side=np.where(contact_row >= 0, side, 0).astype(float),
@@ -257,6 +266,7 @@ def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndar
         move_mm=step,
         normal=np.zeros((len(step), 2)) if trace.normal is None else np.nan_to_num(trace.normal),
         z_mm=None if trace.z_mm is None else np.nan_to_num(trace.z_mm, nan=scene.printer.z.home_mm),
+        heading=moves[last] / np.maximum(step[last, None], 1e-9),
     )
 
 

@@ -20,7 +20,7 @@ def drawn_places(scene: Scene) -> Places:
     return Places(
         scene.printer.to_motor(bed), side, bed, ways, -side, rng.uniform(0, 1, COUNT),
         rng.choice([1.0, LONG_MOVE_MM], COUNT), normal / np.linalg.norm(normal, axis=1, keepdims=True),
-        np.linspace(scene.layers[0], scene.layers[1], COUNT) if scene.layers else None,
+        np.linspace(scene.layers[0], scene.layers[1], COUNT) if scene.layers else None, rng.standard_normal((COUNT, 2)),
     )  # fmt: skip
 
 

@@ -24,8 +24,8 @@ from printmend.path import Trace
 
 # Effects that do not turn, and those that decide where a belt touches.
 STILL = (
-    "place", "scale", "bend", "play", "friction", "skew", "aspect", "wobble", "skip", "origin", "shift", "turn",
-    "stretch",
+    "place", "scale", "bend", "play", "loose", "friction", "skew", "aspect", "wobble", "skip", "origin", "shift",
+    "turn", "stretch",
 )  # fmt: skip
 FEW = (*STILL, "pulley", "breathing", "elastic", "idler", "bent")
 REPEATING = ("pulley", "breathing", "elastic", "idler")  # effects whose place a turn of another length takes

@@ -293,6 +293,7 @@ def _parts(
     now = Places(
         motor_mm, -aims.side, np.asarray(printer.from_motor(aims.belt_mm)), aims.ways, aims.side,
         gone_mm / max(scene.way_mm, 1e-9), np.full(count, LONG_MOVE_MM), none, path.z_mm,
+        path.tangent if path.ways is None else None,
     )  # fmt: skip
     found: dict[str, DrawnCause] = {}
     otherwise = np.random.default_rng(SEED)  # of its own: other figures stay as they are
