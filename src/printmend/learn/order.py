@@ -88,7 +88,7 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
     seen = np.flatnonzero(trace.measured_rows)
     if len(seen) < LEAST_ROWS or not np.isfinite(trace.commanded_mm).all():
         return InOrder(trace)
-    commanded, measured = trace.commanded_mm[seen], np.clip(trace.measured_mm[seen], -FARTHEST_MM, FARTHEST_MM)
+    commanded, measured = _seen(trace, seen)
     if np.ptp(np.quantile(commanded, (0.1, 0.9), axis=0), axis=0).max() < LEAST_SPREAD_MM:
         return InOrder(trace)
     plain = _map(commanded, measured)
@@ -153,10 +153,10 @@ def _readings(
     reversed_ = math.log(rows_share("reversed"))
     if is_first and _goes_backwards(trace, printer):
         yield Reading(_turned_round(trace, printer), reversed_, "rows-reversed", say("rows-reversed-order"))
-    commanded, measured = trace.commanded_mm[seen], trace.measured_mm[seen]
+    commanded, measured = _seen(trace, seen)
     if is_first and reversed_ + _best_nats(commanded, measured[::-1]) > _best_nats(commanded, measured):
         words = say("measured-rows-reversed-order")
-        yield Reading(_with(trace, seen, measured[::-1]), reversed_, "rows-reversed", words)
+        yield Reading(_with(trace, seen, trace.measured_mm[seen[::-1]]), reversed_, "rows-reversed", words)
     yield from _slipped(trace, seen, places_mm)
     if is_first:
         yield from _unshuffled(trace, seen)
@@ -186,6 +186,11 @@ def _with(trace: Trace, rows: np.ndarray, measured_mm: np.ndarray) -> Trace:
     moved = np.full(trace.measured_mm.shape, np.nan)
     moved[rows] = measured_mm
     return replace(trace, measured_mm=moved)
+
+
+def _seen(trace: Trace, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where some rows were commanded and measured [M, 2], a wild cell no farther than it can be."""
+    return trace.commanded_mm[rows], np.clip(trace.measured_mm[rows], -FARTHEST_MM, FARTHEST_MM)
 
 
 def _map(commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
@@ -234,8 +239,7 @@ def _slipped(trace: Trace, seen: np.ndarray, places_mm: np.ndarray) -> Iterator[
     everywhere = np.arange(len(trace))
     for places in (everywhere, seen) if len(seen) < len(trace) else (everywhere,):
         at = np.searchsorted(places, seen)  # the number of each measured row among the places
-        measured = np.clip(trace.measured_mm[seen], -FARTHEST_MM, FARTHEST_MM)
-        history, saved = _history(places_mm[places], at, measured)
+        history, saved = _history(places_mm[places], at, _seen(trace, seen)[1])
         if saved > 0 and history.any():
             found.append((saved, places, at, history))
     if not found:
@@ -299,7 +303,7 @@ def _history_words(seen: np.ndarray, history: np.ndarray) -> str:
 
 def _unshuffled(trace: Trace, seen: np.ndarray) -> Iterator[Reading]:
     """Yield the trace with shuffled places put back."""
-    commanded, measured = trace.commanded_mm[seen], trace.measured_mm[seen]
+    commanded, measured = _seen(trace, seen)
     log_odds = math.log(rows_share("shuffled")) - math.lgamma(len(seen) + 1)  # any order is as likely as another
     came, least = _best_nats(commanded, measured), -measured.size * math.log(LEAST_SCALE_MM)  # no map leaves less
     if len(seen) > MOST_ROWS_MAPPED or least + log_odds < came:
@@ -320,5 +324,5 @@ def _unshuffled(trace: Trace, seen: np.ndarray) -> Iterator[Reading]:
     others = np.exp((away_mm**2 - next_mm**2) / (2 * scale_mm**2))  # … and these are its odds
     sure = (single & (others < 1 - LEAST_MATCHED_SHARE)).mean()
     words = say("measured-rows-shuffled-certain", int(single.sum()), len(seen))
-    again = _with(trace, seen[to[single]], measured[single])
+    again = _with(trace, seen[to[single]], trace.measured_mm[seen[single]])
     yield Reading(again, log_odds, "rows-shuffled", words, is_certain=bool(sure >= LEAST_MATCHED_SHARE))

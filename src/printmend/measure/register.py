@@ -11,10 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.measure.plan import ProbePlan
+from printmend.metrics.robust import ridge, scale_of, weights_of
 
 LEAST_KEYSTONE_MM = 0.04  # RMS of what perspective moves; less may be the printer's own
 MOST_UNLIKE_SHARE = 0.4  # share by which the two ways to see one tilt may differ: else it is no perspective
-CAUCHY_MM = 0.3  # errors beyond this count little when the frames are aligned
+OPEN_SD_MM = 1e3  # of what slopes, play and waves may be: anything
+LEAST_SCATTER_MM = 1e-3  # of marks: no picture is read better
+ROUNDS = 8  # of turning frames onto each other, and weighing the marks
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +59,16 @@ def _centred(points: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 
 def turn_onto(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the rotation [2, 2] of points ``a`` [M, 2] onto ``b``, robustly (Kabsch with Cauchy weights)."""
+    """Return the rotation [2, 2] of points ``a`` [M, 2] onto ``b``, robustly (Kabsch; tails count less)."""
     weight = np.ones(len(a))
     turn = np.eye(2)
-    for _ in range(8):
+    for _ in range(ROUNDS):
         share = weight[:, None] / weight.sum()
         centred_a, centred_b = a - (share * a).sum(axis=0), b - (share * b).sum(axis=0)
         covariance = (share * centred_a).T @ centred_b
         turn = _rotation(float(np.arctan2(covariance[0, 1] - covariance[1, 0], np.trace(covariance))))
         error = np.hypot(*(centred_a @ turn - centred_b).T)
-        weight = 1.0 / (1.0 + (error / (CAUCHY_MM + np.median(error))) ** 2)
+        weight = weights_of(error, scale_of(error, LEAST_SCATTER_MM))
     return turn
 
 
@@ -109,10 +112,6 @@ def _freed_fit(plan: ProbePlan, known: np.ndarray, wanted: list[np.ndarray], err
         phase = 2 * np.pi * motor[:, axis] / plan.mm_per_turn[axis]
         columns += [wave(k * phase) for k in range(1, 5) for wave in (np.cos, np.sin)]
     design = np.stack(columns, axis=1)
-    weight = np.ones(len(xy))
-    for _ in range(6):
-        normal = design.T @ (weight[:, None] * design) + 1e-9 * np.eye(design.shape[1])
-        fit = np.linalg.solve(normal, design.T @ (weight[:, None] * error))
-        residual = np.hypot(*(error - design @ fit).T)
-        weight = 1.0 / (1.0 + (residual / (np.median(residual) * 2 + 1e-6)) ** 2)
-    return fit[: len(wanted)]
+    sds = np.full(design.shape[1], OPEN_SD_MM)
+    fits = (ridge(design, one, sds, first_mm=np.std(one), least_mm=LEAST_SCATTER_MM)[0] for one in error.T)
+    return np.stack(list(fits), axis=1)[: len(wanted)]

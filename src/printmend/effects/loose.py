@@ -1,0 +1,31 @@
+"""A nozzle or head that is loose: it lags behind wherever it goes, by as much whichever way that is."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
+from printmend.effects.keys import Numbers
+from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Told
+from printmend.messages import say
+
+
+class Loose(Usual):
+    """Play that is round: the head is behind by half of it, along the last move."""
+
+    name = "loose"
+    cause = say("cause-loose")  # of an expected error
+    of = Of.MACHINE
+    acts = Acts.NOT
+    fate = STAYS
+    keys = Numbers()
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        yield from alternatives(self.name, 0, [()], (1.0,), positive=True)
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return -0.5 * places.headings()[:, :, None]
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        yield Told("loose", say("head-loose-lags-every-way", f"{abs(found.sizes_mm[0]):.2f}"))
