@@ -10,9 +10,10 @@ from scipy import special
 
 from printmend.corruption import fault
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, places_of, scene_of
+from printmend.effects.idler import OWN_SHARE
 from printmend.effects.prior import share_of
-from printmend.effects.sample import drawn_places
-from printmend.effects.sized import Sized
+from printmend.effects.sample import drawn_places, drawn_sizes
+from printmend.effects.sized import Sized, frame_of
 from printmend.infer.fit import HOME_SD_MM, fitted, weighed
 from printmend.infer.gram import Block, Dictionary, Rows, dictionary_of, gram_of, seen
 from printmend.infer.machine import machine_of
@@ -23,6 +24,7 @@ from printmend.infer.search import Search
 from printmend.infer.simulate import drawn_parts, measured
 from printmend.learn.learned import learn_model
 from printmend.machine import healthy_mechanism, print_from_home
+from printmend.model.model import LEAST_WAVE_MM
 from printmend.path import FLATBED, Trace
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
@@ -70,7 +72,7 @@ def test_an_effect_keeps_its_promises_to_inference(name: str) -> None:
                 columns = columns_of(name, places, term.where, term.shape, scene)
                 assert columns.shape == (len(places), 2, len(term.sd_mm))
                 assert np.isfinite(columns).all()
-                for shape in effect.finer(term.shape, 0):
+                for shape in effect.finer(term.where, term.shape, 0, scene):
                     assert len(shape) == len(term.shape)
                     assert columns_of(name, places, term.where, shape, scene).shape == columns.shape
                 if scene.homed and effect.of is Of.MACHINE and effect.from_home:
@@ -98,6 +100,23 @@ def test_what_is_learned_is_what_the_twin_has(name: str, rng: np.random.Generato
     motors = np.rint(printer.to_motor(path) / 0.0125) * 0.0125
     theirs = print_from_home(learned_one, printer.from_motor(motors))
     np.testing.assert_allclose(twin.follow(printer.from_motor(motors))[1:], theirs[1:], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["crooked", "distortion"])
+def test_a_small_print_makes_waves_that_a_model_file_holds(name: str, rng: np.random.Generator) -> None:
+    scene = replace(scene_for(read_printer("ender3")), bed_span_mm=((100.0, 109.0), (100.0, 109.0)))
+    for term in EFFECTS[name].terms(scene):
+        waves = frame_of(scene, [Sized(name, term.where, term.shape, drawn_sizes(term, rng))]).waves
+        assert (waves[:, 1] >= LEAST_WAVE_MM).all()
+
+
+def test_no_finer_idler_is_the_pulley() -> None:
+    scene = scene_for(read_printer("ender3"))
+    turn_mm = scene.turns_mm[0]
+    near = [term for term in EFFECTS["idler"].terms(scene) if abs(turn_mm / term.shape[0] - 2) < 0.1]
+    finer = [turn_mm / shape[0] for term in near for shape in EFFECTS["idler"].finer(0, term.shape, 0, scene)]
+    assert finer
+    assert min(abs(turns - 2) for turns in finer) > OWN_SHARE
 
 
 @pytest.mark.parametrize("preset", ["ender3", "corexy"])

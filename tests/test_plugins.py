@@ -113,7 +113,7 @@ class Sag:
     def columns(self, places, where, shape, scene):
         return along(where, ((places.bed_mm[:, [0]] - scene.middle_mm[0]) / 100) ** 2)
 
-    def finer(self, shape, round_):
+    def finer(self, where, shape, round_, scene):
         return iter(())
 
 

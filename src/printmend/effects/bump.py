@@ -34,7 +34,7 @@ class Bump(AtOnePlace):
         bell = np.exp(-0.5 * ((places.motor_mm[:, [where]] - at) / width) ** 2)
         return onto_bed(scene, where, bell)
 
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         at, width = shape
         for place in about(at, SPACING * width, round_):
             yield float(place), width

@@ -34,7 +34,7 @@ class Creep(Usual):
         course = 1.0 - np.exp(-places.done / shape[0])
         return carrier(scene, where, course[:, None])
 
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         for factor in about(0.0, 0.5, round_):
             yield (float(shape[0] * np.exp(factor)),)
 

@@ -193,7 +193,7 @@ class Effect(Protocol):
         """Return how far the places move [N, 2, P] mm for one unit of each size."""
         ...
 
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         """Yield shapes about a found one, between the alternatives of the grid."""
         ...
 
@@ -205,7 +205,7 @@ class Usual:
     from_home = True
     most = 1
 
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         return iter(())
 
 
@@ -310,7 +310,6 @@ def about(value: float, spacing: float, round_: int) -> np.ndarray:
 
 
 CYCLES = 0.25  # by which two neighbouring periods of a grid differ over the whole span
-FINER_SPAN_MM = 200.0  # a usual span, by which finer periods are spaced
 
 
 def periods_mm(shortest_mm: float, longest_mm: float, span_mm: float) -> np.ndarray:
@@ -320,8 +319,8 @@ def periods_mm(shortest_mm: float, longest_mm: float, span_mm: float) -> np.ndar
     return np.asarray(1.0 / np.arange(1.0 / longest_mm, 1.0 / shortest_mm, CYCLES / span_mm))
 
 
-def finer_periods(period_mm: float, round_: int) -> Iterator[tuple[float, ...]]:
-    """Yield periods about one of a grid of `periods_mm`."""
-    for rate in about(1.0 / period_mm, CYCLES / FINER_SPAN_MM, round_):
+def finer_periods(period_mm: float, round_: int, span_mm: tuple[float, float]) -> Iterator[tuple[float, ...]]:
+    """Yield periods about one of a grid of `periods_mm` over a span."""
+    for rate in about(1.0 / period_mm, CYCLES / (span_mm[1] - span_mm[0]), round_):
         if rate > 0:
             yield (float(1.0 / rate),)

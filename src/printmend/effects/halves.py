@@ -37,7 +37,7 @@ class Halves(Usual):
         past = (places.bed_mm[:, where] > shape[0])[:, None] * 1.0
         return np.concatenate([along(0, past), along(1, past)], axis=2)
 
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         for at in about(shape[0], 8.0, round_):
             yield (float(at),)
 

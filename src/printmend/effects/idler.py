@@ -43,8 +43,7 @@ class Idler(Usual):
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
             periods = periods_mm(SHORTEST_MM, min(LONGEST_MM, 0.5 * (high - low)), high - low)
-            near = np.abs(scene.turns_mm[motor] / periods - np.rint(scene.turns_mm[motor] / periods))
-            shapes = [(float(period),) for period in periods[near > OWN_SHARE]]
+            shapes = [(float(each),) for each in periods if _is_another(each, scene.turns_mm[motor])]
             if shapes:
                 yield from alternatives(self.name, motor, shapes, (1.0, 1.0))
 
@@ -54,8 +53,9 @@ class Idler(Usual):
     def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return np.array(shape)
 
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return finer_periods(shape[0], round_)
+    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
+        finer = finer_periods(shape[0], round_, scene.motor_span_mm[where])
+        return (each for each in finer if _is_another(each[0], scene.turns_mm[where]))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         (period_mm,) = found.shape
@@ -68,3 +68,9 @@ class Idler(Usual):
         if toothed:
             words = say("fault-idler-of-teeth", f"{period_mm:.1f}", teeth, amount(size, sd))
         yield Fault(motor_name(scene, found.where), f"period-{period_mm:.1f}", size, sd, "mm", words)
+
+
+def _is_another(period_mm: float, turn_mm: float) -> bool:
+    """Tell whether a wave of this length is none of the pulley's."""
+    turns = turn_mm / period_mm
+    return abs(turns - round(turns)) > OWN_SHARE

@@ -49,8 +49,8 @@ class Rail(Usual):
         across = along(1 - where, turn)
         return np.concatenate([across, along(where, turn)], axis=2) if scene.corexy else across
 
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        return finer_periods(shape[0], round_)
+    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
+        return finer_periods(shape[0], round_, scene.bed_span_mm[where])
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         if is_first(found, (self.name,), beside):

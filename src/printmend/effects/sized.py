@@ -18,6 +18,7 @@ from printmend.printer import Printer
 GRID = 7  # places along either axis of the bed at which a frame's terms are taken
 ROWS = 2048  # of a table that are evaluated at once: their columns stay in the processor's cache
 SHRINKS_SD = 0.002  # of parts in the usual filaments (filament/materials.toml)
+TINY_MM = 1e-9  # what a model file rounds to
 FEW = 97  # places of a table at which both sides are compared
 
 
@@ -93,7 +94,7 @@ def frame_of(scene: Scene, parts: Sequence[Sized]) -> Frame:
             EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm for part in held
         )
         coefficients = np.linalg.lstsq(Frame().terms(bed), np.asarray(moved), rcond=None)[0].T
-        coefficients[np.abs(coefficients) < 1e-9] = 0.0
+        coefficients[np.abs(coefficients) < TINY_MM] = 0.0
     return Frame(coefficients, waves=few_waves(np.vstack([np.zeros((0, WAVE_FIELDS)), *waves])))
 
 
@@ -108,7 +109,11 @@ def _waves(scene: Scene, part: Sized) -> np.ndarray:
 
 
 def few_waves(rows: np.ndarray) -> np.ndarray:
-    """Return rows of waves [K, 6], equal ones merged; if a frame has no room for all, the largest."""
+    """Return rows of waves [K, 6], equal ones merged; if a frame has no room for all, the largest.
+
+    Waves too short for the process are left out: over a short span its cosines are shorter than any that it can have.
+    """
+    rows = rows[np.abs(rows[:, 2:]).max(axis=1, initial=0.0) > TINY_MM]
     kinds, which = np.unique(rows[:, :2], axis=0, return_inverse=True)
     if len(kinds) < len(rows) > MOST_WAVES:
         sizes = np.zeros((len(kinds), 4))

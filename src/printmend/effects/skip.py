@@ -35,7 +35,7 @@ class Skip(Usual):
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, (places.done > shape[0])[:, None] * 1.0)
 
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         for each in about(shape[0], APART, round_):
             yield (float(each),)
 

@@ -65,7 +65,7 @@ class Splice(AtOnePlace):
         ramp = np.clip((places.motor_mm[:, where] - at) / width + 0.5, 0.0, 1.0)
         return onto_bed(scene, where, ramp[:, None])
 
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         at, width = shape
         for place in about(at, STEP_MM, round_):
             yield float(place), width

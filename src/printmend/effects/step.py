@@ -36,7 +36,7 @@ class Step(Usual):
         course = (places.done > shape[0]) * 1.0
         return carrier(scene, where, course[:, None])
 
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         for each in about(shape[0], APART, round_):
             yield (float(each),)
 

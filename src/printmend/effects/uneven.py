@@ -57,4 +57,4 @@ def spectrum(span_mm: tuple[float, float], length_mm: float, count: int) -> tupl
     low, high = span_mm
     waves_rad = np.pi * np.arange(1, count + 1) / max(high - low, 1.0)
     power = 2 * length_mm * np.sqrt(2 * np.pi) / max(high - low, 1.0) * np.exp(-((waves_rad * length_mm) ** 2) / 2)
-    return tuple(np.sqrt(np.maximum(power, 1e-12)))
+    return tuple(np.sqrt(power))

@@ -35,7 +35,7 @@ class UnevenPlay(Usual):
         more = 0.5 * places.side[:, where] * (places.bed_mm[:, int(axis)] > at)
         return onto_bed(scene, where, more[:, None])
 
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         axis, at = shape
         for place in about(at, 8.0, round_):
             yield axis, float(place)

@@ -36,7 +36,7 @@ class Warmth(Usual):
         grows = [along(0, x[:, None] * grown), along(1, y[:, None] * grown)]
         return np.concatenate([*grows, along(0, grown), along(1, grown)], axis=2)
 
-    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         for factor in about(0.0, 0.9, round_):
             yield (float(shape[0] * np.exp(factor)),)
 

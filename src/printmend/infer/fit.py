@@ -281,6 +281,22 @@ def _as_before(dictionary: Dictionary, last: Fit, places: Places, rows: Rows, sc
     return dictionary, tuple((b, variant) for b, (_, variant) in zip(numbers, last.state.members, strict=True))
 
 
+def with_finer(
+    dictionary: Dictionary, members: Set, round_: int, places: Places, rows: Rows, scene: Scene
+) -> Dictionary:
+    """Return the dictionary with shapes between the neighbours of those of a set's members.
+
+    A finer shape stands for that much less of what the first one stands for.
+    """
+    blocks = dictionary.blocks
+    finer = [
+        (replace(blocks[b], log_odds=blocks[b].log_odds - math.log(TIMES_FINER)), shape)
+        for b, _ in members
+        for shape in EFFECTS[blocks[b].effect].finer(blocks[b].where, blocks[b].shape, round_, scene)
+    ]
+    return with_shapes(dictionary, finer, places, rows, scene)
+
+
 def with_shapes(
     dictionary: Dictionary, more: Sequence[tuple[Block, tuple[float, ...]]], places: Places, rows: Rows, scene: Scene
 ) -> Dictionary:
@@ -298,21 +314,14 @@ def _finer(
 ) -> tuple[Search, State]:
     """Return the search and the set with the shapes of its members looked for between the neighbours of each.
 
-    They are looked for among themselves; then every block may take the place of another again. A finer shape stands for
-    that much less of what the first one stands for.
+    They are looked for among themselves; then every block may take the place of another again.
     """
     members = [b for b, _ in state.members]
     among, first = search.narrowed(members), len(state.columns)
     start: Set = tuple((at, variant) for at, (_, variant) in enumerate(state.members))
     own, sigma_mm = start, state.sigma_mm
     for round_ in range(FINER_ROUNDS):
-        blocks = among.dictionary.blocks
-        finer = [
-            (replace(blocks[b], log_odds=blocks[b].log_odds - math.log(TIMES_FINER)), shape)
-            for b, _ in own
-            for shape in EFFECTS[blocks[b].effect].finer(blocks[b].shape, round_)
-        ]
-        dictionary = with_shapes(among.dictionary, finer, places, rows, scene)
+        dictionary = with_finer(among.dictionary, own, round_, places, rows, scene)
         if dictionary is among.dictionary:
             break
         among = among.with_more(dictionary, rows, weight)

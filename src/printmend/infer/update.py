@@ -22,7 +22,7 @@ from printmend.infer.fit import (
     looked,
     turned_back,
     weighed,
-    with_shapes,
+    with_finer,
 )
 from printmend.infer.gram import Block, Dictionary, Rows, dictionary_of, gram_of, laid_side_by_side, seen
 from printmend.infer.known import (
@@ -279,13 +279,7 @@ def _likeliest_turn_rad(at: _Pass, motor: int, always: Set) -> float:
 def _finer(at: _Pass, places: Places, rows: Rows, scene: Scene, weight: np.ndarray, old: np.ndarray) -> _Pass:
     """Look for the shapes of the members between the neighbours of each."""
     for round_ in range(FINER_ROUNDS):
-        dictionary = at.sums.dictionary
-        finer = [
-            (dictionary.blocks[b], shape)
-            for b, _ in at.state.members
-            for shape in EFFECTS[dictionary.blocks[b].effect].finer(dictionary.blocks[b].shape, round_)
-        ]
-        dictionary = with_shapes(dictionary, finer, places, rows, scene)
+        dictionary = with_finer(at.sums.dictionary, at.state.members, round_, places, rows, scene)
         if dictionary is at.sums.dictionary:
             break
         sums = _sums(dictionary, old, rows, weight)

@@ -162,6 +162,7 @@ def _outlook(
     both: dict[str, DrawnCause] = {}
     if not belief.placed:
         both["homing"] = _homing(mechanism, path, rng)
+        sides = [{name: _unturned(cause, path) for name, cause in each.items()} for each in sides]
     doubts = [{**each, **both} for each in sides]
     raw = _Side(path, path.off_mm, doubts[0], local, errors[0], signed=True)
     mended = _Side(path, np.zeros_like(path.off_mm), doubts[1], local, errors[1], signed=False)
@@ -227,6 +228,16 @@ def best_shift(tangent: np.ndarray, off_mm: np.ndarray, weight: np.ndarray) -> n
     """Return the shift [2] mm of a whole part that leaves the least of its errors across the path [N]."""
     root = np.sqrt(weight)
     return np.asarray(np.linalg.lstsq(_normals(tangent) * root[:, None], off_mm * root, rcond=None)[0])
+
+
+def _unturned(cause: DrawnCause, path: PathPlaces) -> DrawnCause:
+    """Return a cause less what turns all of a print: where no place was measured, nobody knows how a print lay, and
+    drawn machines differ in that though their shapes are alike."""
+    normal, root = _normals(path.tangent), np.sqrt(path.weight)[:, None]
+    arm = path.wanted_mm - np.average(path.wanted_mm, axis=0, weights=path.weight)
+    turn = (normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1])[:, None]
+    found = np.linalg.lstsq(np.hstack([normal, turn]) * root, cause.columns * root, rcond=None)[0]
+    return DrawnCause(cause.columns - turn * found[2], cause.drawn)
 
 
 def _normals(tangent: np.ndarray) -> np.ndarray:
