@@ -8,6 +8,7 @@ and the model file read these columns and nothing else.
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -234,6 +235,7 @@ def held(places_mm: np.ndarray, span_mm: tuple[float, ...]) -> np.ndarray:
     return np.clip(places_mm, low, high)
 
 
+@lru_cache(maxsize=16)
 def home_of(scene: Scene) -> Places:
     """Return the place [1] at which the end stops leave the machine, each belt engaged as its motor came."""
     printer = scene.printer

@@ -5,9 +5,9 @@ their play. A length that gains more than the printer's own is a rival: both are
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -55,7 +55,8 @@ class Turn:
         return replace(scene, turns_mm=(lengths[0], lengths[1]))
 
 
-def among(names: Collection[str]) -> Callable[[Term], bool]:
+@lru_cache  # so that what is kept by it is known again
+def among(names: tuple[str, ...]) -> Callable[[Term], bool]:
     """Return which terms are of some effects."""
     return lambda term: term.effect in names
 

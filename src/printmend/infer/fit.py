@@ -18,6 +18,7 @@ from printmend.infer.gram import (
     gram_of,
     laid_side_by_side,
     narrowed,
+    reweighed,
     seen,
     seen_blocks,
 )
@@ -255,15 +256,17 @@ def _searched(
         sigma_mm = last.state.sigma_mm
     state: State | None = None
     begun = [members] if last is None else []
+    gram = gram_of(dictionary.columns, rows, weight)
     for _ in range(WEIGHINGS):
-        search = Search(dictionary, gram_of(dictionary.columns, rows, weight))
+        search = Search(dictionary, gram)
         # From the beginning, too: what came in beside a shape that was too coarse need not come beside a finer one.
         starts = dict.fromkeys([members, *begun])
         state = max((searched(search, each, sigma_mm) for each in starts), key=lambda each: each.score)
         search, state = _finer(search, state, few, replace(here, share=rows.share), scene, weight)
         dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
-        left_mm = left_of(rows, dictionary, state)
+        left_mm, before = left_of(rows, dictionary, state), weight * rows.share
         weight, rows = weighed(rows, left_mm), shared(rows, left_mm)
+        gram = reweighed(search.gram, dictionary.columns, rows, weight * rows.share - before)
     assert state is not None
     mechanism, _ = machine_of(scene, sized(dictionary, state.members, state.mean_mm))
     return Fit(scene, places, rows, contacts, search, state, mechanism)

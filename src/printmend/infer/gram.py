@@ -3,10 +3,11 @@
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Places, Scene, Term, columns_of
+from printmend.effects import EFFECTS, Effect, Places, Scene, Term, columns_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,8 @@ def laid_side_by_side(blocks: Iterable[Block]) -> tuple[Block, ...]:
     kept: list[Block] = []
     for block in blocks:
         first = kept[-1].at.stop if kept else 0
-        kept.append(replace(block, at=slice(first, first + block.at.stop - block.at.start)))
+        at = slice(first, first + block.at.stop - block.at.start)
+        kept.append(block if block.at == at else replace(block, at=at))
     return tuple(kept)
 
 
@@ -84,8 +86,13 @@ class Dictionary:
 
 def blocks_of(scene: Scene, kept: Callable[[Term], bool] | None = None) -> tuple[Block, ...]:
     """Return every term that the effects offer, or those that are ``kept``, side by side."""
+    return _blocks_of(scene, kept, tuple(EFFECTS.values()))
+
+
+@lru_cache(maxsize=16)  # of a trace's scenes, which are asked for in every pass
+def _blocks_of(scene: Scene, kept: Callable[[Term], bool] | None, effects: tuple[Effect, ...]) -> tuple[Block, ...]:
     grouped: dict[tuple[str, int, tuple[float, ...]], list[Term]] = {}
-    for effect in EFFECTS.values():
+    for effect in effects:
         for term in effect.terms(scene):
             if kept is None or kept(term):
                 grouped.setdefault(term.key, []).append(term)
@@ -115,20 +122,68 @@ def block_of(terms: Sequence[Term]) -> Block:
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Weighted sums of products: of all columns [P, P], of each with the errors [P], and of the errors; ``count`` rows
-    tell something of their own."""
+    """Weighted sums of products: of all columns ``matrix`` [P, P] less what was summed out, whose products ``out``
+    [K, P] makes; ``slope`` [P] of each column with the errors, ``square`` of the errors; ``count`` rows tell something
+    of their own."""
 
     matrix: np.ndarray
     slope: np.ndarray
     square: float
     count: float
+    out: np.ndarray | None = None
+
+    def between(self, first: np.ndarray, second: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Return the products [A, B] of some columns with others, or with all."""
+        told = self.matrix[np.ix_(first, second)] if isinstance(second, np.ndarray) else self.matrix[first, second]
+        return told if self.out is None else told - self.out[:, first].T @ self.out[:, second]
+
+    def within(self, columns: np.ndarray) -> np.ndarray:
+        """Return the products [B, P, P] of the columns [B, P] of each of some blocks among themselves."""
+        told = self.matrix[columns[:, :, None], columns[:, None, :]]
+        return told if self.out is None else told - products(self.out, columns)
+
+    def some(self, columns: np.ndarray) -> "Gram":
+        """Return the sums of some columns alone."""
+        return replace(self, matrix=self.between(columns, columns), slope=self.slope[columns], out=None)
+
+
+def products(half: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return the sums of products [B, P, P] of the columns [B, P] of ``half`` [K, N] of each block."""
+    mine = half.T[columns]
+    return np.asarray(mine @ np.swapaxes(mine, 1, 2))
 
 
 def gram_of(columns: np.ndarray, rows: Rows, weight: np.ndarray) -> Gram:
     """Return the sums of products of columns [M, P] and errors of rows with weights [M]."""
-    root = np.sqrt(weight * rows.share)
-    scaled, error = columns * root[:, None], rows.error_mm * root
-    return Gram(scaled.T @ scaled, scaled.T @ error, float(error @ error), float(rows.share.sum()))
+    count = columns.shape[1]
+    nothing = Gram(np.zeros((count, count)), np.zeros(count), 0.0, 0.0)
+    return reweighed(nothing, columns, rows, weight * rows.share)
+
+
+def reweighed(gram: Gram, columns: np.ndarray, rows: Rows, more: np.ndarray) -> Gram:
+    """Return the sums where rows count ``more`` [M] than before, or less: of most rows the weight stays."""
+    matrix, slope = gram.matrix.copy(), gram.slope.copy()
+    for sign in (1.0, -1.0):
+        which = np.flatnonzero(sign * more > 0)
+        root = np.sqrt(sign * more[which])
+        some, error = columns[which] * root[:, None], rows.error_mm[which] * root
+        slope += sign * (some.T @ error)
+        for part, own in _apart(some, rows.along[which]):
+            matrix[own] += sign * (part.T @ part)
+    square = gram.square + float(more @ rows.error_mm**2)
+    return replace(gram, matrix=matrix, slope=slope, square=square, count=float(rows.share.sum()))
+
+
+def _apart(columns: np.ndarray, along: np.ndarray) -> list[tuple[np.ndarray, tuple[np.ndarray | slice, ...]]]:
+    """Return the rows that see different columns, each with its own: those along X see nothing of what moves Y alone.
+
+    Where the motors move both, as a CoreXY's do, all rows are left together.
+    """
+    of_x = along[:, 1] == 0
+    own = [np.flatnonzero(columns[some].any(axis=0)) for some in (of_x, ~of_x)]
+    if sum(map(len, own)) > 1.25 * columns.shape[1]:
+        return [(columns, (slice(None),))]
+    return [(columns[some][:, each], np.ix_(each, each)) for some, each in zip((of_x, ~of_x), own, strict=True)]
 
 
 def extended(gram: Gram, old: np.ndarray, new: np.ndarray, rows: Rows, weight: np.ndarray) -> Gram:

@@ -123,7 +123,7 @@ def directions(draws: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """The dictionary of changes, and the Gram matrix of its columns and of the old machine's, which come last."""
+    """The dictionary of changes, and the Gram matrix of the old machine's columns and of its own, which come last."""
 
     dictionary: Dictionary
     gram: Gram
@@ -134,19 +134,20 @@ class Sums:
 
     def without(self, mean: np.ndarray, ways: np.ndarray, sigma_mm: float, at: np.ndarray | None = None) -> "Left":
         """Sum out an old machine; with ``at`` only these columns of the dictionary are left."""
-        own = self.own
-        at = np.arange(own) if at is None else at
-        inner, cross = self.gram.matrix[own:, own:], self.gram.matrix[at, own:]
-        pull = ways.T @ (self.gram.slope[own:] - inner @ mean)
-        square = self.gram.square - 2 * mean @ self.gram.slope[own:] + mean @ inner @ mean
+        known = len(self.gram.slope) - self.own
+        few, old = slice(known, None) if at is None else known + at, slice(known)
+        inner, cross = self.gram.matrix[old, old], self.gram.matrix[few, old]
+        pull = ways.T @ (self.gram.slope[old] - inner @ mean)
+        square = self.gram.square - 2 * mean @ self.gram.slope[old] + mean @ inner @ mean
         open_ = ways.T @ inner @ ways
         root = np.linalg.cholesky(sigma_mm**2 * np.eye(len(open_)) + open_)
         half, pulled = np.linalg.solve(root, (cross @ ways).T), np.linalg.solve(root, pull)
         gram = Gram(
-            self.gram.matrix[np.ix_(at, at)] - half.T @ half,
-            self.gram.slope[at] - cross @ mean - half.T @ pulled,
+            self.gram.matrix[known:, known:] if at is None else self.gram.between(known + at, known + at),
+            self.gram.slope[few] - cross @ mean - half.T @ pulled,
             float(square - pulled @ pulled),
             self.gram.count,
+            half,
         )
         log_det = 2 * float(np.log(np.diag(root)).sum()) - 2 * len(open_) * math.log(sigma_mm)
         covariance = np.linalg.inv(np.eye(len(open_)) + open_ / sigma_mm**2)

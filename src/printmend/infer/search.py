@@ -14,7 +14,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS
 from printmend.infer import kernels
-from printmend.infer.gram import Block, Dictionary, Gram, Rows, extended, laid_side_by_side
+from printmend.infer.gram import Block, Dictionary, Gram, Rows, extended, laid_side_by_side, products
 from printmend.infer.normal import log_below
 
 LEAST_SIGMA_MM = 2e-3  # of any instrument; tables and G-code are written to half of it
@@ -74,7 +74,7 @@ class Search:
         columns = _columns_of(blocks[b] for b, _ in members)
         sd = np.concatenate([blocks[b].sds_mm[v] for b, v in members] or [np.zeros(0)])
         odds = sum(float(blocks[b].log_odds[v]) for b, v in members)
-        matrix, slope = self.gram.matrix[np.ix_(columns, columns)], self.gram.slope[columns]
+        matrix, slope = self.gram.between(columns, columns), self.gram.slope[columns]
         scaled, scaled_slope = matrix * np.outer(sd, sd), slope * sd
         variance = max(sigma_mm, LEAST_SIGMA_MM) ** 2
         for at in range(rounds + 1):
@@ -100,23 +100,21 @@ class Search:
     def beside(self, state: State) -> "Beside":
         """Return what the rows tell of all blocks beside a set."""
         variance = state.sigma_mm**2
-        crossing = self.gram.matrix[state.columns] / variance  # [A, P]
+        crossing = self.gram.between(state.columns) / variance  # [A, P]
         half = state.root @ crossing
         slope = self.gram.slope / variance - crossing.T @ state.mean_mm
         information = []
-        for group in self._groups:
-            own = self.gram.matrix[group.columns[:, :, None], group.columns[:, None, :]] / variance
-            information.append(own - _products(half, group.columns) if len(half) else own)
+        for group, own in zip(self._groups, self._own, strict=True):
+            told = own / variance
+            information.append(told - products(half, group.columns) if len(half) else told)
         return Beside(tuple(self._groups), state, state.root.T @ half, tuple(information), slope)
 
     def narrowed(self, numbers: Sequence[int]) -> "Search":
         """Return the search among some blocks alone, in this order."""
         blocks = self.dictionary.blocks
         columns = _columns_of(blocks[b] for b in numbers)
-        gram = replace(self.gram, matrix=self.gram.matrix[np.ix_(columns, columns)], slope=self.gram.slope[columns])
-        return Search(
-            Dictionary(laid_side_by_side(blocks[b] for b in numbers), self.dictionary.columns[:, columns]), gram
-        )
+        some = Dictionary(laid_side_by_side(blocks[b] for b in numbers), self.dictionary.columns[:, columns])
+        return Search(some, self.gram.some(columns))
 
     def with_more(self, dictionary: Dictionary, rows: Rows, weight: np.ndarray) -> "Search":
         """Return the search in a dictionary whose first columns are this one's, for the rows of these weights."""
@@ -140,6 +138,11 @@ class Search:
             )
             for (_, positive), which in by_size.items()
         ]
+
+    @cached_property
+    def _own(self) -> list[np.ndarray]:
+        """The products of the columns of each group's blocks among themselves."""
+        return [self.gram.within(group.columns) for group in self._groups]
 
     @cached_property
     def _positive(self) -> np.ndarray:
@@ -203,7 +206,7 @@ class Beside:
         freed = np.linalg.solve(root, self.reach[own])
         pull = np.linalg.solve(root, self.state.mean_mm[own])
         information = tuple(
-            told + _products(freed, group.columns) for group, told in zip(self.groups, self.information, strict=True)
+            told + products(freed, group.columns) for group, told in zip(self.groups, self.information, strict=True)
         )
         return replace(self, information=information, slope=self.slope + freed.T @ pull)
 
@@ -211,12 +214,6 @@ class Beside:
 def _columns_of(blocks: Iterable[Block]) -> np.ndarray:
     """Return the numbers of all columns of some blocks."""
     return np.concatenate([np.zeros(0, np.int64), *(np.arange(block.at.start, block.at.stop) for block in blocks)])
-
-
-def _products(half: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return the sums of products [B, P, P] of the columns of each block."""
-    mine = half.T[columns]
-    return mine @ np.swapaxes(mine, 1, 2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ are weighed: a pulley turned on its shaft, a motor got other parts, all of it is
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -24,7 +25,17 @@ from printmend.infer.fit import (
     weighed,
     with_finer,
 )
-from printmend.infer.gram import Block, Dictionary, Rows, dictionary_of, gram_of, laid_side_by_side, seen
+from printmend.infer.gram import (
+    Block,
+    Dictionary,
+    Rows,
+    dictionary_of,
+    extended,
+    gram_of,
+    laid_side_by_side,
+    reweighed,
+    seen,
+)
 from printmend.infer.known import (
     TURNING,
     Key,
@@ -161,8 +172,9 @@ def _weighed_stories(
     weight = weighed(rows, rows.error_mm - old @ wearing.known(story, like)[0])
     best: _Pass | None = None
     members, sigma_mm = always, _sigma_mm(rows, old, weight, wearing.known(story, like)[0])
+    gram = gram_of(np.hstack([old, dictionary.columns]), rows, weight)
     for _ in range(WEIGHINGS):
-        sums = _sums(dictionary, old, rows, weight)
+        sums = Sums(dictionary, gram)
 
         def told(each: Story, start: Set, by: _Steps = searched, sums: Sums = sums, sd_mm: float = sigma_mm) -> _Pass:
             left = sums.without(*wearing.known(each, like), sd_mm)
@@ -183,7 +195,9 @@ def _weighed_stories(
         story, stories = best.story, False
         best = _finer(best, places, rows, scene, weight, old)
         dictionary, members, sigma_mm = best.sums.dictionary, best.state.members, best.state.sigma_mm
-        weight = weighed(rows, best.left_mm())
+        before, weight = weight, weighed(rows, best.left_mm())
+        columns = np.hstack([old, dictionary.columns])
+        gram = reweighed(best.sums.gram, columns, rows, (weight - before) * rows.share)
     assert best is not None
     return best
 
@@ -205,20 +219,23 @@ def _sigma_mm(rows: Rows, old: np.ndarray, weight: np.ndarray, mean: np.ndarray)
     return max(float(np.sqrt(np.average((rows.error_mm - old @ mean) ** 2, weights=weight))), LEAST_SIGMA_MM)
 
 
-def _sums(dictionary: Dictionary, old: np.ndarray, rows: Rows, weight: np.ndarray) -> Sums:
-    return Sums(dictionary, gram_of(np.hstack([dictionary.columns, old]), rows, weight))
-
-
 def _search(sums: Sums, story: Story, left: Left) -> Search:
-    """Return the search for changes of a story: what a machine has since, it seldom has."""
+    """Return the search for changes of a story."""
+    blocks = _seldom(sums.dictionary.blocks, story.whole, story.anew)
+    return Search(Dictionary(blocks, sums.dictionary.columns), left.gram)
+
+
+@lru_cache(maxsize=16)  # each story is searched more than once
+def _seldom(blocks: tuple[Block, ...], whole: bool, anew: tuple[int, ...]) -> tuple[Block, ...]:
+    """Return blocks with the odds of changes: what a machine has since, it seldom has."""
     seldom = math.log(happens_share("changed"))
 
     def block(one: Block) -> Block:
         effect = EFFECTS[one.effect]
-        is_new = story.whole or (effect.acts is Acts.DRIVE and one.where in story.anew)
+        is_new = whole or (effect.acts is Acts.DRIVE and one.where in anew)
         return one if is_new or effect.of is not Of.MACHINE else replace(one, log_odds=one.log_odds + seldom)
 
-    return Search(Dictionary(tuple(map(block, sums.dictionary.blocks)), sums.dictionary.columns), left.gram)
+    return tuple(map(block, blocks))
 
 
 def _changed(at: _Pass) -> bool:
@@ -282,7 +299,9 @@ def _finer(at: _Pass, places: Places, rows: Rows, scene: Scene, weight: np.ndarr
         dictionary = with_finer(at.sums.dictionary, at.state.members, round_, places, rows, scene)
         if dictionary is at.sums.dictionary:
             break
-        sums = _sums(dictionary, old, rows, weight)
+        first = at.sums.own
+        known, new = np.hstack([old, dictionary.columns[:, :first]]), dictionary.columns[:, first:]
+        sums = Sums(dictionary, extended(at.sums.gram, known, new, rows, weight))
         left = sums.without(at.left.mean, at.left.ways, at.state.sigma_mm)
         state = searched(_search(sums, at.story, left), at.state.members, at.state.sigma_mm)
         at = replace(at, sums=sums, left=left, state=state)

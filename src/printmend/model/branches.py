@@ -17,6 +17,7 @@ idler off its centre) is a Fourier series of that period.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebval
 
 from printmend.machine import Transmission, healthy_transmission
 from printmend.path import frozen
@@ -26,10 +27,14 @@ from printmend.units import TURN_RAD
 SCALE_MM = 100.0  # distance from the middle at which x, in which the powers are taken, is 1
 
 
+def warp_angle(span_mm: tuple[float, float], motor_mm: np.ndarray) -> np.ndarray:
+    """Return π t [N], t the place within ``span_mm``; beyond it the ends hold."""
+    return np.asarray(np.pi * np.clip((motor_mm - span_mm[0]) / (span_mm[1] - span_mm[0]), 0.0, 1.0))
+
+
 def warp_columns(count: int, span_mm: tuple[float, float], motor_mm: np.ndarray) -> np.ndarray:
-    """Return cos(πk t) [N, count] for k = 1…count, t the place within ``span_mm``; beyond it the ends hold."""
-    place = np.clip((motor_mm - span_mm[0]) / (span_mm[1] - span_mm[0]), 0.0, 1.0)
-    return np.cos(np.pi * place[:, None] * np.arange(1, count + 1))
+    """Return cos(k π t) [N, count] for k = 1…count at places t of a span."""
+    return np.cos(warp_angle(span_mm, motor_mm)[:, None] * np.arange(1, count + 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +117,8 @@ class Branches:
         if self.warp_mm.any():
             # An error without a period is known only where it was measured; so is an elastic belt beside it.
             seen = np.clip(motor_mm, *self.reach_mm)
-            mean = mean + warp_columns(len(self.warp_mm), self.warp_span_mm, seen) @ self.warp_mm
+            angle = warp_angle(self.warp_span_mm, seen)
+            mean = mean + chebval(np.cos(angle), [0.0, *self.warp_mm])  # T_k(cos θ) = cos kθ
             if not self.elastic.is_zero:
                 wave = self.elastic.series_mm(np.mod(seen, self.period_mm) * (TURN_RAD / self.period_mm))
                 mean = mean + (seen - self.middle_mm) / SCALE_MM * wave
