@@ -1,5 +1,6 @@
 """The engine: what effects promise to inference, what the search finds, and whether its draws are true (Talts 2018)."""
 
+import itertools
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
@@ -22,7 +23,7 @@ from printmend.infer.part import DRAWS
 from printmend.infer.posterior import drawn_sets, posterior_of
 from printmend.infer.search import Search
 from printmend.infer.simulate import drawn_parts, measured
-from printmend.learn.learned import learn_model
+from printmend.learn.learned import learn, learn_model
 from printmend.machine import healthy_mechanism, print_from_home
 from printmend.model.model import LEAST_WAVE_MM
 from printmend.path import FLATBED, Trace
@@ -116,6 +117,23 @@ def test_no_finer_idler_is_the_pulley() -> None:
     finer = [turn_mm / shape[0] for term in near for shape in EFFECTS["idler"].finer(0, term.shape, 0, scene)]
     assert finer
     assert min(abs(turns - 2) for turns in finer) > OWN_SHARE
+
+
+@pytest.mark.parametrize("preset", ["ender3", "corexy"])
+def test_a_loose_nozzle_is_no_play_of_belts(preset: str, rng: np.random.Generator) -> None:
+    """It is dragged along within a circle, as a stone on a string is."""
+    printer, play_mm = read_printer(preset), 0.3
+    path = np.vstack([printer.home_mm, rng.uniform(20, 200, (300, 2))])
+    at, places = path[0], np.empty_like(path)
+    for row, (start, end) in enumerate(itertools.pairwise([path[0], *path])):
+        for wanted in np.linspace(start, end, 400):
+            away = at - wanted
+            at = wanted + away * min(1.0, play_mm / 2 / max(float(np.hypot(*away)), 1e-9))
+        places[row] = at
+    learned = learn(Trace(path, places + rng.normal(0, NOISE_MM, path.shape), homed=True), printer).saved
+    assert [each["kind"] for each in learned.document["misfit"]["found"]] == ["loose"]
+    for table in learned.mechanism.transmissions:
+        assert np.abs(table.upper_mm - table.lower_mm).max() < 1e-3
 
 
 @pytest.mark.parametrize("preset", ["ender3", "corexy"])

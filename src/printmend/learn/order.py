@@ -24,7 +24,7 @@ from printmend.measure.axes import AXES_TODO, wrong_axes
 from printmend.measure.follows import FARTHEST_MM
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say, together
-from printmend.metrics.robust import costs_of, own_share, ridge, scale_of
+from printmend.metrics.robust import log_likelihood, own_share, ridge, scale_of
 from printmend.metrics.shape import nearest, spacing
 from printmend.model.misfit import NOTE, WARNING, Misfit
 from printmend.path import Trace
@@ -99,7 +99,8 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
         for reading in _readings(trace, seen, places_mm, printer, is_first=came is None):
             came = came or roughly(trace, printer)
             fit = roughly(reading.trace, printer)
-            if (nats := likelier_nats(fit, came, 2 * len(seen)) + reading.log_odds) > gain:
+            nats = likelier_nats(fit, reading.trace, came, trace) + reading.log_odds
+            if nats > (gain if best is None or best.is_certain else 0.0):
                 best, gain, newer = reading, nats, fit
         if newer is None:
             break
@@ -122,21 +123,19 @@ def roughly(trace: Trace, printer: Printer) -> Fit:
         return fitted(trace, scene, healthy_mechanism(printer), kept=among(ROUGH), quick=True)
 
 
-def likelier_nats(rival: Fit, than: Fit, numbers: int) -> float:
-    """Return by how much a rival is likelier than another fit of so many measured ``numbers``, by what each leaves.
+def likelier_nats(rival: Fit, of: Trace, than: Fit, came: Trace) -> float:
+    """Return by how much a rival, a fit ``of`` a trace, is likelier than a fit of the trace as it ``came``.
 
     Where what the rival leaves is alike from mark to mark, so many of them tell the same.
     """
-    left_mm = rival.left_mm()
-    count = numbers * own_share(left_mm, scale_of(left_mm, LEAST_SIGMA_MM))
-    return count * (_cost(than) - _cost(rival)) + _of_set(rival) - _of_set(than)
-
-
-def _cost(fit: Fit) -> float:
-    """Return how improbable a measured number is, beside what a fit makes of it, nats in the mean."""
-    away = fit.left_mm() * np.sqrt(fit.rows.weight)
-    scale = scale_of(away, LEAST_SIGMA_MM)
-    return float(np.log(scale) + costs_of(away, scale).mean())
+    theirs_mm, ours_mm = rival.left_by_mark_mm(of), than.left_by_mark_mm(came)
+    known, other = (np.isfinite(each).all(axis=1) for each in (theirs_mm, ours_mm))
+    if of is came:
+        known = other = known & other
+    theirs_mm, ours_mm = theirs_mm[known].ravel("F"), ours_mm[other].ravel("F")
+    count = ours_mm.size * own_share(theirs_mm, scale_of(theirs_mm, LEAST_SIGMA_MM))
+    their, our = (log_likelihood(each, LEAST_SIGMA_MM) / each.size for each in (theirs_mm, ours_mm))
+    return count * (their - our) + _of_set(rival) - _of_set(than)
 
 
 def _of_set(fit: Fit) -> float:
@@ -158,8 +157,7 @@ def _readings(
         words = say("measured-rows-reversed-order")
         yield Reading(_with(trace, seen, trace.measured_mm[seen[::-1]]), reversed_, "rows-reversed", words)
     yield from _slipped(trace, seen, places_mm)
-    if is_first:
-        yield from _unshuffled(trace, seen)
+    yield from _unshuffled(trace, seen, None if is_first else places_mm[seen])
 
 
 def _goes_backwards(trace: Trace, printer: Printer) -> bool:
@@ -219,15 +217,14 @@ def _missed_mm(fit: np.ndarray, commanded: np.ndarray, measured: np.ndarray) -> 
     return float(np.median(np.hypot(*(measured - _mapped(fit, commanded)).T)))
 
 
-def _map_nats(fit: np.ndarray, commanded: np.ndarray, measured: np.ndarray) -> float:
-    """Return the log likelihood of places under a map."""
-    left_mm = measured - _mapped(fit, commanded)
-    scales_mm = np.array([scale_of(axis, LEAST_SCALE_MM) for axis in left_mm.T])
-    return -float(len(left_mm) * np.log(scales_mm).sum() + costs_of(left_mm, scales_mm).sum())
-
-
 def _best_nats(commanded: np.ndarray, measured: np.ndarray) -> float:
-    return _map_nats(_map(commanded, measured), commanded, measured)
+    """Return the log likelihood of places under the map that fits them."""
+    return _nats_of(measured - _mapped(_map(commanded, measured), commanded))
+
+
+def _nats_of(left_mm: np.ndarray) -> float:
+    """Return the log likelihood of what a map leaves [M, 2]."""
+    return sum(log_likelihood(axis, LEAST_SCALE_MM) for axis in left_mm.T)
 
 
 def _slipped(trace: Trace, seen: np.ndarray, places_mm: np.ndarray) -> Iterator[Reading]:
@@ -301,28 +298,34 @@ def _history_words(seen: np.ndarray, history: np.ndarray) -> str:
     return say("measured-cells-stood", together(", ", [*parts, *(["…"] if len(starts) > 3 else [])]))
 
 
-def _unshuffled(trace: Trace, seen: np.ndarray) -> Iterator[Reading]:
-    """Yield the trace with shuffled places put back."""
+def _unshuffled(trace: Trace, seen: np.ndarray, expected: np.ndarray | None) -> Iterator[Reading]:
+    """Yield the trace with shuffled places put back, where the rows ``expected`` them [M, 2], or where a map does."""
     commanded, measured = _seen(trace, seen)
     log_odds = math.log(rows_share("shuffled")) - math.lgamma(len(seen) + 1)  # any order is as likely as another
     came, least = _best_nats(commanded, measured), -measured.size * math.log(LEAST_SCALE_MM)  # no map leaves less
     if len(seen) > MOST_ROWS_MAPPED or least + log_odds < came:
         return
+    expected = _matched(trace, commanded, measured) if expected is None else expected
+    away_mm, to = nearest(expected, measured)
+    single = np.bincount(to, minlength=len(seen))[to] == 1
+    left_mm = measured - expected[to]
+    if single.sum() < LEAST_ROWS or _nats_of(left_mm) + log_odds < came:
+        return  # no order of these rows makes them a measurement of this print
+    next_mm = np.maximum(spacing(expected)[to] - away_mm, 0.0)  # another row is no nearer
+    others = np.exp((away_mm**2 - next_mm**2) / (2 * scale_of(left_mm, LEAST_SCALE_MM) ** 2))  # … and has these odds
+    sure = single / (1 + others)
+    words = say("measured-rows-shuffled-certain", int(single.sum()), len(seen))
+    again = _with(trace, seen[to[single]], trace.measured_mm[seen[single]])
+    log_odds += float(np.log(sure[single]).sum())
+    yield Reading(again, log_odds, "rows-shuffled", words, is_certain=bool(sure.mean() > LEAST_MATCHED_SHARE))
+
+
+def _matched(trace: Trace, commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """Return where the map has commands [M, 2] under which they and places in no order agree."""
     fit = np.vstack([np.zeros(2), np.eye(2)])
     if not trace.placed:
         fit[0] = np.median(measured, axis=0) - np.median(commanded, axis=0)
     for _ in range(MAP_ROUNDS):
         _, to = nearest(_mapped(fit, commanded), measured)
         fit = _map(commanded[to], measured)
-    expected = _mapped(fit, commanded)
-    away_mm, to = nearest(expected, measured)
-    single = np.bincount(to, minlength=len(seen))[to] == 1
-    if single.sum() < LEAST_ROWS or _map_nats(fit, commanded[to], measured) + log_odds < came:
-        return  # no order of these rows makes them a measurement of this print
-    scale_mm = scale_of(measured - expected[to], LEAST_SCALE_MM)
-    next_mm = np.maximum(spacing(expected)[to] - away_mm, 0.0)  # another row is no nearer
-    others = np.exp((away_mm**2 - next_mm**2) / (2 * scale_mm**2))  # … and these are its odds
-    sure = (single & (others < 1 - LEAST_MATCHED_SHARE)).mean()
-    words = say("measured-rows-shuffled-certain", int(single.sum()), len(seen))
-    again = _with(trace, seen[to[single]], trace.measured_mm[seen[single]])
-    yield Reading(again, log_odds, "rows-shuffled", words, is_certain=bool(sure >= LEAST_MATCHED_SHARE))
+    return _mapped(fit, commanded)

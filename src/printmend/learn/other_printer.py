@@ -27,7 +27,7 @@ def another_printers(fit: Fit, trace: Trace) -> tuple[Misfit, ...]:
         return ()
     is_corexy = fit.scene.corexy
     other = roughly(trace, replace(fit.scene.printer, kinematics="cartesian" if is_corexy else "corexy"))
-    nats = likelier_nats(other, fit, 2 * int(trace.measured_rows.sum())) + math.log(rows_share("other"))
+    nats = likelier_nats(other, trace, fit, trace) + math.log(rows_share("other"))
     if nats <= 0:
         return ()
     their_mm, ours_mm = (math.sqrt(2) * robust_sigma_mm(each.left_mm()) for each in (other, fit))
