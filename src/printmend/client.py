@@ -26,7 +26,7 @@ _LOOK_S = 0.2  # between two looks at a job
 
 
 class StudioError(PrintmendError):
-    """The studio did not do what it was asked: its own line says why."""
+    """The studio refused a request; its own line says why."""
 
     def __init__(self, words: str) -> None:
         super().__init__("studio", wanted="", came="", todo="")
@@ -108,7 +108,7 @@ class Studio:
     def fetch_model(self, output: str | Path, have: str = "") -> bool:
         """Write the model of a paired printer to ``output`` unless its digest is ``have``; return whether it was.
 
-        Nothing is replaced by what is no whole model. Raises `StudioError`.
+        A file is replaced only by a whole model. Raises `StudioError`.
         """
         with self._open("GET", f"/pair/model?have={have}") as answer:
             if answer.status == 204:

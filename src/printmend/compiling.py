@@ -72,12 +72,12 @@ class _Kept(FunctionCache):
             return found
 
     def _kept(self, sig: Any, target_context: Any) -> Any:
-        """Return what is kept of a signature; a file that cannot be read, of older code or torn, holds nothing."""
+        """Return the kept code of a signature; a file that is unreadable, torn or of older code holds none."""
         try:
             return self._load_overload(sig, target_context)
         except OSError:
             raise
-        except Exception:  # numba reads it before it looks whose it is: what a torn one raises is anybody's guess
+        except Exception:  # numba reads it before it checks whose it is: a torn file may raise anything
             self._cache_file.flush()
             return None
 

@@ -15,7 +15,7 @@ _HOW = (Path(__file__).parent / "compiler.py").read_bytes()  # how kernels are c
 def digest(kernel: Any) -> str:
     """Return a digest of a compiled function: its code and options, those of all that it calls, and their constants.
 
-    Raises `TypeError` for a kernel that uses a value whose content cannot be told.
+    Raises `TypeError` for a kernel that uses a value without a digestible content.
     """
     bounds = b"bounds checked" if is_set("NUMBA_BOUNDSCHECK") else b""  # other code of the same kernel
     total = hashlib.sha256(_HOW + bounds)

@@ -60,7 +60,7 @@ def _line(text: str) -> str:
 
 
 def reason(error: Exception) -> str:
-    """Return why the system or a library refused, as words within a sentence: "no such file or directory"."""
+    """Return the reason given by the system or a library, as a part of a sentence: "no such file or directory"."""
     if (number := getattr(error, "errno", None)) in _REASONS:
         return say(_REASONS[number])
     words = getattr(error, "strerror", None) or str(error)

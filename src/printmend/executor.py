@@ -101,7 +101,7 @@ class Processes:
         except BrokenProcessPool:
             # Which of the items under way broke it is unknown: all of them are suspects.
             return list(reversed(rest)), list(under_way.values())
-        except BaseException:  # interrupted: nobody waits for what is under way
+        except BaseException:  # interrupted: nobody waits for the work under way
             for child in multiprocessing.active_children():
                 child.terminate()
             raise

@@ -1,4 +1,4 @@
-"""Machine code that comes with the program: a library of kernels, called without numba.
+"""The library of compiled kernels that comes with the program and is called without numba.
 
 `tools/ship_kernels.py` makes it. A kernel takes its arguments as numba lays them out: a number as it is, a record as
 its address, an array as its parts, a tuple as its members, one after the other. `kernels.json` names for each kernel

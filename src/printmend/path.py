@@ -1,4 +1,4 @@
-"""What a print is made of: layers of lattice controls, bodies of layers, and traces of what was measured.
+"""The parts of a print: layers of lattice controls, bodies of layers, and measured traces.
 
 The six words used everywhere: *target* (wanted), *control* (steps commanded in one tick), *nominal* (where a
 healthy printer would be), *imagined* (where a model says it is), *printed* (where the twin or the machine put
@@ -76,7 +76,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Instrument:
-    """What all points of a measurement share and no fit can see, as standard deviations.
+    """The errors that all points of a measurement share, which no fit can see, as standard deviations.
 
     ``scale_sd`` of its scale, ``axes_sd`` of half the difference between the scales of x and y (shares), ``lean_sd``
     [rad] of half the angle by which these lean, ``wave_mm`` of a slow unevenness. All 0 for one that is exact. Once one
@@ -104,7 +104,7 @@ class Instrument:
         return together * np.outer(sds, sds)
 
     def known(self, scale_sd: float) -> "Instrument":
-        """Return this one where its owner knows how far lengths are off: its axes and lean by as much less or more."""
+        """Return this instrument with a known error of lengths; the errors of its axes and lean scale with it."""
         share = scale_sd / self.scale_sd
         return replace(self, scale_sd=scale_sd, axes_sd=share * self.axes_sd, lean_sd=share * self.lean_sd)
 
@@ -193,7 +193,7 @@ class Trace:
 
     @property
     def instrument_doubt(self) -> Instrument:
-        """What is not known of the instrument."""
+        """The uncertainty of the instrument."""
         return self.instrument or (Instrument() if self.placed else FLATBED_ANY_TURN)
 
     @property

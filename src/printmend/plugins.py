@@ -35,7 +35,8 @@ def is_plugin(group: str, name: str) -> bool:
 
 
 def load_plugin(group: str, name: str, *, wanted: str, has: tuple[str, ...]) -> Any:
-    """Import what a name stands for; ``wanted`` says in words what it must be, ``has`` the attributes that it needs.
+    """Import the object of a name; ``wanted`` says in words what it must be, ``has`` lists the attributes that it
+    needs.
 
     Raises `ConfigError` where it cannot be imported or is something else.
     """

@@ -1,4 +1,4 @@
-"""The seams: what a learner, a world model and a controller are.
+"""The protocols of a learner, a world model and a controller.
 
 A planner never names a model. It reads a `Tables` value, which carries the hysteresis as part of the state, or, for
 models that cannot be tabulated, calls `WorldModel.advance` on batches.
@@ -67,7 +67,7 @@ Tables = PlayTables | IncrementTables | JointTables
 
 @runtime_checkable
 class WorldModel(Protocol):
-    """What a planner imagines with. Frozen; made by a learner, or from the true corruption (the Oracle)."""
+    """The model that a planner imagines with. Frozen; made by a learner, or from the true corruption (the Oracle)."""
 
     @property
     def printer(self) -> Printer: ...

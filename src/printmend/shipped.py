@@ -1,4 +1,5 @@
-"""Kernels that come with the program, compiled but for the last step: half a minute of a first use becomes two seconds.
+"""Kernels that come with the program, compiled except for the last step. They cut the first use from half a minute to
+two seconds.
 
 What is kept is LLVM's code of an entry after all optimisation, which is the same for every processor of a kind
 (x86-64, ARM): this machine's own instructions are made of it when the entry is first needed. It is found by the digest

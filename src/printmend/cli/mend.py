@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @click.option("--filament", metavar="NAME",
               help="Also correct the shrinkage of this filament [default: left to the slicer].")  # fmt: skip
 @click.option("-o", "--output", metavar="FILE|FOLDER|-", type=click.Path(path_type=Path),
-              help="Default PART.mended.gcode; - is the standard output. Of several files a folder.")  # fmt: skip
+              help="Default PART.mended.gcode; - is the standard output. For several files, a folder.")  # fmt: skip
 @click.option("--in-place", is_flag=True, help="Replace PART.gcode: for slicers' post-processing.")
 @click.option("--overwrite", is_flag=True, help="Write over an output that exists.")
 @click.option("--report", metavar="FILE.html|json", type=click.Path(path_type=Path, dir_okay=False),
@@ -60,7 +60,7 @@ def command(
               1  a fault of printmend itself
               2  a file, a model or a printer is not as it should be; nothing written
               3  the prediction is not better, or the print would take longer than it may; nothing written
-    Of several files the others are written all the same, and it ends with the worst of theirs: 1, then 2, then 3.
+    If one of several files fails, the others are written all the same. The exit code is the worst: 1, then 2, then 3.
     """
     from printmend.plan.fineness import Fineness
 

@@ -26,7 +26,7 @@ class Duration:
 
     @property
     def share(self) -> float:
-        """By which share mending makes it longer."""
+        """The share of time that mending adds."""
         return self.after_s / self.before_s - 1.0 if self.before_s > 0.0 else 0.0
 
     def json(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a machine may do at most, by its file: the slicer's settings, else what its firmware has unless it is set."""
+"""The limits of a machine, from its file: the slicer's settings, otherwise the defaults of its firmware."""
 
 import re
 from collections.abc import Mapping
@@ -111,7 +111,7 @@ def limits_of(
 
 
 def _owned(limits: Limits, owner: MotionLimits) -> Limits:
-    """Return the limits with what the printer's file says of them."""
+    """Return the limits with those of the printer's file."""
     if owner.speed_mm_s is not None:
         speed = owner.speed_mm_s
         limits = replace(limits, velocity_mm_s=speed, speed_mm_s=(speed, speed, *limits.speed_mm_s[2:]))
@@ -127,7 +127,7 @@ def _owned(limits: Limits, owner: MotionLimits) -> Limits:
 
 
 def _settled(plain: Limits, found: Mapping[str, float]) -> Limits:
-    """Return the limits with what a slicer's settings say of them."""
+    """Return the limits with those of a slicer's settings."""
 
     def axes(kind: str, otherwise: Axes) -> Axes:
         x, y, z, e = (found.get(f"{kind} {axis}", old) for axis, old in zip("xyze", otherwise, strict=True))

@@ -1,4 +1,4 @@
-"""What a file tells of its printing time (M73, comments of slicers), told anew for the mended file."""
+"""The printing times stated in a file (M73, comments of slicers), rewritten for the mended file."""
 
 import re
 import tempfile
@@ -25,7 +25,7 @@ _LEAST_S = 1e-3  # of a time by which another is divided
 
 @dataclass(frozen=True)
 class Moment:
-    """A place of a file: how far both prints are there [s], and how long they take in all."""
+    """A place of a file: the times of both prints there, and in all [s]."""
 
     before_s: float
     after_s: float
@@ -50,7 +50,7 @@ class Moment:
 
 
 def told_anew(text: bytes, moment: Moment) -> bytes:
-    """Return a line that tells a printing time, with the mended print's times in the line's own words.
+    """Return a line that states a printing time, with the mended print's times in the line's own format.
 
     Each is changed in proportion to the clock's two times, so that what the clock knows nothing of stays as the slicer
     took it. A comment behind M73 stays.
@@ -70,14 +70,14 @@ def told_anew(text: bytes, moment: Moment) -> bytes:
 
 
 def told_as_a_whole(text: bytes, watch: Stopwatch) -> bytes:
-    """Return a line beside a program that tells its printing time; both clocks of ``watch`` are through."""
+    """Return a line beside a program that states its printing time; both clocks of ``watch`` have finished."""
     return told_anew(text, Moment(0.0, 0.0, watch.before.seconds, watch.after.seconds))
 
 
 def with_times(
     texts: Iterable[memoryview], places: Sequence[TimePlace], watch: Stopwatch, folder: Path | None
 ) -> Iterator[bytes | memoryview]:
-    """Yield a text with its ``places`` told anew, and let both clocks of ``watch`` finish.
+    """Yield a text with the times at its ``places`` rewritten, and let both clocks of ``watch`` finish.
 
     ``places`` grows while ``texts`` are made (`rewrite`). What follows the first of them lies in a temporary file in
     ``folder`` until all is known.

@@ -36,7 +36,7 @@ class _Setting:
 
 
 def export_supported(model: SavedModel, firmware: str) -> Export:
-    """Return what helps of a model's fault as settings of a firmware, and what was left out.
+    """Return the firmware settings that help against a model's faults, and those left out.
 
     Raises `RefusedError` where nothing would help by more than its doubt, or the model does not fit its measurement.
     """
@@ -79,7 +79,7 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
 def _judged(
     model: SavedModel, belief: Belief | None, export: Export, names: tuple[str, ...], left_out: tuple[str, ...]
 ) -> Export:
-    """Return an export with what is said of it. Raise `RefusedError` where none of its settings helps."""
+    """Return an export with notes. Raise `RefusedError` if none of its settings helps."""
     if not names:
         came = together("; ", left_out) if left_out else say("settings-change-nothing")
         raise RefusedError(
@@ -136,7 +136,7 @@ def _spread_mm(model: SavedModel) -> np.ndarray:
 
 
 def _settings(model: SavedModel, belief: Belief | None) -> list[_Setting]:
-    """Return every setting that a firmware may have, with its doubt: nobody knows of any without drawn machines."""
+    """Return every setting that a firmware may have, with its uncertainty; none without drawn machines."""
     reach, axes = _spread_mm(model), _chance(belief, ("aspect",))
     found = []
     for at, name in enumerate(each.upper() for each in model.printer.motors):
@@ -164,7 +164,7 @@ def _chance(belief: Belief | None, effects: tuple[str, ...], where: int | None =
 
 
 def _plays_mm(belief: Belief | None, motor: int) -> np.ndarray:
-    """Return the mean play [D] of a motor over what was seen, in each drawn machine."""
+    """Return the mean play [D] of a motor over the measured span, in each drawn machine."""
     plays = np.zeros(DRAWS)
     if belief is None:
         return plays

@@ -1,4 +1,4 @@
-"""How far the walls of a part stand out, how much it is too large along X and Y: one least squares with priors.
+"""The offset of a part's walls and its scale along X and Y, by one least-squares fit with priors.
 
 A wall's place with the normal n stands out by
 
@@ -41,7 +41,7 @@ _BENT_MM2 = float(np.mean(np.square(ACROSS_MM))) / 2
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of the part's scale along X and Y beforehand, as shares: its mean and its standard deviation."""
+    """The prior of the part's scale along X and Y, as shares: its mean and its standard deviation."""
 
     mean: tuple[float, float] = (ANY_MEAN, ANY_MEAN)
     sd: tuple[float, float] = (float(np.hypot(ANY_SD, MACHINE_SD)),) * 2

@@ -1,4 +1,4 @@
-"""What is said of a part that was scanned: how large it came out, and what to type into each slicer."""
+"""The report about a scanned part: its sizes, and the settings for each slicer."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

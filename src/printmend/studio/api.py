@@ -39,7 +39,7 @@ router = APIRouter(prefix="/api", responses=PROBLEMS)
 
 
 def studio_of(request: Request) -> StudioState:
-    """Return the studio that a request came to, as its user sees it."""
+    """Return the studio as the user of a request sees it."""
     studio: StudioState = request.app.state.studio
     return replace(studio, store=studio.store.of(request.scope.get(USER) or None))
 
@@ -50,7 +50,7 @@ Keys = Annotated[list[Annotated[str, Field(pattern=KEY)]], Query(alias="key", mi
 
 
 def plain_name(name: str) -> str:
-    """Return a file's name as it may stand in a folder of ours: no place, nothing odd, not too long."""
+    """Return a file's name without its folder, without odd characters, and not too long."""
     last = re.split(r"[/\\]", name)[-1]
     shown = _ODD.sub("_", last).lstrip(". ") or "file"
     return shown if len(shown) <= 120 else shown[:60] + shown[-60:]
@@ -115,7 +115,7 @@ async def upload(request: Request, here: Here, name: Annotated[str, Query(min_le
 
 
 def _hold(here: StudioState, more_bytes: int) -> None:
-    """Raise `InputError` where ``more_bytes`` would take the folder over what it may hold."""
+    """Raise `InputError` if ``more_bytes`` would exceed the limit of the folder."""
     if (held := bytes_in(here.store.folder)) + more_bytes > here.most_bytes:
         raise InputError(
             "the studio", wanted=say("most-gb-folder", f"{here.most_bytes / 1e9:g}"),
@@ -158,7 +158,7 @@ def card(here: StudioState, key: str, waiting: list[str] | None = None) -> JobCa
 
 
 def _there(here: Here, key: Key) -> None:
-    """Refuse what is no job while that can still be said: a stream that has begun can only end."""
+    """Refuse a key that is not a job's before the stream begins; a begun stream can only end."""
     here.store.job(key)
 
 

@@ -1,4 +1,4 @@
-"""The API of what a studio keeps on the disk: how much that is, and how to be free of it."""
+"""The API of a studio's disk space: how much it uses, and how to free it."""
 
 import contextlib
 import shutil

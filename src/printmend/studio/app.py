@@ -133,11 +133,11 @@ _WANTED = {  # by the checking library's names of what does not fit: a message, 
     "literal_error": "any", "enum": "any", "extra_forbidden": "nothing-name",
 }  # fmt: skip
 _LIMITS = ("max_length", "min_length", "ge", "gt", "le", "lt", "expected")
-_LONGEST_CAME = 40  # characters of what came that are said again
+_LONGEST_CAME = 40  # characters of a bad value that are repeated
 
 
 def _misfit(request: Request, error: Exception) -> JSONResponse:
-    """Answer a request that is not as the API describes it, in words of ours."""
+    """Answer a request that does not fit the API's description, with a message of printmend's."""
     assert isinstance(error, RequestValidationError)
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"][1:] if isinstance(part, str)) or "the request"

@@ -38,7 +38,7 @@ class Devices:
         self._known: tuple[Device, ...] = ()
 
     def known(self) -> tuple[Device, ...]:
-        """Return the devices, the oldest first. Raises `InputError` for a file that is not one of ours."""
+        """Return the devices, the oldest first. Raises `InputError` for a file that printmend did not write."""
         with self._lock:
             try:
                 at = self._path.stat()

@@ -1,4 +1,4 @@
-"""The door: who may talk to the studio, how much they may send, and what a browser may do with its pages.
+"""The access rules: who may use the studio, how much they may send, and what a browser may do with its pages.
 
 The server has no accounts. It listens on this computer only, unless it knows devices by their tokens. A page of
 another site that is open in the same browser could still send requests here: such a request names its site as Origin,
@@ -148,7 +148,7 @@ def _bounded(receive: Receive, limit: int, longest_s: float) -> Receive:
 
     async def bounded() -> Message:
         nonlocal seen, end_s, whole
-        if whole:  # what is waited for now is that the asker goes away
+        if whole:  # wait for the asker to go away
             return await receive()
         end_s = end_s or time.monotonic() + longest_s
         try:

@@ -182,7 +182,7 @@ def _causes(error: BaseException) -> Iterator[BaseException]:
 
 
 def _no_answer(code: int | None, error: Exception) -> str:
-    """Say why nobody answers, by the system's number for it."""
+    """Return the reason why no host answers, from the system's error number."""
     if code == errno.ECONNREFUSED:
         return say("nobody-answers")
     if code in (errno.EHOSTUNREACH, errno.ENETUNREACH):
@@ -204,7 +204,7 @@ def _is_of_kind(kind: str, said: Any) -> bool:
 
 
 def _reason(said: Any) -> str:
-    """Return a host's own words for why not, if it has any, as the end of a sentence."""
+    """Return a host's own reason, if it gives one, as the end of a sentence."""
     words = said.get("error") if isinstance(said, dict) else None
     words = words.get("message") if isinstance(words, dict) else words
     return say("in-brackets", " ".join(words.split())[:200]) if isinstance(words, str) else ""

@@ -90,7 +90,7 @@ class Jobs:
         return [job["id"] for job in self._store.jobs(waiting=True)]
 
     def stamp(self, key: str) -> tuple[bool, int]:
-        """Return what changes whenever a job says something of itself, or ends."""
+        """Return a stamp that changes whenever a job reports progress, or ends."""
         try:
             told_ns = (self._store.path("job", key) / work.PROGRESS).stat().st_mtime_ns
         except OSError:
@@ -114,7 +114,7 @@ class Jobs:
         self._in(seconds, self.warm)
 
     def _in(self, seconds: float, then: Callable[[], None]) -> None:
-        """Do one thing later, and nothing that was to be done later before."""
+        """Do one thing later, and cancel the one that was planned before."""
         self._later = threading.Timer(seconds, then)
         self._later.daemon = True
         self._later.start()

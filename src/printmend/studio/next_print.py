@@ -1,4 +1,4 @@
-"""The cheapest next print: the smallest test print that would show what a measurement could not tell."""
+"""The cheapest next print: the smallest test print that would show what a measurement did not."""
 
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from printmend.printer import Printer
 from printmend.probe import cost, design_probe, expected_error_mm, turns_covered
 
 _STEP_MM = 10.0  # between the sizes that are offered
-_ENOUGH_RATIO = 2.0  # times what a print over the whole bed leaves: a smaller print may leave so much
+_ENOUGH_RATIO = 2.0  # a smaller print may leave so many times the error of one over the whole bed
 
 
 @dataclass(frozen=True)

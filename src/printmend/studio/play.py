@@ -158,21 +158,21 @@ def shown(faults: Faults) -> dict[str, Any]:
 
 
 def _rms_mm(wanted_mm: np.ndarray, printed_mm: np.ndarray, joined: np.ndarray) -> float:
-    """Return how far a layer [N, 2] lies from its wanted path, root mean square over its length, as of a whole part."""
+    """Return the RMS error of a layer [N, 2] over its length, as `mend` states it for a part."""
     error, length = np.empty(len(wanted_mm)), np.hypot(*np.diff(wanted_mm, axis=0).T) * joined[:-1]
     kernels.distances(wanted_mm, np.ascontiguousarray(printed_mm), joined, NEAR, error)
     return float(np.sqrt(np.average((error[:-1] ** 2 + error[1:] ** 2) / 2, weights=length)))
 
 
 def _wall(corruption: Corruption, printer: Printer) -> np.ndarray:
-    """Return where a bent screw leaves the layers of the part's wall: rows [L, 2] of height and push [mm]."""
+    """Return how a bent screw shifts the layers of the part's wall: rows [L, 2] of height and push [mm]."""
     z = np.arange(1, len(plate.layers()) + 1) * plate.LAYER_MM
     push = np.zeros(len(z)) if corruption.screw is None else corruption.screw.lower(printer).wobble_at_mm(z)[:, 0]
     return np.column_stack([z, push - push.mean()])
 
 
 def tower_trace(corruption: Corruption, printer: Printer, rng: np.random.Generator) -> Trace:
-    """Return what one measures by hand on a small tower: its corners' places and heights, two turns of the screw up."""
+    """Return hand measurements of a small tower, two turns of the screw high: its corners' places and heights."""
     middle = np.array(printer.middle_mm)
     corners = middle + _TOWER_MM / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     heights = np.linspace(0.2, _TOWER_TURNS * printer.z.mm_per_turn, _TOWER_LAYERS)

@@ -56,7 +56,7 @@ CLOCK = np.dtype(
         ("queued", "i8"),
         ("notes", "i8"),  # of time, seen
         ("noted", "i8"),  # and done
-        ("at", "f8", 3),  # where the commands are [mm], NaN for nobody knows where
+        ("at", "f8", 3),  # the commanded place [mm], NaN where unknown
         ("begin2", "f8"),  # the squared speed at which the queue's first move begins
         ("peak2", "f8"),  # Klipper: the largest squared speed of moves that only slow down, from the moves before
     ],
