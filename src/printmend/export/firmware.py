@@ -71,9 +71,7 @@ def simple_part(mechanism: Mechanism, turns_mm: tuple[float, float] | None = Non
     right, up = (mechanism.frame.apply(middle_mm + e) - mechanism.frame.apply(middle_mm - e) for e in half_mm)
     skew = math.tan(math.atan2(up[0], up[1]) + math.atan2(right[1], right[0]))
     stretch = np.array([right[0] / (2 * half_mm[0, 0]), up[1] / (2 * half_mm[1, 1])])
-    if (
-        printer.kinematics == "corexy"
-    ):  # both motors move both axes, so they correct only the common part of the axes' errors
+    if printer.kinematics == "corexy":  # both motors move both axes: they correct what the axes share
         stretch[:] = stretch.mean()
     gains = [1.0 if abs(gain - 1) < _NEGLIGIBLE else float(gain) for gain in np.array(gains) * stretch]
     plays = [float(play) for play in np.array(plays) * stretch]
