@@ -215,14 +215,16 @@ def test_a_healthy_printer_needs_nothing(rng: np.random.Generator, tmp_path: Pat
     assert "healthy" in examination.headline
     for one in pictures(examination, str):  # no star is drawn of a round pulley, and its noise not twice
         assert len(one.figures) == 1
-    noted = replace(examination, misfit=("note: everything is shifted by (+0.57, -1.29) mm from the home position",))
+    noted = replace(
+        examination, misfit=(say("note", "everything is shifted by (+0.57, -1.29) mm from the home position"),)
+    )
     assert (noted.title, noted.headline) == (examination.title, examination.headline)
-    grave = replace(examination, misfit=("note: of little", "refusal: the model leaves 0.3 mm"))
+    grave = replace(examination, misfit=(say("note", "of little"), say("refusal", "the model leaves 0.3 mm")))
     assert summary(grave).splitlines()[1:3] == ["refusal: the model leaves 0.3 mm", "note: of little"]
     write_examination(tmp_path / "grave.html", grave)
     page = (tmp_path / "grave.html").read_text()
     assert 0 < page.index("the model leaves 0.3 mm") < page.index("of little")
-    warned = replace(examination, misfit=("warning: Y was suddenly off",))
+    warned = replace(examination, misfit=(say("warning", "Y was suddenly off"),))
     assert warned.title == "Faults of this printer"
     assert warned.headline.startswith("Error before mending: 0.0")
     assert standard_rows(examination)[1][2:] == ("0.000", "0.000")

@@ -60,7 +60,7 @@ def replacing(path: Path, mode: str = "w") -> Iterator[IO]:
                 yield device
         except OSError as error:
             if error.errno in _FULL and error.filename is None:
-                raise _unwritable(path, reason(error)) from None
+                raise _unwritable(path, reason(error), error.errno) from None
             raise
         return
     path = path.resolve()
@@ -71,7 +71,7 @@ def replacing(path: Path, mode: str = "w") -> Iterator[IO]:
             mode, dir=path.parent, prefix=prefix, suffix=_SUFFIX, delete=False, **coding
         )
     except OSError as error:
-        raise _unwritable(path, reason(error)) from None
+        raise _unwritable(path, reason(error), error.errno) from None
     lock = _lock(handle.fileno())
     try:
         with handle:
@@ -84,7 +84,7 @@ def replacing(path: Path, mode: str = "w") -> Iterator[IO]:
         with contextlib.suppress(FileNotFoundError):
             os.unlink(handle.name)
         if isinstance(error, OSError) and error.errno in _FULL and error.filename is None:
-            raise _unwritable(path, reason(error)) from None
+            raise _unwritable(path, reason(error), error.errno) from None
         raise
     finally:
         if lock is not None:
@@ -97,7 +97,7 @@ def check_place(path: Path) -> None:
     if path.is_dir():
         raise _unwritable(path, say("folder"))
     if not path.parent.is_dir():
-        raise _unwritable(path, say("no-such-folder", path.parent))
+        raise _unwritable(path, say("no-such-folder", path.parent), errno.ENOENT)
     if not path.exists() and not os.access(path.parent, os.W_OK):
         raise _unwritable(path, say("folder-not-writable"))
 
@@ -142,15 +142,15 @@ def _is_replaceable(path: Path) -> bool:
     except FileNotFoundError:
         return True
     except OSError as error:
-        raise _unwritable(path, reason(error)) from None
+        raise _unwritable(path, reason(error), error.errno) from None
     if stat.S_ISDIR(kind):
         raise _unwritable(path, say("folder"))
     return stat.S_ISREG(kind)
 
 
-def _unwritable(path: Path, came: str) -> UnwritableError:
-    todo = say("choose-place-or-make-folder" if "no such" in came else "choose-another-place")
-    if "space" in came or "quota" in came:
+def _unwritable(path: Path, came: str, number: int | None = None) -> UnwritableError:
+    todo = say("choose-place-or-make-folder" if number == errno.ENOENT else "choose-another-place")
+    if number in (errno.ENOSPC, errno.EDQUOT):
         todo = say("make-room-on-disk")
     return UnwritableError(path, wanted=say("file-can-be-written"), came=came, todo=todo)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from printmend.clock import Duration
 from printmend.diagnosis.scale import knows_a_length, knows_all_but_a_reading
-from printmend.messages import say, say_count, together
+from printmend.messages import is_one_of, parts_of, say, say_count, together
 from printmend.model.misfit import said_of
 from printmend.model.model import SavedModel
 from printmend.plan import Planner
@@ -321,7 +321,8 @@ def _beyond_seen(model: SavedModel, prediction: Prediction) -> tuple[str, ...]:
     found = []
     spans = zip("XY", *seen, prediction.printed_low_mm, prediction.printed_high_mm, strict=True)
     for name, first, last, low, high in spans:
-        if f"{name} from" in told[0] and (low < first - _BEYOND_MM or high > last + _BEYOND_MM):
+        is_told = any(is_one_of(each, ["axis-from-to-of"]) and each.values["a"] == name for each in parts_of(told[0]))
+        if is_told and (low < first - _BEYOND_MM or high > last + _BEYOND_MM):
             found.append(
                 say("part-lies-mm-test-print-showed", name, f"{low:.0f}", f"{high:.0f}", f"{first:.0f}", f"{last:.0f}")
             )

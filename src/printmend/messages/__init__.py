@@ -8,7 +8,7 @@ takes these along (`messages_of`) and looks the id up (`translated`). `together`
 
 import re
 import string
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -115,6 +115,14 @@ def _value(text: str) -> str:
     if isinstance(text, Said):
         return _german(text)
     return text.replace(".", ",") if _NUMBERS.fullmatch(text) else text
+
+
+def parts_of(text: str) -> Iterator[Said]:
+    """Yield a message, and the messages within it."""
+    if isinstance(text, Said):
+        yield text
+        for value in text.values.values():
+            yield from parts_of(value)
 
 
 def within(sentence: str) -> str:

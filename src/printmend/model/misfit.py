@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from printmend.messages import say
+from printmend.messages import Said, say
 
 NOTE, WARNING, REFUSAL = "note", "warning", "refusal"
 SEVERITIES = (NOTE, WARNING, REFUSAL)
@@ -40,8 +40,8 @@ def misfit_section(found: Sequence[Misfit]) -> dict[str, Any]:
     return {"found": rounded}
 
 
-def misfit_words(document: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the sentences about misfits in a model's document, the gravest first."""
+def misfit_words(document: Mapping[str, Any]) -> tuple[Said, ...]:
+    """Return the sentences about misfits in a model's document, the gravest first; the id of each is its severity."""
     section = document.get("misfit")
     found = section.get("found", []) if isinstance(section, dict) else []
     return tuple(

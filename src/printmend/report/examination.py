@@ -18,7 +18,7 @@ from printmend.mend.filament import grown, settled
 from printmend.mend.mend import check_gcode
 from printmend.mend.prediction import Prediction
 from printmend.mend.verify import expectation
-from printmend.messages import say, together
+from printmend.messages import is_one_of, say, together
 from printmend.model import SavedModel
 from printmend.model.misfit import NOTE, REFUSAL, misfit_words, said_of
 from printmend.path import Trace
@@ -68,12 +68,12 @@ class Examination:
     @property
     def is_healthy(self) -> bool:
         """Whether there is nothing to do. Notes concern the measurement, such as a plate that lay shifted."""
-        return not (self.advice or any(not each.startswith(f"{NOTE}: ") for each in self.misfit))
+        return not (self.advice or any(not is_one_of(each, [NOTE]) for each in self.misfit))
 
     @property
     def refused(self) -> tuple[str, ...]:
         """The refusals: why this measurement mends nothing. They come before all findings."""
-        return tuple(each for each in self.misfit if each.startswith(f"{REFUSAL}: "))
+        return tuple(each for each in self.misfit if is_one_of(each, [REFUSAL]))
 
     @property
     def doubted(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from fastapi.responses import FileResponse
 from printmend.errors import InputError, PrintmendError
 from printmend.filament import check_name as check_filament
 from printmend.files import replacing
-from printmend.messages import messages_of, say, together
+from printmend.messages import is_one_of, messages_of, say, together
 from printmend.printer import Printer, read_printer
 from printmend.printer.convert import convert, printer_text
 from printmend.printer.toml import check_name, parse_printer
@@ -75,7 +75,7 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
         health = together("; ", titles) if titles else (document["findings"] or [""])[0]
         sound = document["frame"] is None and all(one["kind"] == "healthy" for one in document["motors"].values())
         healthy = not document["diagnosis"] if "diagnosis" in document else sound
-        grave = [words.partition(": ")[2] for words in misfit_words(document) if not words.startswith(f"{NOTE}: ")]
+        grave = [words.values["a"] for words in misfit_words(document) if not is_one_of(words, [NOTE])]
         if not titles and grave:  # no fault is known, but what was measured is not a sound printer's
             health, healthy = grave[0], False
         messages = messages | messages_of(health)
