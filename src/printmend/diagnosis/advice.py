@@ -10,7 +10,7 @@ from printmend.messages import is_one_of, say, together, within
 
 CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations from 0 at which a fault is certain, or very likely
 REPAIR_MM = 0.5  # effect on a print above which a part should be replaced
-SPAN_MM = 100.0  # size of the print whose error is told, for faults that grow with it
+SPAN_MM = 100.0  # size of the print whose error is stated, for faults that grow with it
 
 
 _NOTHING = (  # messages: nothing is broken, so nothing needs a repair
@@ -62,7 +62,7 @@ def _said(kind: str, where: str, fault: NamedFault, size: float) -> "Said":
 
 
 def _sure(fault: NamedFault) -> str:
-    """Say how sure a fault is, and between which values it lies (two standard deviations)."""
+    """Return how sure a fault is, and its range (two standard deviations)."""
     if fault.sd <= 0:
         return say("seen-size-estimate-without-error-bar")
     sigmas = abs(fault.value) / fault.sd

@@ -1,4 +1,4 @@
-"""What a trace could not show of a motor, and the print that would."""
+"""The gaps of a trace: what it did not show of a motor, and the print that would."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Sight:
 
 
 def gaps_of(fit: Fit, *, heights: bool = False) -> tuple[str, ...]:
-    """Say what a trace could not tell, motor by motor, a sentence each; with ``heights`` that of Z, too."""
+    """Return the gaps of a trace, motor by motor, a sentence each; with ``heights`` those of Z, too."""
     printer, places = fit.scene.printer, fit.places.at(np.unique(fit.rows.mark))
     plays = {block.where for block in fit.blocks if block.effect in ("play", "breathing", "friction")}
     gaps = []
@@ -80,7 +80,7 @@ def sight(motor_mm: np.ndarray, side: np.ndarray, turn_mm: float) -> Sight:
 
 
 def motor_gaps(name: str, seen: Sight, turn_mm: float, *, plays: bool) -> list[str]:
-    """Say what a trace could not tell of one motor, and what print would."""
+    """Return the gaps of one motor, and the prints that would close them."""
     gaps: list[str] = []
     if seen.angles < ALL_SEEN:
         longer = say("print-least-mm-along-better-two", f"{turn_mm:.0f}", name, f"{2 * turn_mm:.0f}")

@@ -1,7 +1,7 @@
-"""What is believed of a printer, in words: faults that act, and what does not fit a machine at all.
+"""The belief about a printer in words: faults that act, and findings that fit no machine.
 
-Each effect says these words itself (`effects.words`). Here its drawn machines are gathered, and what cannot be told
-apart is said together: alternatives that no drawn machine has both of.
+Each effect has its own words (`effects.words`). Here the drawn machines are gathered. Alternatives that hardly any
+drawn machine has both of are named together.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,7 +21,7 @@ from printmend.messages import catalogue, say, together
 from printmend.model.misfit import NOTE, SEVERITIES, WARNING, Misfit
 
 CERTAIN = 0.95  # share of the drawn machines from which on an effect is certain
-TOLD = 0.5  # … and from which on one that cannot act is told by itself
+TOLD = 0.5  # … and from which on an effect that cannot act is reported by itself
 EITHER = (0.1, 0.9)  # shares of the drawn machines between which an effect is an alternative to another one
 TOGETHER = 0.1  # share of the rarer alternative's machines that may have both
 LEAST_COST_MM = 0.018  # root mean square on a print from which on an owner sees what cannot act
@@ -34,7 +34,7 @@ SILENT = ("origin", "stretch")  # of instruments that do not know their place or
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was learned: the faults, one sentence about them, and one for each thing that the trace could not tell."""
+    """What was learned: the faults, one sentence about them, and one for each gap of the trace."""
 
     faults: tuple[Fault, ...]
     summary: str
@@ -234,7 +234,7 @@ def _is_sure(group: _Group) -> bool:
 
 
 def _other_words(group: _Group, groups: Sequence[_Group], scene: Scene) -> str:
-    """Return what else may make what an effect that acts does, empty where nothing else does."""
+    """Return the other effects that would look like an acting one; empty if there are none."""
     return _either(_words(_rivals(group, groups), [each.found for each in groups], scene))
 
 

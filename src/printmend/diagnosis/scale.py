@@ -1,6 +1,6 @@
-"""A scale error that a scan shows but may have caused itself: the words for it, until callipers settle it.
+"""Words for a scale error that may be the scan's own, until callipers settle it.
 
-Of all that a scan tells this is what an owner can settle, and the one fault that mending may carry wrongly.
+It is the one finding of a scan that an owner can settle, and the one that mending may correct wrongly.
 """
 
 from collections.abc import Sequence
@@ -90,7 +90,7 @@ def knows_all_but_a_reading(model: SavedModel) -> bool:
 
 
 def instrument_of(model: SavedModel) -> dict[str, float]:
-    """Return what a model's measurement left open of its instrument, by name."""
+    """Return the open errors of a model's instrument, by name."""
     section = model.document.get("promise")
     instrument = section.get("instrument") if isinstance(section, dict) else None
     if not isinstance(instrument, dict):

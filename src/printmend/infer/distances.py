@@ -22,16 +22,15 @@ from printmend.path import Instrument, Trace
 from printmend.printer import Axis, Printer
 
 PASSES = (0, SWEEPS)  # sweeps of each: a distance bends a little with the errors themselves
-UNSEEN_MM = 1e-4  # what moves no distance by more says nothing
+UNSEEN_MM = 1e-4  # an effect that moves every distance less is left out
 BOTH = 2  # "where" of a scale of both motors
 LIKELY = 0.5  # chance from which on an effect may act
 
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """What is known of a machine: ``mean`` [P] and ``covariance`` [P, P] of its unknowns, each over its prior standard
-    deviation; the last is the width of dots. ``features`` [K, P] say how K distances between outer edges go with
-    them, in mm."""
+    """The belief about a machine: ``mean`` [P] and ``covariance`` [P, P] of its unknowns, in prior standard deviations;
+    the last is the width of dots. ``features`` [K, P] say how K distances between outer edges go with them, in mm."""
 
     features: np.ndarray
     mean: np.ndarray
@@ -48,13 +47,13 @@ class Guess:
         return np.sqrt(np.maximum(np.sum((self.features @ self.covariance) * self.features, axis=1), 0.0))
 
     def most_telling(self, taken: Sequence[int]) -> int:
-        """Return the distance that tells most of those that were not taken."""
+        """Return the untaken distance with most information."""
         spread = self.spread_mm()
         spread[list(taken)] = -1.0
         return int(np.argmax(spread))
 
     def after(self, one: int, off_mm: float = 0.0, *, inner: bool = False) -> "Guess":
-        """Return what is known after a distance was read so far off."""
+        """Return the belief after a distance was read with an error."""
         row = self.row(one, inner=inner)
         pull = self.covariance @ row
         gain = pull / (READING_SD_MM**2 + row @ pull)
@@ -63,7 +62,7 @@ class Guess:
 
 
 def choose_distances(plan: ProbePlan) -> Distances:
-    """Choose at most twelve distances between large dots that tell most about the machine."""
+    """Choose at most twelve distances between large dots, those with most information about the machine."""
     pairs = measurable_pairs(plan)
     guess = first_guess(plan, pairs)
     chosen: list[int] = []
@@ -74,8 +73,7 @@ def choose_distances(plan: ProbePlan) -> Distances:
 
 
 def first_guess(plan: ProbePlan, pairs: np.ndarray) -> Guess:
-    """Return what is known before any of the pairs [K, 2] of dots is read. Errors whose place would
-    have to be looked for are left aside."""
+    """Return the belief before any of the pairs [K, 2] of dots is read. Errors with an unknown place are left out."""
     scene = _scene(plan, printer_of(plan))
     rows = _rows(distances_of(plan, pairs), scene, np.zeros((2 * len(pairs), 2)), plain=True)
     variance = np.zeros(rows.columns.shape[1])
@@ -93,7 +91,7 @@ def first_guess(plan: ProbePlan, pairs: np.ndarray) -> Guess:
 def machines_by_hand(
     distances: Distances, readings_mm: np.ndarray, printer: Printer, rng: np.random.Generator
 ) -> tuple[Scene, list[Part]]:
-    """Return what readings [K] (NaN where none was taken) say of a printer: drawn machines, and what acts of them."""
+    """Return the drawn machines of a printer from readings [K] (NaN where none was taken), and what acts."""
     known = np.isfinite(readings_mm)
     taken = distances_of(distances.plan, distances.pairs[known], distances.inner[known])
     scene = _scene(distances.plan, printer)

@@ -1,4 +1,4 @@
-"""Machines drawn where few numbers were measured, so that many sets of effects are as likely: Gibbs sampling over sets.
+"""Drawn machines from few numbers, where many sets of effects are equally likely: Gibbs sampling over sets.
 
 A set makes K numbers normal, with the covariance Σ Φ V Φᵀ of its blocks and the noise. So one K × K matrix weighs it.
 Each place of an effect in turn chooses among its own state and some drawn from its prior, by their evidence (Andrieu,
@@ -16,7 +16,7 @@ from printmend.infer.part import DRAWS
 from printmend.metrics.robust import DEGREES
 
 OFFERED = 4  # states drawn from the prior that each place chooses among, beside its own
-# Factors on the noise, sweep by sweep: what is far from every machine is approached from afar.
+# Factors on the noise, sweep by sweep: they anneal towards data that no machine fits at first.
 AFAR, SWEEPS = (256.0, 128.0, 64.0, 32.0, 16.0, 8.0, 4.0, 2.0, 1.0), 24
 TINY_MM2 = 1e-9  # variance that keeps sums of squares positive
 
@@ -81,7 +81,7 @@ def drawn_sizes(few: Few, rng: np.random.Generator, *, sweeps: int = SWEEPS) -> 
             noisy = weight + rng.gumbel(size=weight.shape)  # the largest is one drawn by its weight
             there[at, mine] = offered[np.arange(len(mine)), np.argmax(noisy, axis=1)]
             whole = beside + slot.kernels[there[at]]
-        if number >= len(AFAR):  # a number far off is no slip before all else was tried
+        if number >= len(AFAR):  # a number far off counts as a slip only in the last sweeps
             away2 = (_noise_drawn(few, noise, whole, rng) / few.sigma_mm) ** 2
             own = (DEGREES + away2) / (2 * rng.gamma((DEGREES + 1) / 2, size=away2.shape))
     return _sizes(few, slots, there, noise, rng)

@@ -1,7 +1,8 @@
 """A first machine of a trace, from a healthy one: how long the motors' turns are, and contacts that are nearly right.
 
-What does not turn is fitted first. Beside it pulleys of many lengths are tried, by their first harmonics and those of
-their play. A length that gains more than the printer's own is a rival: both are fitted, and the likelier one stays.
+First come the effects that do not turn. Then pulleys of many circumferences are tried beside them, by their first
+harmonics and those of their play. A circumference that gains more than the printer's own is a rival: both are fitted,
+and the likelier one stays.
 """
 
 import math
@@ -35,8 +36,8 @@ ALIKE_MM = 0.2  # by which a skip may differ from such a number: a turn that is 
 NEAR_SHARES = np.arange(-8, 9) * 0.005  # by which calibrated steps a millimetre let a turn differ from the printer's
 NEAR_SPACING = 0.0025  # half the distance of lengths that are tried, as a share
 ROUND_MOST, BREATH_MOST = 4, 2  # harmonics of a turn that is tried, and of its play
-SHARPER_NATS = 12.0  # that a length may gain between those that are tried
-TOOTHED_NATS = 4.0  # that a whole number of teeth may lose against a length beside it
+SHARPER_NATS = 12.0  # a length between two tried ones may gain so much
+TOOTHED_NATS = 4.0  # a whole number of teeth may lose so much against a length near it
 FINER_ROUNDS, FINER = 4, np.linspace(-1.0, 1.0, 5)  # lengths about one that was found, in each round
 
 

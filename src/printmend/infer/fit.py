@@ -30,10 +30,10 @@ from printmend.path import Trace
 
 LEAST_BESIDE = -9.0  # of the score that a block adds, below which it is left out of the last fit
 CHUNK_ROWS = 2048  # that are summed at once
-MOST_MARKS = 1200  # marks that are looked at: more take time and say the same
+MOST_MARKS = 1200  # marks for the search: more take time and give the same set
 FEW_MARKS = 600  # that a first look is for
 PASSES = 4  # of contacts, then search, at most
-SETTLED_MM = 0.02  # belts that move less from pass to pass change no column worth a word
+SETTLED_MM = 0.02  # belts that move less from pass to pass change the columns too little to matter
 WEIGHINGS = 2  # of rows in each pass
 NEWS, LEAST_NEWS, MOST_NEWS = 0.25, 0.08, 0.99  # share of a wall's place that is news: at first, least, and most
 FEWEST_READ = 4  # marks, below which nobody can say that a coordinate was never measured
@@ -86,12 +86,13 @@ class Fit:
         return turned(every, self.turned_rad, self.scene)
 
     def left_by_mark_mm(self, trace: Trace) -> np.ndarray:
-        """Return what the set leaves of every dot on the bed [N, 2], NaN where none was measured or understood."""
+        """Return the residual of every dot on the bed [N, 2] under the set, NaN where none was measured or
+        understood."""
         known = trace.measured_rows & ~trace.wall_rows & (self.contacts.row >= 0).all(axis=1)
         return np.where(known[:, None], trace.measured_mm - self.places_mm(), np.nan)
 
     def left_mm(self) -> np.ndarray:
-        """Return what the set leaves of the measured numbers [M]."""
+        """Return the residuals of the measured numbers [M] under the set."""
         return left_of(self.rows, self.dictionary, self.state)
 
 
@@ -155,7 +156,7 @@ def turned_back(trace: Trace, by_rad: float, scene: Scene) -> Trace:
 
 
 def _turned_mm(places: Places, by_rad: float, scene: Scene) -> np.ndarray:
-    """Return what a turn does to places [N, 2] as a linear effect."""
+    """Return the linear effect of a turn on places [N, 2]."""
     return np.asarray(SCALE_MM * math.tan(by_rad) * columns_of("turn", places, 0, (), scene)[:, :, 0])
 
 
@@ -350,12 +351,12 @@ def sized(dictionary: Dictionary, members: Set, sizes_mm: np.ndarray) -> list[Si
 
 
 def left_of(rows: Rows, dictionary: Dictionary, state: State) -> np.ndarray:
-    """Return what a set leaves of the measured numbers [M]."""
+    """Return the residuals of the measured numbers [M] under a set."""
     return np.asarray(rows.error_mm - dictionary.columns[:, state.columns] @ state.mean_mm)
 
 
 def weighed(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
-    """Return the weights [M] of rows by what is left of them, its scale taken from the median."""
+    """Return the weights [M] of rows from their residuals, with a scale from the median."""
     away = np.abs(left_mm) * np.sqrt(rows.weight)
     return rows.weight * weights_of(away, scale_of(away, LEAST_SIGMA_MM))
 

@@ -59,7 +59,7 @@ class Rows:
 
 
 def seen(name: str, where: int, shape: tuple[float, ...], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
-    """Return what the rows see [M, P] of an effect at one place with one shape."""
+    """Return the rows' columns [M, P] of an effect at one place with one shape."""
     columns = columns_of(name, places, where, shape, scene)
     return np.asarray(np.einsum("mc,mcp->mp", rows.along, columns[rows.mark]))
 

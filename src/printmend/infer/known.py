@@ -25,8 +25,8 @@ Key = tuple[str, int, tuple[float, ...]]
 
 @dataclass(frozen=True, eq=False)
 class Story:
-    """What happened to an old machine: ``parts`` are what is left of it, ``turned_rad`` by how much each motor's pulley
-    turned on its shaft, ``anew`` the motors that got other parts; ``whole`` where nothing is left."""
+    """A story of an old machine: its remaining ``parts``, the angles ``turned_rad`` by which each motor's pulley turned
+    on its shaft, and the motors with new parts (``anew``); ``whole``: nothing of it remains."""
 
     parts: tuple[Part, ...]
     turned_rad: tuple[float, float] = (0.0, 0.0)
@@ -64,7 +64,7 @@ class Wearing:
             if key_of(each) in has:
                 way = np.zeros((len(mean), 2))
                 way[first : first + width, 0] = self.factor * wear_share(each.effect) * mean[first : first + width]
-                mean[first] += more_mm * (-1.0 if mean[first] < 0 else 1.0)  # trends are of sizes without a sign
+                mean[first] += more_mm * (-1.0 if mean[first] < 0 else 1.0)  # trends belong to sizes without a sign
                 way[first, 1] = sd_mm
                 ways.append(way[:, way.any(axis=0)])
             first += width

@@ -26,8 +26,8 @@ STEPS, FIRST_STEPS = 3, 40  # from one drawn set to the next, and from the likel
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """A machine as it is believed: its ``parts``, those of the likeliest set first (``likely`` of them), the noise of a
-    measured coordinate, and how well each effect of the likeliest set is supported, in nats."""
+    """The belief about a machine: its ``parts``, those of the likeliest set first (``likely`` of them), the noise of a
+    measured coordinate, and the support of each effect of the likeliest set, in nats."""
 
     scene: Scene
     parts: tuple[Part, ...]
@@ -37,7 +37,7 @@ class Posterior:
 
 
 def posterior_of(fit: Fit, rng: np.random.Generator) -> Posterior:
-    """Draw machines from the sets about the likeliest one; what acts is what will still be there after a homing."""
+    """Draw machines from the sets about the likeliest one; the parts that survive a homing act."""
     found = posterior_here(fit, rng)
     return replace(found, parts=tuple(after_homing(part, fit.scene) for part in found.parts))
 
@@ -78,7 +78,7 @@ def after_homing(part: Part, scene: Scene) -> Part:
 
 
 def _gains(scene: Scene, parts: Sequence[Part]) -> bool:
-    """Say whether what acts makes nearly all drawn machines print better over what was measured."""
+    """Say whether the acting parts make nearly all drawn machines print better over the measured places."""
     places = drawn_places(scene)
     drawn_mm, acts_mm = np.zeros((len(places), 2, DRAWS)), np.zeros((len(places), 2, 1))
     for part in parts:

@@ -1,4 +1,4 @@
-"""A model from distances by callipers: what acts, the drawn machines, and what is said of each quantity."""
+"""A model from distances by callipers: the acting parts, the drawn machines, and the words for each quantity."""
 
 import math
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from printmend.model import SavedModel, saved_model
 from printmend.printer import Printer
 from printmend.promise.belief import belief_section
 
-SUPPORTED_SHARE = 0.5  # an estimate is the distances' own if its standard deviation is below this share of the prior's
+SUPPORTED_SHARE = 0.5  # an estimate counts as measured if its standard deviation is below this share of the prior's
 SEED = 19  # the same distances always give the same machines
 
 
@@ -80,7 +80,7 @@ def model_by_hand(distances: Distances, readings_mm: np.ndarray, printer: Printe
 
 
 def estimates_by_hand(distances: Distances, readings_mm: np.ndarray) -> list[Estimate]:
-    """Return what readings say of scale, play and first harmonic of each motor, of the skew, and of the dots' width."""
+    """Return estimates of scale, play and first harmonic of each motor, of the skew, and of the dots' width."""
     return _estimates(*_machines(distances, readings_mm, printer_of(distances.plan)))
 
 

@@ -1,7 +1,7 @@
 """From a trace to the saved model of a machine: what `printmend learn` does.
 
-A search among few effects makes the first guess of the contacts; one search finds the effects that made the
-measurement; what acts is their mean, and machines drawn from all likely sets are the promise.
+A search among few effects gives the first contacts. One search then finds the effects that made the measurement. Their
+mean acts; machines drawn from all likely sets are the promise.
 """
 
 from collections.abc import Mapping, Sequence
@@ -47,7 +47,7 @@ FAR_ORIGIN_MM = 5.0  # an origin of a measurement's own further from the bed's i
 # the line leaves less than this share of what is missed, and no stretch is larger than any printer's.
 WIDE_SHARE, LINE_SHARE, MOST_STRETCH = 0.3, 0.5, 0.5
 PLANE_FACTOR = 2**0.5  # RMS distance on the bed over the standard deviation of one coordinate
-DOUBTED_SCATTER = 2.0  # factor by which points may scatter more than their instrument says before that is told
+DOUBTED_SCATTER = 2.0  # points that scatter by this factor more than their instrument says are reported
 DIGESTS = "measurements"  # the document's key of what tells the measurements that it was learned from
 _TOWER_TODO = say("tower-two-turns-screw-measured-several")
 _PROBE_TODO = say("printmend-probe-writes-print-shows-all")
@@ -183,7 +183,7 @@ def _saved(
 def _learned_without_parts(
     trace: Trace, printer: Printer, name: str, told: tuple[Misfit, ...], rng: np.random.Generator
 ) -> Learned:
-    """Return what the learner ``name`` makes of a trace, whose machine is not made of effects."""
+    """Return the result of the learner ``name``, whose machine is not made of effects."""
     fit = learner(name).fit(trace, printer, rng=rng)
     mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
@@ -207,8 +207,8 @@ def _learned_without_parts(
 
 
 def _left_by_place(scene: Scene, left_mm: np.ndarray) -> list[Part]:
-    """Return what a learner without doubt leaves of its points [N, 2] as an error of both motors by place: it may come
-    again at any of them."""
+    """Return the residuals [N, 2] of a learner without uncertainty as errors of both motors by place; each may come
+    again at any place."""
     rng = np.random.default_rng(0)
     size_mm = np.sqrt(np.mean(np.square(scene.printer.to_motor(left_mm)), axis=0))
     found: list[Part] = []
@@ -222,7 +222,7 @@ def _left_by_place(scene: Scene, left_mm: np.ndarray) -> list[Part]:
 
 
 def near_bed(trace: Trace, printer: Printer) -> Trace:
-    """Return a trace whose places have an origin of their own with that origin near the bed's, where it was far off.
+    """Return a trace without a place on the bed, its origin moved near the bed's if it was far off.
 
     What is missed at one place is then the machine's, as everywhere else, and not tens of millimetres of the paper's.
     """
@@ -259,7 +259,7 @@ def instrument_scatter_mm(trace: Trace) -> float | None:
 
 
 def _trace_section(trace: Trace, left_mm: float, lost: np.ndarray | None = None) -> dict[str, Any]:
-    """Return what a saved model tells of its measurement: rows, errors before and after, the instrument's scatter.
+    """Return a saved model's section about its measurement: rows, errors before and after, the instrument's scatter.
 
     Points ``lost`` [N] that the model leaves out are counted, and are not among these errors.
     """
@@ -284,7 +284,7 @@ def _trace_section(trace: Trace, left_mm: float, lost: np.ndarray | None = None)
 
 
 def known_digests(model: SavedModel) -> tuple[str, ...]:
-    """Return the digests of the measurements that a model was learned from, where it says them."""
+    """Return the digests of the measurements that a model was learned from, if it has them."""
     digests = model.document.get(DIGESTS)
     return tuple(map(str, digests)) if isinstance(digests, list) else ()
 
@@ -325,6 +325,6 @@ def report(model: SavedModel) -> str:
 
 
 def todo(gaps: Sequence[str]) -> tuple[str, ...]:
-    """Return which prints would show what a trace did not tell."""
+    """Return the prints that would close a trace's gaps."""
     of_z = {gap.startswith("Z ") for gap in gaps}
     return tuple(what for screw, what in ((False, _PROBE_TODO), (True, _TOWER_TODO)) if screw in of_z)

@@ -66,7 +66,7 @@ class Reading:
 
 
 def passed_over(trace: Trace, copies: int) -> tuple[Misfit, ...]:
-    """Return what is to be said of so many ``copies`` of a trace's rows, and of blank ones, that were left out."""
+    """Return notes about ``copies`` of a trace's rows and blank ones that were left out."""
     found = []
     if copies:
         every = copies + int(trace.measured_rows.sum() + trace.wall_rows.sum())

@@ -1,4 +1,4 @@
-"""What is to be said of a measurement itself: rows that were left out, places never seen, an order that is none."""
+"""Findings about a measurement itself: rows left out, places never measured, rows in random order."""
 
 import math
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ SURE_NATS = 14.0  # what is certain by counting
 
 
 def said_of_rows(posterior: Posterior, trace: Trace, left_mm: np.ndarray) -> tuple[Misfit, ...]:
-    """Return what is to be said of a measurement, given what the model leaves of its points on the bed [N, 2] mm."""
+    """Return the findings about a measurement, given the model's residuals on the bed [N, 2] mm."""
     return (
         *_unfit(trace, left_mm),
         *_random_order(trace, left_mm),
@@ -40,7 +40,7 @@ def said_of_rows(posterior: Posterior, trace: Trace, left_mm: np.ndarray) -> tup
 
 
 def lost_rows(left_mm: np.ndarray) -> np.ndarray:
-    """Return the points [N] that a model leaves out, none where these are too few to be told of."""
+    """Return the points [N] that a model leaves out; none if they are too few to report."""
     known = np.isfinite(left_mm).all(axis=1)
     if not known.any():
         return np.zeros(len(left_mm), bool)
@@ -75,7 +75,7 @@ def _unfit(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:
 
 
 def _random_order(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:
-    """Say where rows that are in no order leave what play leaves where its direction is not known: one of two values.
+    """Report rows in random order with residuals like those of play with an unknown direction: one of two values.
 
     Errors that last from row to row, as lost steps do, say that the order is the print's all the same.
     """

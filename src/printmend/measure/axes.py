@@ -1,4 +1,5 @@
-"""Are the measured axes those of the printer? Swapped, mirrored and turned tables, told by ranks, not by wild cells."""
+"""Are the measured axes those of the printer? Swapped, mirrored and turned tables are found by ranks, which wild cells
+do not disturb."""
 
 import numpy as np
 
@@ -7,7 +8,7 @@ from printmend.messages import say
 LEAST_RANK_CORRELATION = 0.8  # Spearman's, of a measured column and the commanded one that it belongs to
 LEAST_MARGIN = 0.25  # by how much less the other column must correlate
 AXES_TODO = say("swap-columns-back-let-each-axis")
-LEAST_SPREAD_MM = 15.0  # spread of an axis below which nothing can be told
+LEAST_SPREAD_MM = 15.0  # smallest spread of an axis that shows its direction
 MOST_LOOKED_AT = 4000  # rows that are looked at: more take time and say the same
 
 

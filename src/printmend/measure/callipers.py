@@ -1,4 +1,4 @@
-"""Callipers instead of a scanner: distances across two large dots of a probe, and what an owner reads of them."""
+"""Callipers instead of a scanner: distances across two large dots of a probe, and the owner's readings of them."""
 
 import itertools
 import math

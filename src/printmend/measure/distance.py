@@ -47,8 +47,8 @@ def choose_span(plan: ProbePlan, measured_mm: np.ndarray) -> tuple[int, int] | N
 
 
 def open_scale(scale: str, *, ruled: bool = False) -> str:
-    """Say whose scale a picture has, in a sentence that goes on with what would settle it; ``scale`` is where it came
-    from, in words. With a ruler in the picture (``ruled``) it is open across that."""
+    """Return words for the source of a picture's scale, and what would settle it; ``scale`` is that source, in words.
+    With a ruler in the picture (``ruled``), the scale is open across it."""
     name = _OPEN[_whose(scale)]
     return say(f"open-{name}-across") if ruled else say(f"open-{name}")
 
@@ -74,7 +74,7 @@ def asked(plan: ProbePlan, span: tuple[int, int], across_mm: float, scale: str) 
 
 
 def side_of(plan: ProbePlan, mark: int) -> str:
-    """Say where on its plate a mark lies, as one stands before the printer: "back right", "middle"."""
+    """Return a mark's place on the plate as seen from the front: "back right", "middle"."""
     marks = plan.marks_mm[plan.sheet_of == plan.sheet_of[mark]]
     low, high = marks.min(axis=0), marks.max(axis=0)
     third = np.clip(3 * (plan.marks_mm[mark] - low) / np.maximum(high - low, 1e-9), 0, 2).astype(int)
@@ -149,7 +149,8 @@ def settled(
 
 
 def inches(given_mm: float, wanted_mm: float) -> str:
-    """Say so where a length that should be about ``wanted_mm`` seems to be in inches or centimetres, else nothing."""
+    """Return a note if a length that should be about ``wanted_mm`` seems to be in inches or centimetres, otherwise
+    nothing."""
     for message, unit_mm in (("looks-like-inches", 25.4), ("looks-like-cm", 10.0)):
         if abs(given_mm * unit_mm / wanted_mm - 1) < UNIT_SHARE:
             return say(message)

@@ -29,9 +29,9 @@ MOST_APART_SIGMAS = 6.0  # a mark that two scans see farther apart than this is 
 SURE_SIGMAS = 1.645  # beyond which an estimate lies in 1 of 20 cases
 SAME_PICTURE_PX = 5e-3  # two pictures whose dots differ by less (RMS) are one
 LEAST_MARKS = 10  # that both show; fewer do not tell
-LEAST_DISAGREEMENT_MM = 0.01  # unevenness of scans, RMS, from which their owner is told of it: five times a flatbed's
-OVERLAY_PX = 3000  # longer side of the picture that shows what was found
-ENLARGED = (1, 2, 5, 10, 20, 50)  # times that this picture may enlarge what a mark lies off
+LEAST_DISAGREEMENT_MM = 0.01  # unevenness of scans, RMS, that is reported: five times a flatbed's
+OVERLAY_PX = 3000  # longer side of the overlay
+ENLARGED = (1, 2, 5, 10, 20, 50)  # largest factor by which the overlay enlarges errors
 # Colours of what is drawn: blue, green, red.
 FOUND, MISSING, ERROR, RULER, ASKED = (60, 170, 60), (40, 40, 230), (230, 120, 30), (170, 30, 150), (200, 0, 200)
 
