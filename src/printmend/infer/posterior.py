@@ -19,7 +19,7 @@ from printmend.infer.fit import Fit
 from printmend.infer.part import DRAWS, Part
 from printmend.infer.search import Search, Set, State
 
-LEAST_LOG_WEIGHT = -9.0  # what is less likely than e^−9 of the likeliest is left out of the chain
+LEAST_LOG_WEIGHT = -9.0  # the chain leaves out sets less likely than e^−9 of the likeliest
 MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better with what acts
 STEPS, FIRST_STEPS = 3, 40  # from one drawn set to the next, and from the likeliest one to the first
 
@@ -72,7 +72,7 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
 
 
 def after_homing(part: Part, scene: Scene) -> Part:
-    """Return a part that acts as far as it will still be where it was measured once the printer has homed again."""
+    """Return a part that acts with the share that stays in place when the printer homes again."""
     share = lasting(part.acts_mm, part.effect, part.where, part.shape, scene)
     return part if share is None else replace(part, acts_mm=share * part.acts_mm)
 

@@ -35,7 +35,7 @@ LEAST_SPREAD_MM = 20.0  # spread of the places below which nothing is looked for
 MOST_SHIFT_ROWS = 12  # largest shift that is tried, either way
 MOST_ROWS_FOLLOWED = 3000  # most measured rows whose shifts are followed; of more, every n-th
 MOST_ROWS_MAPPED = 20_000  # measured rows that a rough map looks at
-LEAST_SCALE_MM = 0.05  # smallest standard deviation that is assumed of what a rough map leaves
+LEAST_SCALE_MM = 0.05  # smallest standard deviation assumed for the residuals of a rough map
 ROUNDS = 3  # of finding slips, the first under a rough map, the others under the drives learned then
 MAP_ROUNDS = 8  # of mapping places that are in no order
 LEAST_MATCHED_SHARE = 0.98  # share of shuffled rows that must find one place of their own
@@ -117,7 +117,7 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
 
 
 def roughly(trace: Trace, printer: Printer) -> Fit:
-    """Return the drives' main parts alone, as some rows show them; whose home the trace begins at nobody knows yet."""
+    """Return the main parts of the drives from some rows; the trace's home is still unknown."""
     scene = scene_of(replace(trace, homed=False), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
     with threadpool_limits(1, user_api="blas"):
         return fitted(trace, scene, healthy_mechanism(printer), kept=among(ROUGH), quick=True)
