@@ -46,7 +46,7 @@ def test_what_has_passed_a_tenth_of_a_millimetre_says_so_and_when(tmp_path):
     assert grown.json()["passed"]["when"] == (START + 5.6 * MONTH).date().isoformat()
     (steady,) = trends_of([event(month, 0.3, 0.004) for month in range(4)])
     assert (
-        "and steady; more than 0.10 mm since the first measurement: it shifts prints by 0.1 mm or more" in steady.words
+        "and steady; above 0.10 mm since the first measurement, so it shifts prints by 0.1 mm or more" in steady.words
     )
     assert "Tighten the belt" in steady.words
     (two,) = trends_of([event(0, 0.05, 0.004), event(1, 0.15, 0.004)])

@@ -295,7 +295,7 @@ def test_a_test_print_is_mended_as_a_check_print(folder: Path) -> None:
     write_probe(folder / "probe.gcode", plan)
     done = run("mend", folder / "probe.gcode", "-m", folder / "printer.mend.json", "-o", folder / "check.gcode")
     assert done.exit_code == 0, done.output
-    assert "these figures count only the lines of this test print, not its dots" in done.output
+    assert "these figures cover the lines of this test print, not its dots" in done.output
     worst = []
     for name in ("probe", "check"):
         dots = print_dots(read_gcode(folder / f"{name}.gcode", printer=ENDER3), Twin(BENT), plan)

@@ -8,7 +8,7 @@ import click
 
 from printmend.cli.terminal import echo, spoken
 from printmend.cli.usage import Finite
-from printmend.messages import say
+from printmend.messages import say, say_count
 
 if TYPE_CHECKING:
     import numpy as np
@@ -113,7 +113,7 @@ def _measure_probe(
     if 0 < len(missing := measurement.missing) <= MOST_NAMED:
         echo(say("marks-not-found", ", ".join(map(str, missing.tolist())), plan_path))
     found = int(np.isfinite(measurement.measured_mm).all(axis=1).sum())
-    echo(say("so-many-measured-marks", output, found))
+    echo(say_count("so-many-measured-marks", found, output))
     for note in asked:  # last, where it is read
         echo(say("still-open", note))
     if asked and len(plan.sheets) < 2:  # the overlay shows the first scan's sheet only
@@ -141,7 +141,7 @@ def _measure_layer(
     for note in measured.notes:
         if note not in asked:
             echo(note)
-    echo(say("terminal-so-many-measured-places", output, measured.found))
+    echo(say_count("terminal-so-many-measured-places", measured.found, output))
     for line in fits([(layer, measured)], part_path, printer, None, filament).sizes():
         echo(line)
     for note in asked:

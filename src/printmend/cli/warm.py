@@ -3,7 +3,7 @@
 import click
 
 from printmend.cli.terminal import echo
-from printmend.messages import say
+from printmend.messages import say, say_count
 
 
 @click.command(epilog="Example: printmend warm")
@@ -15,6 +15,6 @@ def command() -> None:
     with progress("compiling", len(STEPS)) as done:
         entries, seconds = warm(done)
     if entries:
-        echo(say("terminal-warm-done", entries, f"{seconds:.0f}"))
+        echo(say_count("terminal-warm-done", entries, f"{seconds:.0f}"))
     else:
         echo(say("terminal-warm-already"))

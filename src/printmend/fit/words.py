@@ -7,7 +7,7 @@ from typing import Any
 from printmend.fit.estimate import RANGE, Estimate, Side
 from printmend.fit.setting import SLICERS, Setting, Slicer, Wanted, flow_instead
 from printmend.gcode.sliced import Sliced
-from printmend.messages import say
+from printmend.messages import say, say_count
 
 MOST_HOLES = 12  # that are said; --json has all
 REPEAT_SD_MM = 0.01  # by which two prints of one wall differ
@@ -86,7 +86,7 @@ def _size_lines(side: Side, estimate: Estimate, file: Sliced, corrections: Wante
         came = _pm(hole.diameter_mm, hole.sd_mm)
         lines.append(say("fit-hole", _layer_words(side), f"{drawn:.2f}", *place, came, sure))
     if more := len(side.rounds) - MOST_HOLES:
-        lines += [say("terminal-fit-more-holes", more)] if more > 0 else []
+        lines += [say_count("terminal-fit-more-holes", more)] if more > 0 else []
     return lines
 
 

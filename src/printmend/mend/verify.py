@@ -24,7 +24,7 @@ from printmend.measure.once import digest_of
 from printmend.measure.whose import check_origin
 from printmend.mend.history import remember
 from printmend.mend.update import Updated, changes_of, measured_again, update
-from printmend.messages import say, together
+from printmend.messages import say, say_count, together
 from printmend.model import SavedModel
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
@@ -100,7 +100,7 @@ class Verdict:
         if abs(self.stretch_percent) >= _LEAST_STRETCH_PERCENT:
             numbers = say("scale-taken-off", numbers, f"{self.stretch_percent:+.2f}")
         if self.result == KEPT:
-            kept = say("verdict-kept", numbers, self.marks)
+            kept = say_count("verdict-kept", self.marks, numbers)
             return say("kept-but", kept, together("; ", self.changed)) if self.changed else kept
         if self.result == UNSURE:
             if self.wanders_mm:
