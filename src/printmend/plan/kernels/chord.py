@@ -34,6 +34,7 @@ LOOK_AHEAD_MM = 8.0  # how far along a line its curvature is looked up at once
 LOOKS_A_CHORD, CLOSEST_LOOK_MM = 10.0, 0.01  # at how many places of a chord, and how densely it is looked at most
 UNEVEN = 0.03  # by which share a wall may be wider or thinner somewhere along a chord: some 1 % RMS
 SHORTEST_EVEN_MM = 0.1  # chords that are to keep a wall's width: a quarter of a line's
+SHORT_EVEN_MM = 0.3  # chords below this follow waves of less than a line's width, which no wall shows
 ALONG_AN_AXIS = 0.26  # the tangent of a wall's angle to it, at most
 GENTLY = 0.1  # mm of slack a mm of path, at most: a motor that crosses faster turns the command aside
 LEAST_KEPT = 0.1  # share of a wave that a shaper keeps, from which on the command makes up for the rest
@@ -290,7 +291,8 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     step = whole
     if bound > 8.0 * _bulge(model, whole * length) or ((d0 > _FAR_MM or d1 > _FAR_MM) and model.head.bent != 0.0):
         end = t
-        bends = bound * SHORT_MM * SHORT_MM > 64.0 * model.head.chord * whole * whole * length * length  # all are short
+        short = SHORT_EVEN_MM if _is_even(model, curve) else SHORT_MM
+        bends = bound * short * short > 64.0 * model.head.chord * whole * whole * length * length  # all are short
         crosses = max(abs(state.crossing[0]), abs(state.crossing[1])) > GENTLY * length
         if curve.arc == 0.0 and not crosses and not bends:
             end, n0, n1 = _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest)
