@@ -164,8 +164,9 @@ def test_a_second_measurement_sees_how_far_the_end_stop_was_off(by_mm: float) ->
     assert shift_mm == pytest.approx(by_mm, abs=3 * sd_mm + 0.02)
 
 
-def test_a_ripple_that_a_homing_loses_is_named_and_not_mended() -> None:
-    machine = Corruption((Drive(Ripple((0.15,), (4.0,), (1.0,))), Drive())).lower(ENDER3)
+@pytest.mark.parametrize("period_steps", [4.0, 10.0])
+def test_a_ripple_that_a_homing_loses_is_named_and_not_mended(period_steps: float) -> None:
+    machine = Corruption((Drive(Ripple((0.15,), (period_steps,), (1.0,))), Drive())).lower(ENDER3)
     assert isinstance(machine, Mechanism)
     found = believed(machine)
     (part,) = (part for part in found.parts if part.effect == "teeth" and part.chance > 0.9)
