@@ -306,8 +306,8 @@ class Klipper:
     def set_move_transform(self, transform, force: bool) -> "Klipper":
         return self
 
-    def lookup_object(self, name: str) -> "Klipper":
-        return self
+    def lookup_object(self, name: str, *otherwise: None) -> "Klipper | None":
+        return otherwise[0] if otherwise else self
 
     def get_reactor(self) -> "Klipper":
         return self
