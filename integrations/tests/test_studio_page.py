@@ -127,6 +127,7 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     expect(page.get_by_test_id("asked").locator("ellipse")).to_have_count(2)  # the two dots to measure
     rings.nth(300).click()
     expect(page.get_by_text("left out 1")).to_be_visible()
+    page.locator("#scan").evaluate("(scan) => { scan.scrollIntoView({ block: 'center' }); scan.blur(); }")
     watched.picture("measure")
     page.get_by_role("button", name="Learn from this").click()
     page.wait_for_selector("#machine")
@@ -196,6 +197,9 @@ def _dots(places_mm: np.ndarray, marks_mm: np.ndarray) -> np.ndarray:
 def test_broken_to_mended_on_the_play_screen(browser: Browser, server: Server) -> None:
     watched = _page(browser, server, device_scale_factor=1.5)
     page = watched.page
+    page.add_init_script(  # what phones have
+        "navigator.canShare = () => true; navigator.share = async ({ files: [card] }) => { window.sent = card.size; }"
+    )
     page.goto(server.address)
     page.wait_for_selector("#drawing")
     before = page.locator("#drawing path").nth(1).get_attribute("d")
@@ -227,8 +231,11 @@ def test_broken_to_mended_on_the_play_screen(browser: Browser, server: Server) -
     for one in (share, handle, page.get_by_text("times better")):
         expect(one).to_be_in_viewport()
     share.click()
+    shown = page.get_by_role("dialog")
     with page.expect_download() as load:
-        page.get_by_role("dialog").get_by_role("button", name="Save as PNG").click()
+        shown.get_by_role("button", name="Save as PNG").click()
+    shown.get_by_role("button", name="Send it").click()
+    until(lambda: page.evaluate("window.sent") == Path(load.value.path()).stat().st_size)
     card, _ = read_image(Path(load.value.path()))
     assert card.shape[:2] == (1260, 2400)
     halves = [card[220:900, :1190].reshape(-1, 3).astype(float), card[220:900, 1210:].reshape(-1, 3).astype(float)]

@@ -59,10 +59,12 @@ export function Share({ shots, numbers, scene, printer, part, name = "printmend"
     })();
     return () => { URL.revokeObjectURL(address); setMade(null); };
   }, [open]);
+  const files = made ? [new File([made.blob], `${name}-card.png`, { type: "image/png" })] : [], sends = made && navigator.canShare?.({ files }); // as phones can
   return html`<button class="primary" onClick=${() => setOpen(true)}>${t("share")}</button>${open && html`<${Dialog} label=${t("share")} closed=${() => setOpen(false)}><div class="stack">
       ${made ? html`<img class="sharecard" src=${made.address} alt=${t("card_alt", { before: mm(numbers.before_mm), after: mm(numbers.after_mm) })} />` : html`<p role="status">${t("drawing")}</p>`}
       <div class="row end"><button onClick=${(event) => event.currentTarget.closest("dialog").close()}>${t("close")}</button>
-        ${made && navigator.clipboard?.write && html`<${Copy} blob=${made.blob} />`}<button class="primary" disabled=${!made} onClick=${() => saveBlob(made.blob, `${name}-card.png`)}>${t("save_card")}</button></div></div></${Dialog}>`}`;
+        ${made && navigator.clipboard?.write && html`<${Copy} blob=${made.blob} />`}<button class=${sends ? "" : "primary"} disabled=${!made} onClick=${() => saveBlob(made.blob, `${name}-card.png`)}>${t("save_card")}</button>
+        ${sends && html`<button class="primary" onClick=${() => navigator.share({ files }).catch(() => {})}>${t("send_card")}</button>`}</div></div></${Dialog}>`}`;
 }
 
 function Copy({ blob }) {

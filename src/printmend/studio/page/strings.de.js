@@ -92,7 +92,7 @@ export default {
 
   compare: "vergleichen", wipe: "Zwischen wie er druckt und geheilt wischen", wipe_at: "{n} % wie er druckt", light_up: "Zeigen Sie auf einen Satz oder ein Teil: Das andere leuchtet auf.",
   share: "Teilen", card_off: "Abweichung im Mittel", card_says: "druckt gerade auf einem krummen Drucker", card_play: "ein simulierter Drucker, wie ein Ender 3", card_plate: "Eine Platte mit Löchern, Schrift und Wand",
-  card_alt: "Vorher {before} mm, geheilt {after} mm", save_card: "Als PNG speichern", copy: "Kopieren", copied: "Kopiert", copy_not: "Dieser Browser kann nicht kopieren", close: "Schließen", keep: "Behalten", mpart_frame: "Rahmen und Bett", mpart_z: "Z-Spindel",
+  card_alt: "Vorher {before} mm, geheilt {after} mm", save_card: "Als PNG speichern", send_card: "Senden", copy: "Kopieren", copied: "Kopiert", copy_not: "Dieser Browser kann nicht kopieren", close: "Schließen", keep: "Behalten", mpart_frame: "Rahmen und Bett", mpart_z: "Z-Spindel",
 
   storage: "Speicher", storage_now: "Das Studio belegt {size} von höchstens {most}; {free} der Platte sind frei.", free_this: "Freigeben", free_sure: "{what} ({size}) entfernen? Das lässt sich nicht rückgängig machen.", stays: "bleibt",
   stored_mended: "Geheilte Dateien", stored_mended_why: "G-Code, den Sie abgelegt haben, was daraus wurde, und die Bilder dazu.", stored_play: "Spiele", stored_play_why: "Simulierte Drucke der Seite Ausprobieren.", stored_measured: "Scans und Prüfdrucke", stored_measured_why: "Scans, Fotos und Tabellen mit den Bildern ihrer Punkte. Was daraus gelernt wurde, bleibt.",

@@ -92,7 +92,7 @@ export default {
 
   compare: "compare", wipe: "Wipe between as it prints and mended", wipe_at: "{n} % as it prints", light_up: "Point at a sentence or at a part: the other one lights up.",
   share: "Share", card_off: "off, on average", card_says: "prints straight on a broken printer", card_play: "a simulated printer, like an Ender 3", card_plate: "A plate with holes, a word and a wall",
-  card_alt: "Before {before} mm, mended {after} mm", save_card: "Save as PNG", copy: "Copy", copied: "Copied", copy_not: "This browser cannot copy", close: "Close", keep: "Keep it", mpart_frame: "Frame and bed", mpart_z: "Z screw",
+  card_alt: "Before {before} mm, mended {after} mm", save_card: "Save as PNG", send_card: "Send it", copy: "Copy", copied: "Copied", copy_not: "This browser cannot copy", close: "Close", keep: "Keep it", mpart_frame: "Frame and bed", mpart_z: "Z screw",
 
   storage: "Storage", storage_now: "The studio holds {size} of at most {most}; {free} of the disk are free.", free_this: "Free this", free_sure: "Remove {what} ({size})? This cannot be undone.", stays: "stays",
   stored_mended: "Mended files", stored_mended_why: "G-code that you dropped, what was made of it, and its pictures.", stored_play: "Plays", stored_play_why: "Simulated prints of the screen Try it.", stored_measured: "Scans and check prints", stored_measured_why: "Scans, photos and tables, with the pictures of their dots. What was learned from them stays.",
