@@ -1,9 +1,10 @@
 """Measure the studio as a person meets it: from the drop of a file to its picture, mended and shown; start; memory.
 
-    .venv/bin/python benchmarks/bench_studio.py [--only start idle trial small large half huge vast uploads]
+    .venv/bin/python benchmarks/bench_studio.py [--only start idle trial phone small large half huge vast uploads]
 
-`idle` is what server and workers hold once they have rehearsed. `trial` is the shortest way from broken to mended:
-*Mend it* is clicked as soon as it is there. `small` is a sliced gear of 5 MB, `large` one of 300 000 moves, `half` a
+`idle` is what server and workers hold once they have rehearsed. `trial` is the shortest way from broken to mended and
+shared: *Mend it*, *Share* and *Save as PNG* are clicked as soon as they are there; `phone` is the same on a phone's
+screen, where none of them may need scrolling. `small` is a sliced gear of 5 MB, `large` one of 300 000 moves, `half` a
 vase of half a million segments. `huge` is six gears of 9 MB in one file of more than 50 MB, of which the page shows
 600 000 points, `vast` sixteen of them, 150 MB. Each is dropped on the page in Debian's Chromium, which draws in
 software. Wall time is what one waits; processor time is that of server, workers and browser together, and does not
@@ -23,7 +24,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "integrations" / "tests"))
 sys.path.insert(0, str(Path(__file__).parent))
 from parts import part
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, Page, expect
 from studio_server import Server, chromium
 
 from printmend.client import Studio
@@ -45,6 +46,7 @@ PARTS = {
     "vast": lambda: 16 * gear_gcode(58.0, 26.0),
 }
 LONGEST_MS = 600_000
+PHONE = {"viewport": {"width": 390, "height": 844}, "device_scale_factor": 2, "is_mobile": True, "has_touch": True}
 QUIET_S = 0.06  # of processor time in a second: nothing is at work
 TURNS = 10
 
@@ -151,6 +153,27 @@ def drop(browser: Browser, server: Server, key: str, name: str, folder: Path) ->
     page.context.close()
 
 
+def trial(page: Page, since: Watch, what: str) -> None:
+    """Mend, share and save as somebody who has never seen it; print how long each took."""
+    page.set_default_timeout(LONGEST_MS)
+    click(page, "Mend it")
+    page.wait_for_selector("canvas[data-frame]")
+    page.wait_for_selector(".number b[data-still=true]")
+    off, mended = page.locator(".number b").all_inner_texts(), str(since)
+    click(page, "Share")
+    page.wait_for_selector("img.sharecard")
+    with page.expect_download():
+        click(page, "Save as PNG")
+    print(f"{what}: to the mended part {mended}; to the saved card {since}; {off}", flush=True)
+
+
+def click(page: Page, name: str) -> None:
+    """Click a button that is seen without scrolling."""
+    button = page.get_by_role("button", name=name).last
+    expect(button).to_be_in_viewport(timeout=LONGEST_MS)
+    button.click()
+
+
 def uploads(server: Server, key: str, folder: Path) -> None:
     """Send and mend fifty files at once; print time and the most memory of the server and its workers."""
     studio, watch = Studio(server.address), Watch()
@@ -170,7 +193,7 @@ def uploads(server: Server, key: str, folder: Path) -> None:
 def main() -> None:
     """Measure what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    names = ["start", "idle", "trial", *PARTS, "uploads"]
+    names = ["start", "idle", "trial", "phone", *PARTS, "uploads"]
     parser.add_argument("--only", nargs="+", choices=names, default=names)
     only = parser.parse_args().only
     loaded = [path for path in PAGE.iterdir() if path.suffix in (".html", ".css", ".svg", ".js")]
@@ -193,13 +216,14 @@ def main() -> None:
                 settle()
                 print(f"idle: ready after {watch}; held {server.memory_bytes() / 1e6:.0f} MB", flush=True)
             if "trial" in only:
-                page.get_by_role("button", name="Mend it").click(timeout=LONGEST_MS)
-                page.wait_for_selector("text=times better", timeout=LONGEST_MS)
-                page.wait_for_selector("canvas[data-frame]", timeout=LONGEST_MS)
-                page.wait_for_selector(".number b[data-still=true]", timeout=LONGEST_MS)
-                off = page.locator(".number b").all_inner_texts()
-                print(f"trial: from the command to the mended part, one click, {watch}; {off}", flush=True)
+                trial(page, watch, "trial, from the command")
             page.close()
+            if "phone" in only:
+                page = browser.new_context(**PHONE).new_page()
+                watch = Watch()
+                page.goto(server.address)
+                trial(page, watch, "phone, from the address")
+                page.context.close()
             for one in PARTS:
                 if one in only:
                     drop(browser, server, printer_of(server, one), one, folder)  # its page shows no other part before
