@@ -15,8 +15,9 @@ from printmend.effects.idler import OWN_SHARE
 from printmend.effects.prior import share_of
 from printmend.effects.sample import drawn_places, drawn_sizes
 from printmend.effects.sized import Sized, frame_of
+from printmend.effects.words import Found
 from printmend.infer.fit import fitted, weighed
-from printmend.infer.gram import Block, Dictionary, Rows, dictionary_of, gram_of, seen
+from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, gram_of, seen
 from printmend.infer.machine import machine_of
 from printmend.infer.normal import log_below
 from printmend.infer.part import DRAWS
@@ -163,6 +164,21 @@ def test_an_axis_that_moved_little_is_learned_from_home(
     naive = np.abs(printed - way)[1:, 0].mean()
     assert naive > 0.5
     assert np.abs(print_from_home(mechanism, way[1:]) - printed[1:])[:, 0].mean() < 0.02
+
+
+def test_a_motor_that_stood_still_has_faults_of_finite_size(ender5: Printer, rng: np.random.Generator) -> None:
+    """In the middle of its axis, where slopes are counted from 0."""
+    x = np.linspace(20, 200, 40)
+    way = np.stack([x, np.full_like(x, ender5.middle_mm[1])], axis=1)
+    scene, named = scene_of(Trace(way, way), ender5, (40.0, 40.0)), set()
+    for block in blocks_of(scene, lambda term: term.where == 1):
+        sizes = rng.normal(size=(block.sds_mm.shape[1], 20)) * block.sds_mm[0][:, None]
+        found = Found(EFFECTS[block.effect], 1, block.shape, sizes[:, 0], sizes, acts=True)
+        for said in getattr(found.law, "faults", lambda *_: ())(found, [found], scene):
+            named.add(block.effect)
+            assert np.isfinite([said.value, said.sd]).all()
+    assert {"scale", "play"} <= named
+    assert "bend" not in named
 
 
 COMMON = ("place", "scale", "play", "skew", "pulley", "idler", "drift", "turn", "halves")

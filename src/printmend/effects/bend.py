@@ -33,10 +33,11 @@ class Bend(Usual):
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         x = (along_motor_mm(scene, found.where) - scene.motor_middle_mm(found.where)) / SCALE_MM
+        line = np.stack([np.ones_like(x), x], axis=1)  # of a motor that stood still, a point
 
         def bow_mm(sizes: np.ndarray) -> float:
             bent = sizes[0] * x**2 + sizes[1] * x**3
-            return float(np.abs(bent - np.polyval(np.polyfit(x, bent, 1), x)).max())
+            return float(np.abs(bent - line @ np.linalg.lstsq(line, bent, rcond=None)[0]).max())
 
         size, sd = found.size(bow_mm)
         if size >= LEAST_SHOWN_MM:
