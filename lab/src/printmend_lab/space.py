@@ -5,7 +5,7 @@ three axes is a planar model and a `ScrewDrive`, and each is learned by itself o
 is subtracted.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -63,7 +63,7 @@ def fit_space(
     return SpaceModel(planar, _screw(height, pushes, printer))
 
 
-def _pushes(trace: Trace, printer: Printer, effects: Collection[str]) -> list[Sized]:
+def _pushes(trace: Trace, printer: Printer, effects: tuple[str, ...]) -> list[Sized]:
     """Return the screw's push as a trace shows it, beside some effects."""
     scene = scene_of(replace(trace, homed=False), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
     fit = fitted(trace, scene, healthy_mechanism(printer), kept=among(effects), quick=True)
