@@ -469,16 +469,20 @@ def _play(job: Job) -> dict[str, Any]:
     job.file(WANTED)
     printed = twin.seen(plan.waypoints_mm)
     job.tell(0.1, "scan")
-    rng = np.random.default_rng(job.params.get("seed", 0))
-    scan = scan_trace(Trace(plan.waypoints_mm, printed), plan, dpi=_PLAY_DPI, degradations=DEFAULT, rng=rng)
-    write_image(job.folder / "scan.png", scan.image, dpi=_PLAY_DPI)
-    _write_seen(job.file(SEEN), scan.image)
+    seed, scans = job.params.get("seed", 0), [job.folder / f"scan-{turns}.png" for turns in range(2)]
+    for turns, path in enumerate(scans):  # the plate turned by a quarter: one scan cannot tell the scanner's axes apart
+        scan = scan_trace(Trace(plan.waypoints_mm, printed), plan, dpi=_PLAY_DPI, degradations=DEFAULT,
+                          rng=np.random.default_rng(seed), quarter_turns=turns)  # fmt: skip
+        write_image(path, scan.image, dpi=_PLAY_DPI)
+        if not turns:
+            _write_seen(job.file(SEEN), scan.image)
     job.tell(0.3, "measure")
-    measurement = measure_scans([job.folder / "scan.png"], plan)
+    measurement = measure_scans(scans, plan)
     job.tell(0.5, "learn")
     model = learn_model(measurement.trace, printer)
     if broken.screw is not None:  # which no flat print shows
         job.tell(0.75, "tower")
+        rng = np.random.default_rng(seed)
         model = update(model, tower_trace(broken, printer, rng), rng=rng).model
     write_model(job.file(MODEL), model)
     job.tell(0.85, "mend")
