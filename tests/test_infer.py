@@ -170,7 +170,7 @@ def test_a_motor_that_stood_still_has_faults_of_finite_size(ender5: Printer, rng
     """In the middle of its axis, where slopes are counted from 0."""
     x = np.linspace(20, 200, 40)
     way = np.stack([x, np.full_like(x, ender5.middle_mm[1])], axis=1)
-    scene, named = scene_of(Trace(way, way), ender5, (40.0, 40.0)), set()
+    scene, named = scene_of(Trace(way, way, homed=True), ender5, (40.0, 40.0)), set()
     for block in blocks_of(scene, lambda term: term.where == 1):
         sizes = rng.normal(size=(block.sds_mm.shape[1], 20)) * block.sds_mm[0][:, None]
         found = Found(EFFECTS[block.effect], 1, block.shape, sizes[:, 0], sizes, acts=True)

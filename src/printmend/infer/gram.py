@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Effect, Places, Scene, Term, columns_of
+from printmend.effects import EFFECTS, Acts, Effect, Of, Places, Scene, Term, columns_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ def _blocks_of(scene: Scene, kept: Callable[[Term], bool] | None, effects: tuple
     grouped: dict[tuple[str, int, tuple[float, ...]], list[Term]] = {}
     for effect in effects:
         for term in effect.terms(scene):
-            if kept is None or kept(term):
+            if (kept is None or kept(term)) and _shows(term, scene):
                 grouped.setdefault(term.key, []).append(term)
     return laid_side_by_side(map(block_of, grouped.values()))
 
@@ -111,6 +111,16 @@ def seen_blocks(blocks: tuple[Block, ...], places: Places, rows: Rows, scene: Sc
     places, rows = narrowed(places, rows)
     columns = [seen(block.effect, block.where, block.shape, places, rows, scene) for block in blocks]
     return Dictionary(blocks, np.hstack(columns))
+
+
+def _shows(term: Term, scene: Scene) -> bool:
+    """Tell whether a machine's effect can show: if a motor stood still at an unknown distance from its end stop, only
+    its place does."""
+    effect = EFFECTS[term.effect]
+    if scene.homed or effect.of is not Of.MACHINE or term.effect == "place":
+        return True
+    moved = [high > low for low, high in scene.motor_span_mm]
+    return moved[term.where] if effect.acts is Acts.DRIVE else all(moved)
 
 
 def block_of(terms: Sequence[Term]) -> Block:
