@@ -1,8 +1,8 @@
 """The posterior of a machine: draws from all likely sets of effects, weighted by evidence.
 
-Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999): those of a chain that
-begins at the likeliest (Madigan & York 1995). Most printers have several effects too small to be found, so sets that
-differ by one member from the likeliest would leave too little open. A draw is a set, with sizes from its posterior.
+Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999): the likeliest and its
+neighbours, or where less than a turn was seen those of a chain that begins there (Madigan & York 1995). A draw is one
+of these sets, with sizes from its posterior.
 """
 
 import math
@@ -17,11 +17,12 @@ from printmend.effects.homing import lasting
 from printmend.effects.sample import drawn_places
 from printmend.infer.fit import Fit
 from printmend.infer.part import DRAWS, Part
-from printmend.infer.search import Search, Set, State
+from printmend.infer.search import Gains, Search, Set, State
 
 LEAST_LOG_WEIGHT = -9.0  # the chain leaves out sets less likely than e^−9 of the likeliest
+LEAST_NEIGHBOUR, MOST_SETS = -7.0, 24  # neighbours less likely than e^−7 of the likeliest set, and most of them
 MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better with what acts
-STEPS, FIRST_STEPS = 3, 40  # from one drawn set to the next, and from the likeliest one to the first
+STEPS, STEPS_UNSEEN = 5, 40  # from one drawn set to the next, and from the likeliest one to the first
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,8 @@ def posterior_of(fit: Fit, rng: np.random.Generator) -> Posterior:
 def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     """Draw machines as the measured print had them."""
     blocks = fit.dictionary.blocks
-    sets = Counter(drawn_sets(fit.search, fit.state, rng))
+    drawn = _neighbours(fit, rng) if _saw_a_turn(fit) else drawn_sets(fit.search, fit.state, rng)
+    sets = Counter(drawn)
     states = {members: fit.search.posterior(members, fit.state.sigma_mm, rounds=0) for members in sets}
     # the chain may find a likelier set than the search did
     fit = replace(fit, state=max((fit.state, *states.values()), key=lambda state: state.score))
@@ -111,7 +113,7 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> It
     search = search.narrowed(blocks)
     members: Set = tuple((blocks.index(b), variant) for b, variant in likeliest.members)
     known: dict[Set, tuple[np.ndarray, np.ndarray]] = {}
-    for step in range(FIRST_STEPS + DRAWS * STEPS):
+    for step in range(STEPS_UNSEEN + DRAWS * STEPS):
         at = int(rng.integers(len(members) + 1))
         others = tuple(sorted((*members[:at], *members[at + 1 :])))
         if others not in known:
@@ -123,7 +125,7 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> It
         weights = np.append(values, math.log((len(others) + 2) / (len(others) + 1)))
         choice = int(np.argmax(weights + rng.gumbel(size=len(weights))))  # the largest is one drawn by its weight
         members = others if choice == len(keys) else (*others, (int(keys[choice, 0]), int(keys[choice, 1])))
-        if step >= FIRST_STEPS and not (step - FIRST_STEPS) % STEPS:
+        if step >= STEPS_UNSEEN and not (step - STEPS_UNSEEN) % STEPS:
             yield tuple(sorted((blocks[b], variant) for b, variant in members))
 
 
@@ -137,6 +139,39 @@ def _beside(search: Search, likeliest: State) -> list[int]:
     for gains in every:
         found += gains.keys[gains.values > LEAST_LOG_WEIGHT + gains.values.max(initial=0.0), 0].tolist()
     return list(dict.fromkeys(found))
+
+
+def _neighbours(fit: Fit, rng: np.random.Generator) -> list[Set]:
+    """Return a set for each draw, of the likeliest one and those with one member more, less or exchanged."""
+    search, state = fit.search, fit.state
+    found: dict[frozenset[tuple[int, int]], tuple[Set, float]] = {frozenset(state.members): (state.members, 0.0)}
+
+    def offer(members: Set, log_weight: float) -> None:
+        if log_weight > LEAST_NEIGHBOUR:
+            found.setdefault(frozenset(members), (members, log_weight))
+
+    def offer_each(members: Set, gains: Gains, beside: float) -> None:
+        for key, gain in zip(gains.keys.tolist(), gains.values.tolist(), strict=True):
+            offer((*members, (key[0], key[1])), beside + gain)
+
+    beside = search.beside(state)
+    offer_each(state.members, beside.gains(search.offered(state.members)), 0.0)
+    for at, (member, own) in enumerate(zip(state.members, search.dictionary.own(state.members), strict=True)):
+        others = (*state.members[:at], *state.members[at + 1 :])
+        without = search.posterior(others, state.sigma_mm, rounds=0)
+        worse = without.score - state.score
+        offer(others, worse)
+        offer_each(others, beside.without(own).gains(search.offered(others)).without(member), worse)
+    ranked = sorted(found.values(), key=lambda each: -each[1])[:MOST_SETS]
+    weights = np.exp(np.array([log_weight for _, log_weight in ranked]) - ranked[0][1])
+    return [ranked[each][0] for each in rng.choice(len(ranked), DRAWS, p=weights / weights.sum())]
+
+
+def _saw_a_turn(fit: Fit) -> bool:
+    """Tell whether marks lie over a turn of both motors, home aside: else sets far from each other are as likely."""
+    marks = np.unique(fit.rows.mark)
+    at_mm = fit.places.motor_mm[marks[marks > 0]]
+    return len(at_mm) > 0 and bool((np.ptp(at_mm, axis=0) >= fit.scene.turns_mm).all())
 
 
 def _nats(fit: Fit) -> tuple[float, ...]:
