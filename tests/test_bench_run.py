@@ -59,7 +59,7 @@ def test_bodies_are_printed_on_the_printer_that_is_asked_for(vases: list[Path], 
     assert naive.case.printer == "corexy"
     assert best.values["rmse_steps"] < 0.5 < naive.values["rmse_steps"]
     assert cases[0].key("naive") != drawn(vases[:1], families=("pulley-loose",))[0].key("naive")
-    with pytest.raises(InputError, match="expected one of aquila, corexy"):
+    with pytest.raises(InputError, match="expected one of a1, aquila, corexy"):
         drawn(vases[:1], printer="teapot")
 
 

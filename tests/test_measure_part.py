@@ -130,7 +130,7 @@ def test_only_a_part_is_measured():
     raft = read_gcode(text.replace(";LAYER_CHANGE", ";LAYER:-2").encode(), printer=PRINTER)
     with pytest.raises(GcodeError, match="raft"):
         read_walls(raft, PRINTER)
-    with pytest.raises(GcodeError, match="found 1 layers;"):
+    with pytest.raises(GcodeError, match="found 1 layer;"):
         read_walls(read_gcode(text.encode(), printer=PRINTER), PRINTER, layer=3)
 
 
