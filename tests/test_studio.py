@@ -646,8 +646,8 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     seen, shifts = np.arange(0, 40, 2), np.repeat([0, 1, 0, -2, 3], 4)
     order = [ordering._history_words(seen[:count], shifts[:count]) for count in (8, 12, 16, 20)]
     for put in (*order, *map(say, ("rows-reversed-order", "measured-rows-reversed-order"))):
-        assert _german(say("rows-put-right", put)), put
-    trace = Trace(np.zeros((1, 2)), np.zeros((1, 2)))
+        trace = Trace(np.zeros((1, 2)), np.zeros((1, 2)))
+        assert _german(ordering._put_right(trace, put, 1.0).found[0].words), put
     said = ordering.passed_over(replace(trace, blank_rows=3), 7)
     assert [each.kind for each in said if _german(each.words)] == ["rows-repeated", "rows-blank"]
     for period in (96.0, 99.9, 120.9):

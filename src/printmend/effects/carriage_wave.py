@@ -55,7 +55,7 @@ class CarriageWave(Usual):
         return along(where, waves(places.bed_mm[:, where], shape[0], np.ones(1)))
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        return finer_periods(shape[0], round_, scene.bed_span_mm[where])
+        return finer_periods(shape[0], round_)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size_mm = float(np.linalg.norm(found.sizes_mm)) / 2**0.5

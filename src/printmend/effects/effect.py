@@ -311,6 +311,7 @@ def about(value: float, spacing: float, round_: int) -> np.ndarray:
 
 
 CYCLES = 0.25  # by which two neighbouring periods of a grid differ over the whole span
+FINER_SPAN_MM = 200.0  # a usual span, by which finer periods are spaced
 
 
 def periods_mm(shortest_mm: float, longest_mm: float, span_mm: float) -> np.ndarray:
@@ -320,8 +321,8 @@ def periods_mm(shortest_mm: float, longest_mm: float, span_mm: float) -> np.ndar
     return np.asarray(1.0 / np.arange(1.0 / longest_mm, 1.0 / shortest_mm, CYCLES / span_mm))
 
 
-def finer_periods(period_mm: float, round_: int, span_mm: tuple[float, float]) -> Iterator[tuple[float, ...]]:
-    """Yield periods about one of a grid of `periods_mm` over a span."""
-    for rate in about(1.0 / period_mm, CYCLES / (span_mm[1] - span_mm[0]), round_):
+def finer_periods(period_mm: float, round_: int) -> Iterator[tuple[float, ...]]:
+    """Yield periods about one of a grid of `periods_mm`."""
+    for rate in about(1.0 / period_mm, CYCLES / FINER_SPAN_MM, round_):
         if rate > 0:
             yield (float(1.0 / rate),)

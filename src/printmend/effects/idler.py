@@ -54,7 +54,7 @@ class Idler(Usual):
         return np.array(shape)
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        finer = finer_periods(shape[0], round_, scene.motor_span_mm[where])
+        finer = finer_periods(shape[0], round_)
         return (each for each in finer if _is_another(each[0], scene.turns_mm[where]))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:

@@ -37,11 +37,6 @@ def happens_share(event: str) -> float:
     return float(_table()["since"][event])
 
 
-def rows_share(event: str) -> float:
-    """Return how often something befalls a table of measured places, or each place of it: see ``[rows]``."""
-    return float(_table()["rows"][event])
-
-
 def wear_share(name: str) -> float:
     """Return the share of its size by which an effect changes in a month."""
     return float(_table()["since"]["wear"].get(name, 0.0))

@@ -50,7 +50,7 @@ class Rail(Usual):
         return np.concatenate([across, along(where, turn)], axis=2) if scene.corexy else across
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        return finer_periods(shape[0], round_, scene.bed_span_mm[where])
+        return finer_periods(shape[0], round_)
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         if is_first(found, (self.name,), beside):

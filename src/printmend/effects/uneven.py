@@ -12,6 +12,7 @@ from printmend.messages import say
 
 COUNT = 40  # cosines: over 200 mm the shortest is 10 mm long
 LENGTHS_MM = (4.0, 8.0, 16.0, 32.0, 64.0)
+LEAST_POWER = 1e-24  # of a cosine: each has some size, and one of this size is written in no model
 
 
 class Uneven(Usual):
@@ -57,4 +58,4 @@ def spectrum(span_mm: tuple[float, float], length_mm: float, count: int) -> tupl
     low, high = span_mm
     waves_rad = np.pi * np.arange(1, count + 1) / max(high - low, 1.0)
     power = 2 * length_mm * np.sqrt(2 * np.pi) / max(high - low, 1.0) * np.exp(-((waves_rad * length_mm) ** 2) / 2)
-    return tuple(np.sqrt(power))
+    return tuple(np.sqrt(np.maximum(power, LEAST_POWER)))

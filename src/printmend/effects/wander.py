@@ -1,4 +1,4 @@
-"""A drift of unknown cause in time: a random walk, or a smooth process as `uneven` is one of the place."""
+"""A slow drift of unknown cause: a random walk in time."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -8,17 +8,16 @@ import numpy as np
 from printmend.effects.effect import OTHERWISE, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
-from printmend.effects.uneven import LENGTHS_MM, spectrum
 from printmend.effects.words import Found, Told
 from printmend.messages import say
 
-COUNT = 80  # cosines over the print: there and back over a span, the shortest is as long as the place's
+COUNT = 24
 
 WANDERS = partial(say, "measurement-wanders-mm-fix-what-measures")
 
 
 class Wander(Usual):
-    """Cosines over the print with the spectrum of a random walk, or of a smooth process along the way."""
+    """Cosines over the print with the spectrum of a random walk."""
 
     name = "wander"
     of = Of.SESSION
@@ -27,9 +26,8 @@ class Wander(Usual):
     keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        smooth = [spectrum((0.0, scene.way_mm), each, COUNT) for each in LENGTHS_MM]
         for axis in range(2):
-            yield from alternatives(self.name, axis, [()], tuple(1.0 / np.arange(1, COUNT + 1)), *smooth)
+            yield from alternatives(self.name, axis, [()], tuple(1.0 / np.arange(1, COUNT + 1)))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, np.cos(np.pi * np.clip(places.done, 0.0, 1.0)[:, None] * np.arange(1, COUNT + 1)))

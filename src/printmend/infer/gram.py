@@ -9,6 +9,8 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Effect, Of, Places, Scene, Term, columns_of
 
+HIDDEN_MM = 2.0  # of a motor's way that play may hide: the widest of any printer
+
 
 @dataclass(frozen=True, eq=False)
 class Block:
@@ -114,12 +116,12 @@ def seen_blocks(blocks: tuple[Block, ...], places: Places, rows: Rows, scene: Sc
 
 
 def _shows(term: Term, scene: Scene) -> bool:
-    """Tell whether a machine's effect can show: if a motor stood still at an unknown distance from its end stop, only
-    its place does."""
+    """Tell whether a machine's effect can show: play may hide all of a short way, and if nothing ties a motor to its
+    end stop, only its place shows then."""
     effect = EFFECTS[term.effect]
     if scene.homed or effect.of is not Of.MACHINE or term.effect == "place":
         return True
-    moved = [high > low for low, high in scene.motor_span_mm]
+    moved = [high - low > HIDDEN_MM for low, high in scene.motor_span_mm]
     return moved[term.where] if effect.acts is Acts.DRIVE else all(moved)
 
 

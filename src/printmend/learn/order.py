@@ -1,11 +1,11 @@
-"""How is a table to be read? Its rows reversed, shifted or shuffled, or as they came: the likeliest reading stands.
+"""Does each row have its own point? Rows of a table that were reversed, shuffled or shifted, found and put right.
 
-Each reading has prior odds (`effects/priors.toml`). Those that a rough map of the bed makes likely are learned from
-roughly, and held against the rows as they came by what either leaves. How far rows slipped is the likeliest history
-under that map, in which a slip costs its odds (Viterbi 1967).
+A shift shows by the cheapest history of it under a rough map of the bed (dynamic programming over the shift); an order
+by the map under which places and commands agree. A whole table reversed shows by layers that go down. Each is believed
+only where the drives, learned from the rows put right, fit them far better than the rows as they came: play in a fine
+path looks like a shift, too.
 """
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -13,18 +13,15 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.effects import scene_of
-from printmend.effects.effect import FAR_MM, SCALE_MM
-from printmend.effects.prior import rows_share, size_mm
 from printmend.errors import TraceError
 from printmend.infer.first import among
-from printmend.infer.fit import Fit, fitted
-from printmend.infer.search import LEAST_SIGMA_MM
+from printmend.infer.fit import fitted
 from printmend.machine import healthy_mechanism
 from printmend.measure.axes import AXES_TODO, wrong_axes
 from printmend.measure.follows import FARTHEST_MM
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say, together
-from printmend.metrics.robust import log_likelihood, own_share, ridge, scale_of
+from printmend.metrics.robust import ridge, scale_of
 from printmend.metrics.shape import nearest, spacing
 from printmend.model.misfit import NOTE, WARNING, Misfit
 from printmend.path import Trace
@@ -35,10 +32,16 @@ LEAST_SPREAD_MM = 20.0  # spread of the places below which nothing is looked for
 MOST_SHIFT_ROWS = 12  # largest shift that is tried, either way
 MOST_ROWS_FOLLOWED = 3000  # most measured rows whose shifts are followed; of more, every n-th
 MOST_ROWS_MAPPED = 20_000  # measured rows that a rough map looks at
-LEAST_SCALE_MM = 0.05  # smallest standard deviation assumed for the residuals of a rough map
-ROUNDS = 3  # of finding slips, the first under a rough map, the others under the drives learned then
-MAP_ROUNDS = 8  # of mapping places that are in no order
+LEAST_SCALE_MM = 0.05  # smallest standard deviation that is assumed of what a rough map leaves
+MOST_NATS_A_PLACE = 12.0  # one place costs no more, however far it is off: an outlier decides nothing
+CHANGE_NATS = 30.0  # nats for each change of the shift
+MOST_CHANGES = 12  # of the shift in one table: cells slip a few times, a machine's error along a fine path everywhere
+LEAST_NATS_SAVED = 60.0  # nats that a history of shifts must save
+HISTORY_ROUNDS = 3  # rounds of finding shifts: the first under a rough map, the others under the drives learned then
+BETTER_SHARE = 0.5  # rows put right must leave less than this share of what the rows as they came leave
+CLOSE_SHARE = 0.2  # shuffled places are told apart where they are missed by less than this share of their distance
 LEAST_MATCHED_SHARE = 0.98  # share of shuffled rows that must find one place of their own
+GAIN_SD, LEAN_SD = 0.2, 0.05  # prior deviations of a rough map's scales from 1 and leans [rad], as of damaged printers
 # Effects of a machine that is roughly learned: those that most damaged printers have
 ROUGH = (
     "place", "scale", "bend", "pulley", "breathing", "play", "friction", "skew", "aspect", "bent", "origin", "shift",
@@ -54,19 +57,8 @@ class InOrder:
     found: tuple[Misfit, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """A way to read a table: its rows put so, the logarithm of its odds against the rows as they came, its words."""
-
-    trace: Trace
-    log_odds: float
-    kind: str
-    words: str
-    is_certain: bool = True  # which row each place belongs to
-
-
 def passed_over(trace: Trace, copies: int) -> tuple[Misfit, ...]:
-    """Return notes about ``copies`` of a trace's rows and blank ones that were left out."""
+    """Return what is to be said of so many ``copies`` of a trace's rows, and of blank ones, that were left out."""
     found = []
     if copies:
         every = copies + int(trace.measured_rows.sum() + trace.wall_rows.sum())
@@ -79,7 +71,7 @@ def passed_over(trace: Trace, copies: int) -> tuple[Misfit, ...]:
 
 
 def in_order(trace: Trace, printer: Printer) -> InOrder:
-    """Return the trace as it is to be read.
+    """Return the trace with every measured place in its own row, where that is certain.
 
     Raises `TraceError` where the rows are certainly in no order that can be put right, or the axes are not the bed's.
     """
@@ -88,76 +80,28 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
     seen = np.flatnonzero(trace.measured_rows)
     if len(seen) < LEAST_ROWS or not np.isfinite(trace.commanded_mm).all():
         return InOrder(trace)
-    commanded, measured = _seen(trace, seen)
+    commanded, measured = trace.commanded_mm[seen], np.clip(trace.measured_mm[seen], -FARTHEST_MM, FARTHEST_MM)
     if np.ptp(np.quantile(commanded, (0.1, 0.9), axis=0), axis=0).max() < LEAST_SPREAD_MM:
         return InOrder(trace)
+    if _goes_backwards(trace, printer):
+        again = _turned_round(trace, printer)
+        if learned_roughly(again, printer).left_mm < BETTER_SHARE * (
+            left_mm := learned_roughly(trace, printer).left_mm
+        ):
+            return _put_right(again, say("rows-reversed-order"), left_mm, kind="rows-reversed")
     plain = _map(commanded, measured)
-    size_mm, places_mm = _missed_mm(plain, commanded, measured), _mapped(plain, trace.commanded_mm)
-    best, gain, came = None, 0.0, None
-    for _ in range(ROUNDS):
-        newer = None
-        for reading in _readings(trace, seen, places_mm, printer, is_first=came is None):
-            came = came or roughly(trace, printer)
-            fit = roughly(reading.trace, printer)
-            nats = likelier_nats(fit, reading.trace, came, trace) + reading.log_odds
-            if nats > (gain if best is None or best.is_certain else 0.0):
-                best, gain, newer = reading, nats, fit
-        if newer is None:
-            break
-        places_mm = newer.places_mm()
-    if best is None:
+    plain_mm = _missed_mm(plain, commanded, measured)
+    backwards = _map(commanded, measured[::-1])
+    if _missed_mm(backwards, commanded, measured[::-1]) < BETTER_SHARE * plain_mm:
+        again = _with(trace, seen, measured[::-1])
+        if learned_roughly(again, printer).left_mm < BETTER_SHARE * learned_roughly(trace, printer).left_mm:
+            return _put_right(again, say("measured-rows-reversed-order"), plain_mm, kind="rows-reversed")
+    shifted = _shifted(trace, seen, printer, _mapped(plain, trace.commanded_mm))
+    if shifted is not None:
+        return _put_right(*shifted, plain_mm)
+    if plain_mm < LEAST_SPREAD_MM / 4 or len(seen) > MOST_ROWS_MAPPED:
         return InOrder(trace)
-    if not best.is_certain:
-        raise TraceError(
-            say("trace"), wanted=say("each-measured-point-row-own-command"),
-            came=say("same-points-another-order"),
-            todo=say("measure-again-order-rows-let-printmend"),
-        )  # fmt: skip
-    return InOrder(best.trace, (Misfit(best.kind, WARNING, size_mm, gain, say("rows-put-right", best.words)),))
-
-
-def roughly(trace: Trace, printer: Printer) -> Fit:
-    """Return the main parts of the drives from some rows; the trace's home is still unknown."""
-    scene = scene_of(replace(trace, homed=False), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
-    with threadpool_limits(1, user_api="blas"):
-        return fitted(trace, scene, healthy_mechanism(printer), kept=among(ROUGH), quick=True)
-
-
-def likelier_nats(rival: Fit, of: Trace, than: Fit, came: Trace) -> float:
-    """Return by how much a rival, a fit ``of`` a trace, is likelier than a fit of the trace as it ``came``.
-
-    Where what the rival leaves is alike from mark to mark, so many of them tell the same.
-    """
-    theirs_mm, ours_mm = rival.left_by_mark_mm(of), than.left_by_mark_mm(came)
-    known, other = (np.isfinite(each).all(axis=1) for each in (theirs_mm, ours_mm))
-    if of is came:
-        known = other = known & other
-    theirs_mm, ours_mm = theirs_mm[known].ravel("F"), ours_mm[other].ravel("F")
-    count = ours_mm.size * own_share(theirs_mm, scale_of(theirs_mm, LEAST_SIGMA_MM))
-    their, our = (log_likelihood(each, LEAST_SIGMA_MM) / each.size for each in (theirs_mm, ours_mm))
-    return count * (their - our) + _of_set(rival) - _of_set(than)
-
-
-def _of_set(fit: Fit) -> float:
-    """Return the logarithm of the odds of a fit's effects, less what their freedom costs."""
-    gram, state = fit.search.gram, fit.state
-    left = gram.square - gram.slope[state.columns] @ state.mean_mm
-    return state.score + 0.5 * (gram.count * math.log(state.sigma_mm**2) + float(left) / state.sigma_mm**2)
-
-
-def _readings(
-    trace: Trace, seen: np.ndarray, places_mm: np.ndarray, printer: Printer, *, is_first: bool
-) -> Iterator[Reading]:
-    """Yield how else a table may be read, where its places [N, 2] are about known."""
-    reversed_ = math.log(rows_share("reversed"))
-    if is_first and _goes_backwards(trace, printer):
-        yield Reading(_turned_round(trace, printer), reversed_, "rows-reversed", say("rows-reversed-order"))
-    commanded, measured = _seen(trace, seen)
-    if is_first and reversed_ + _best_nats(commanded, measured[::-1]) > _best_nats(commanded, measured):
-        words = say("measured-rows-reversed-order")
-        yield Reading(_with(trace, seen, trace.measured_mm[seen[::-1]]), reversed_, "rows-reversed", words)
-    yield from _slipped(trace, seen, places_mm)
-    yield from _unshuffled(trace, seen, None if is_first else places_mm[seen])
+    return _unshuffled(trace, seen, plain_mm)
 
 
 def _goes_backwards(trace: Trace, printer: Printer) -> bool:
@@ -179,16 +123,16 @@ def _turned_round(trace: Trace, printer: Printer) -> Trace:
     return replace(trace, homed=bool(at_home), **rows)
 
 
+def _put_right(trace: Trace, words: str, size_mm: float, *, kind: str = "rows-shifted") -> InOrder:
+    found = Misfit(kind, WARNING, size_mm, LEAST_NATS_SAVED, say("rows-put-right", words))
+    return InOrder(trace, (found,))
+
+
 def _with(trace: Trace, rows: np.ndarray, measured_mm: np.ndarray) -> Trace:
     """Return the trace with these places [M, 2] in these rows [M] and no others."""
     moved = np.full(trace.measured_mm.shape, np.nan)
     moved[rows] = measured_mm
     return replace(trace, measured_mm=moved)
-
-
-def _seen(trace: Trace, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where some rows were commanded and measured [M, 2], a wild cell no farther than it can be."""
-    return trace.commanded_mm[rows], np.clip(trace.measured_mm[rows], -FARTHEST_MM, FARTHEST_MM)
 
 
 def _map(commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
@@ -199,10 +143,9 @@ def _map(commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
     columns = np.column_stack([np.ones(len(commanded)), commanded - middle])
     shift, fit = np.median(measured - commanded, axis=0), np.zeros((3, 2))
     for axis in range(2):
-        slopes = np.where(np.arange(2) == axis, size_mm("scale"), size_mm("skew")) / SCALE_MM
+        sds = np.array([FARTHEST_MM, *np.where(np.arange(2) == axis, GAIN_SD, LEAN_SD)])
         off = measured[:, axis] - commanded[:, axis] - shift[axis]
         first_mm = scale_of(off, LEAST_SCALE_MM)
-        sds = np.array([FARTHEST_MM, *slopes])
         fit[:, axis], _, _ = ridge(columns, off, sds, first_mm=first_mm, least_mm=LEAST_SCALE_MM)
         fit[[0, 1 + axis], axis] += shift[axis] + middle[axis], 1.0
     return np.vstack([fit[0] - middle @ fit[1:], fit[1:]])
@@ -217,27 +160,37 @@ def _missed_mm(fit: np.ndarray, commanded: np.ndarray, measured: np.ndarray) -> 
     return float(np.median(np.hypot(*(measured - _mapped(fit, commanded)).T)))
 
 
-def _best_nats(commanded: np.ndarray, measured: np.ndarray) -> float:
-    """Return the log likelihood of places under the map that fits them."""
-    return _nats_of(measured - _mapped(_map(commanded, measured), commanded))
+def _shifted(trace: Trace, seen: np.ndarray, printer: Printer, places_mm: np.ndarray) -> tuple[Trace, str] | None:
+    """Return the trace with shifts of its rows undone, and what they were; None without any.
 
-
-def _nats_of(left_mm: np.ndarray) -> float:
-    """Return the log likelihood of what a map leaves [M, 2]."""
-    return sum(log_likelihood(axis, LEAST_SCALE_MM) for axis in left_mm.T)
-
-
-def _slipped(trace: Trace, seen: np.ndarray, places_mm: np.ndarray) -> Iterator[Reading]:
-    """Yield what the trace would be without the likeliest history of slips, and without its commonest shift.
-
-    Cells move by rows of the table, or by measured places where others are empty.
+    ``places_mm`` [N, 2] is where a rough map has every row; later rounds ask the drives that were learned from the
+    rows put right. Cells move by rows of the table, or by measured places where others are empty.
     """
+    best: tuple[Trace, str] | None = None
+    least_mm = np.inf
+    for _ in range(HISTORY_ROUNDS):
+        learned = None
+        for again, words in _undone(trace, seen, places_mm):
+            one = learned_roughly(again, printer)
+            if not np.isfinite(least_mm):
+                least_mm = BETTER_SHARE * learned_roughly(trace, printer).left_mm
+            if one.left_mm < least_mm:
+                best, least_mm, learned = (again, words), one.left_mm, one
+        if learned is None:
+            break
+        places_mm = learned.places_mm
+    return best
+
+
+def _undone(trace: Trace, seen: np.ndarray, places_mm: np.ndarray) -> Iterator[tuple[Trace, str]]:
+    """Yield what the trace would be without the likeliest history of shifts, and without its commonest shift."""
     found = []
     everywhere = np.arange(len(trace))
     for places in (everywhere, seen) if len(seen) < len(trace) else (everywhere,):
         at = np.searchsorted(places, seen)  # the number of each measured row among the places
-        history, saved = _history(places_mm[places], at, _seen(trace, seen)[1])
-        if saved > 0 and history.any():
+        measured = np.clip(trace.measured_mm[seen], -FARTHEST_MM, FARTHEST_MM)
+        history, saved = _history(places_mm[places], at, measured)
+        if saved > LEAST_NATS_SAVED and history.any() and np.count_nonzero(np.diff(history)) <= MOST_CHANGES:
             found.append((saved, places, at, history))
     if not found:
         return
@@ -246,18 +199,11 @@ def _slipped(trace: Trace, seen: np.ndarray, places_mm: np.ndarray) -> Iterator[
     for shifts in (history, commonest) if (commonest != history).any() and commonest.any() else (history,):
         to = at - shifts
         kept = (to >= 0) & (to < len(places)) & (np.diff(to, prepend=-1) > 0)
-        log_odds = -_slip_nats(len(seen)) * np.count_nonzero(np.diff(shifts, prepend=0))
-        again = _with(trace, places[to[kept]], trace.measured_mm[seen[kept]])
-        yield Reading(again, log_odds, "rows-shifted", _history_words(seen, shifts))
-
-
-def _slip_nats(rows: int) -> float:
-    """Return what a slip costs: it may come at any row, and be of any size."""
-    return -math.log(rows_share("slips") / (2 * MOST_SHIFT_ROWS * rows))
+        yield _with(trace, places[to[kept]], trace.measured_mm[seen[kept]]), _history_words(seen, shifts)
 
 
 def _history(places_mm: np.ndarray, at: np.ndarray, measured: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return by how many places each measured row is shifted [M], and by how many nats that is likelier than none.
+    """Return by how many places each measured row is shifted [M], and by how many nats that is cheaper than not at all.
 
     ``places_mm`` [P, 2] is where a rough map has every place, ``at`` [M] the place whose row a measurement is in.
     """
@@ -267,17 +213,17 @@ def _history(places_mm: np.ndarray, at: np.ndarray, measured: np.ndarray) -> tup
     to = np.clip(at[looked, None] - shifts, 0, len(places_mm) - 1)
     away = np.square(measured[looked, None] - places_mm[to]).sum(axis=2)
     # the scale is that of the best shift at each row: what a shift cannot explain is the machine's
-    scale2 = max(float(np.median(away.min(axis=1))), LEAST_SCALE_MM**2)
-    lost = rows_share("lost")  # and lies anywhere
-    cost = -np.log((1 - lost) * np.exp(-away / (2 * scale2)) + lost * 2 * np.pi * scale2 / (2 * FAR_MM) ** 2)
-    slip = _slip_nats(len(looked))
+    scale2 = max(
+        float(np.median(away.min(axis=1))), float(np.median(away[:, MOST_SHIFT_ROWS])) / 100.0, LEAST_SCALE_MM**2
+    )
+    cost = np.minimum(away / (2 * scale2), MOST_NATS_A_PLACE)
+    total, back = cost[0].copy(), np.zeros(cost.shape, np.int64)
     stay = np.arange(len(shifts))
-    total, back = cost[0] + slip * (shifts != 0), np.zeros(cost.shape, np.int64)
     for row in range(1, len(cost)):
         cheapest = int(np.argmin(total))
-        changed = total[cheapest] + slip < total
+        changed = total[cheapest] + CHANGE_NATS < total
         back[row] = np.where(changed, cheapest, stay)
-        total = np.where(changed, total[cheapest] + slip, total) + cost[row]
+        total = np.where(changed, total[cheapest] + CHANGE_NATS, total) + cost[row]
     state = int(np.argmin(total))
     saved = float(cost[:, MOST_SHIFT_ROWS].sum() - total[state])
     states = np.empty(len(cost), np.int64)
@@ -298,34 +244,50 @@ def _history_words(seen: np.ndarray, history: np.ndarray) -> str:
     return say("measured-cells-stood", together(", ", [*parts, *(["…"] if len(starts) > 3 else [])]))
 
 
-def _unshuffled(trace: Trace, seen: np.ndarray, expected: np.ndarray | None) -> Iterator[Reading]:
-    """Yield the trace with shuffled places put back, where the rows ``expected`` them [M, 2], or where a map does."""
-    commanded, measured = _seen(trace, seen)
-    log_odds = math.log(rows_share("shuffled")) - math.lgamma(len(seen) + 1)  # any order is as likely as another
-    came, least = _best_nats(commanded, measured), -measured.size * math.log(LEAST_SCALE_MM)  # no map leaves less
-    if len(seen) > MOST_ROWS_MAPPED or least + log_odds < came:
-        return
-    expected = _matched(trace, commanded, measured) if expected is None else expected
-    away_mm, to = nearest(expected, measured)
-    single = np.bincount(to, minlength=len(seen))[to] == 1
-    left_mm = measured - expected[to]
-    if single.sum() < LEAST_ROWS or _nats_of(left_mm) + log_odds < came:
-        return  # no order of these rows makes them a measurement of this print
-    next_mm = np.maximum(spacing(expected)[to] - away_mm, 0.0)  # another row is no nearer
-    others = np.exp((away_mm**2 - next_mm**2) / (2 * scale_of(left_mm, LEAST_SCALE_MM) ** 2))  # … and has these odds
-    sure = single / (1 + others)
-    words = say("measured-rows-shuffled-certain", int(single.sum()), len(seen))
-    again = _with(trace, seen[to[single]], trace.measured_mm[seen[single]])
-    log_odds += float(np.log(sure[single]).sum())
-    yield Reading(again, log_odds, "rows-shuffled", words, is_certain=bool(sure.mean() > LEAST_MATCHED_SHARE))
+@dataclass(frozen=True, eq=False)
+class RoughlyLearned:
+    """Roughly learned drives: the mean distance that they leave, ``left_mm``, where they print every row [N, 2], and
+    each one's play [2]."""
+
+    left_mm: float
+    places_mm: np.ndarray
+    play_mm: np.ndarray
 
 
-def _matched(trace: Trace, commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """Return where the map has commands [M, 2] under which they and places in no order agree."""
+def learned_roughly(trace: Trace, printer: Printer) -> RoughlyLearned:
+    """Return the drives' main parts alone, as some rows show them; whose home the trace begins at nobody knows yet."""
+    scene = scene_of(replace(trace, homed=False), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    with threadpool_limits(1, user_api="blas"):
+        fit = fitted(trace, scene, healthy_mechanism(printer), kept=among(ROUGH), quick=True)
+        left_mm = fit.left_by_mark_mm(trace)
+    play_mm = [sum(part.sizes_mm[0] for part in fit.parts() if (part.effect, part.where) == ("play", motor))
+               for motor in range(2)]  # fmt: skip
+    return RoughlyLearned(float(np.nanmean(np.abs(left_mm)) * 2), fit.places_mm(), np.array(play_mm, float))
+
+
+def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:
+    """Return the trace with shuffled places put back, where each has but one row that it can belong to."""
+    commanded, measured = trace.commanded_mm[seen], trace.measured_mm[seen]
     fit = np.vstack([np.zeros(2), np.eye(2)])
     if not trace.placed:
         fit[0] = np.median(measured, axis=0) - np.median(commanded, axis=0)
-    for _ in range(MAP_ROUNDS):
-        _, to = nearest(_mapped(fit, commanded), measured)
-        fit = _map(commanded[to], measured)
-    return _mapped(fit, commanded)
+    for _ in range(8):
+        away, to = nearest(_mapped(fit, commanded), measured)
+        near = away <= np.quantile(away, 0.8)
+        fit = _map(commanded[to[near]], measured[near])
+    expected = _mapped(fit, commanded)
+    apart = float(np.median(spacing(expected)))
+    away, to = nearest(expected, measured)
+    if np.median(away) > min(plain_mm * BETTER_SHARE, LEAST_SPREAD_MM / 4):
+        return InOrder(trace)  # no order of these rows makes them a measurement of this print
+    counts = np.bincount(to, minlength=len(seen))
+    single = counts[to] == 1
+    if np.quantile(away, LEAST_MATCHED_SHARE) > CLOSE_SHARE * apart or single.mean() < LEAST_MATCHED_SHARE:
+        raise TraceError(
+            say("trace"), wanted=say("each-measured-point-row-own-command"),
+            came=say("same-points-another-order"),
+            todo=say("measure-again-order-rows-let-printmend"),
+        )  # fmt: skip
+    again = _with(trace, seen[to[single]], measured[single])
+    words = say("measured-rows-shuffled-certain", int(single.sum()), len(seen))
+    return _put_right(again, words, plain_mm, kind="rows-shuffled")

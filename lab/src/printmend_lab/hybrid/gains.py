@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from printmend.infer.scatter import independent_share
 from printmend.machine import GainMechanism
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 from printmend_lab.greybox.drive.fit import robust_sigma_mm
-from printmend_lab.greybox.drive.independent import independent_share
 
 HARMONICS_TRIED = (5, 16, 50)  # numbers of harmonics; the published corruptions have few
 LENGTHS_TRIED_MM = (0.0, 40.0, 10.0)  # lengths of the smooth part; 0 is none

@@ -9,10 +9,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from printmend.infer.scatter import independent_share
 from printmend.path import frozen
 from printmend.units import SIGMA_PER_MEDIAN
 from printmend_lab.greybox.drive.design import Contacts, Design, Normal, Rows, contacts, normal_equations
-from printmend_lab.greybox.drive.independent import independent_share
 from printmend_lab.greybox.drive.kernels import evidence, triangular
 
 LEAST_SIGMA_MM = 2e-4  # smallest σ that is believed: tables and G-code are written no finer

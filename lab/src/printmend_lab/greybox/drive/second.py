@@ -12,10 +12,10 @@ from functools import partial
 
 import numpy as np
 
+from printmend.infer.scatter import independent_share
 from printmend.units import TURN_RAD
 from printmend_lab.greybox.drive.design import Rows, cross_columns
 from printmend_lab.greybox.drive.fit import robust_sigma_mm
-from printmend_lab.greybox.drive.independent import independent_share
 from printmend_lab.greybox.drive.period import sharpened
 from printmend_lab.greybox.drive.select import PART_NATS, Choice, fitted, likelier
 

@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from printmend.infer.scatter import independent_share
 from printmend.model import SCALE_MM
 from printmend_lab.greybox.drive.design import Rows
 from printmend_lab.greybox.drive.fit import robust_sigma_mm
-from printmend_lab.greybox.drive.independent import independent_share
 from printmend_lab.greybox.drive.period import (
     AS_GOOD_NATS,
     LEAST_NATS,
