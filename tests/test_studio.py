@@ -289,7 +289,7 @@ def test_a_job_names_files_as_they_were_sent(tmp_path: Path) -> None:
     (uploads / "b").write_text("other")
     params: dict[str, Any] = {"printer": "p", "upload": "a", "name": "empty.gcode"}
     refused = work.run("mend", str(tmp_path / "job"), str(tmp_path), params)["refused"]
-    assert refused.startswith("empty.gcode: expected a print")
+    assert refused.startswith("empty.gcode: this file prints nothing")
     named = [{"upload": "a", "name": "s.png"}, {"upload": "a", "name": "s.png"}, {"upload": "b", "name": "1-s.png"}]
     found = work._scans(work.Job(tmp_path / "job", tmp_path, {"scans": named}))
     assert [path.read_text() == "other" for path in found] == [False, False, True]
@@ -638,7 +638,8 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
             assert _german(text), text
     _check_effects()
     gone = SimpleNamespace(printed_low_mm=(5.0, 9.0), printed_high_mm=(210.0, 12.0))
-    unseen = {"kind": "unseen", "severity": "note", "words": "only X from 20 to 90 mm of 0 to 220 was measured"}
+    words = say("only-part-measured", say("axis-from-to-of", "X", "20", "90", "0", "220"))
+    unseen = {"kind": "unseen", "severity": "note", "words": words}
     section = {"seen_mm": [[20.0, 10.0], [90.0, 12.0]]}
     few = SimpleNamespace(document={"trace": section, "misfit": {"found": [unseen]}})
     (beyond,) = _beyond_seen(few, gone)  # type: ignore[arg-type]
