@@ -63,8 +63,9 @@ class Scene:
 
     ``turns_mm`` are the lengths of both motors' turns. ``motor_span_mm`` [2][2] and ``bed_span_mm`` [2][2] are the
     lowest and highest measured position of each motor and bed axis; ``way_mm`` is the length of the print. ``homed``:
-    it began at the end stops, where the machine has no error; ``home_play_mm`` is the play of each belt there.
-    ``homed_again_mm`` are observed shifts between two homings along one axis, each with its standard deviation.
+    it began at the end stops, where the machine has no error; ``home_sd_mm`` is the standard deviation of each belt's
+    place there. ``homed_again_mm`` are observed shifts between two homings along one axis, each with its standard
+    deviation.
     ``layers`` are the lowest and the highest layer [mm] and how many were measured, empty for fewer than `FEW_LAYERS`.
     ``shrinkage_sd`` is the uncertainty of the measured part's shrinkage, as a share; None where nothing can shrink.
     """
@@ -76,7 +77,7 @@ class Scene:
     way_mm: float
     placed: bool = True
     homed: bool = False
-    home_play_mm: tuple[float, float] = (0.0, 0.0)
+    home_sd_mm: tuple[float, float] = (FAR_MM, FAR_MM)
     instrument: Instrument = field(default_factory=Instrument)
     walls: bool = False
     homed_again_mm: tuple[tuple[float, float], ...] = ()

@@ -1,17 +1,14 @@
 """A belt that sits elsewhere: the end stop moved, or the belt rests within its play."""
 
-import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import FAR_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.keys import Numbers
-from printmend.effects.prior import alternatives, share_of
+from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name
 from printmend.messages import say
-
-HOME_SD_MM = 0.1  # of an end stop's place: switches scatter by as much
 
 
 class Place(Usual):
@@ -27,11 +24,7 @@ class Place(Usual):
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.placed:  # a measurement without a place has an origin of its own
             for motor in range(2):
-                yield from alternatives(self.name, motor, [()], (HOME_SD_MM if scene.homed else FAR_MM,))
-                if scene.homed and scene.home_play_mm[motor] > 0:  # the root of the mean square of a place within it
-                    at_rest = share_of("at_rest")
-                    sd_mm = scene.home_play_mm[motor] / math.sqrt(3)
-                    yield Term(self.name, motor, (), (sd_mm,), math.log(at_rest / (1 - at_rest)))
+                yield from alternatives(self.name, motor, [()], (scene.home_sd_mm[motor],))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, np.ones((len(places), 1)))

@@ -37,6 +37,7 @@ SETTLED_MM = 0.02  # belts that move less from pass to pass change the columns t
 WEIGHINGS = 2  # of rows in each pass
 NEWS, LEAST_NEWS, MOST_NEWS = 0.25, 0.08, 0.99  # share of a wall's place that is news: at first, least, and most
 FEWEST_READ = 4  # with fewer marks a coordinate may look as if it had never been measured
+HOME_SD_MM = 0.1  # of an end stop's place: switches scatter by as much
 BEGUN_WITH = ("place", "scale")  # a search from nothing may explain a pulley's size by a skewed frame, bit by bit
 MOST_LOST_SHARE = 0.5  # of the numbers of one pass that the next must still see
 WORSE = 1.02  # factor by which a pass may leave more than the one before
@@ -105,7 +106,7 @@ def fitted(
     mechanism, whole, turned_rad = first, trace, 0.0
     fit: Fit | None = None
     if scene.homed:
-        scene = replace(scene, home_play_mm=home_play_of(first))
+        scene = replace(scene, home_sd_mm=home_sd_of(first, scene))
     blocks = blocks_of(scene, kept)
     for _ in range(PASSES):
         trace = turned_back(whole, turned_rad, scene)
@@ -173,11 +174,11 @@ def turned(places_mm: np.ndarray, by_rad: float, scene: Scene) -> np.ndarray:
     return (places_mm - scene.middle_mm) @ np.array([[cos, sin], [-sin, cos]]) + scene.middle_mm
 
 
-def home_play_of(mechanism: Mechanism) -> tuple[float, float]:
-    """Return the play of each belt at the end stops [2]."""
-    home = mechanism.printer.to_motor(np.array(mechanism.printer.home_mm))
+def home_sd_of(mechanism: Mechanism, scene: Scene) -> tuple[float, float]:
+    """Return how far each belt may rest from where the end stops would have it [2]."""
+    home = scene.printer.to_motor(np.array(scene.printer.home_mm))
     branches = [table.branches_mm(home[[motor]]) for motor, table in enumerate(mechanism.transmissions)]
-    first, second = (float(upper[0] - lower[0]) for lower, upper in branches)
+    first, second = (math.hypot(HOME_SD_MM, float(upper[0] - lower[0]) / 2) for lower, upper in branches)
     return first, second
 
 

@@ -19,7 +19,7 @@ from printmend.effects.prior import happens_share
 from printmend.infer.fit import (
     FINER_ROUNDS,
     Fit,
-    home_play_of,
+    home_sd_of,
     looked,
     turned_back,
     weighed,
@@ -116,7 +116,7 @@ def renewed(
     old one with changes.
     """
     if scene.homed:
-        scene = replace(scene, home_play_mm=home_play_of(mechanism))
+        scene = replace(scene, home_sd_mm=home_sd_of(mechanism, scene))
     own = [each for each in parts if EFFECTS[each.effect].of is Of.MACHINE and each.chance >= LEAST_CHANCE]
     before = tuple(rebased(each, scene) for each in own)
     # machines of a homing of their own are drawn by a generator of their own: other figures stay as they are

@@ -14,7 +14,6 @@ from threadpoolctl import threadpool_limits
 
 from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import LONG_MOVE_MM
-from printmend.effects.prior import share_of
 from printmend.infer.part import DRAWS, Part
 from printmend.machine import Mechanism, Transmission
 from printmend.path import Motion
@@ -36,6 +35,7 @@ CELL_MM = 2.0
 LINEAR = ("scale", "skew", "aspect")  # effects that a scanner's own stretch looks like
 LASTING = ("scatter", "motion")  # local causes whose errors are alike at neighbouring places, as rounding is not
 NO_ERROR_MM2 = 1e-12  # mean square below which a path shows no error
+LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere within its play
 STANDS_SHARE = 1e-3  # of a move's length that a motor may go and yet stands still: rounded coordinates move it
 # Normal values, and the logarithm of minus the logarithm of the chance that one is not larger.
 _NORMAL = np.linspace(8.0, -6.0, 1401)
@@ -274,7 +274,7 @@ def _across(mechanism: Mechanism, path: PathPlaces) -> np.ndarray:
 def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) -> DrawnCause:
     """Return the errors across the path of N places and `DRAWS` machines that homing leaves.
 
-    Where the measurement does not show where a belt rested in its play at home, some of the drawn machines have it
+    Where the measurement does not show where a belt rested in its play at home, half of the drawn machines have it
     engaged, and the others anywhere in its play.
     """
     printer = mechanism.printer
@@ -282,7 +282,7 @@ def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) ->
     shift = np.zeros((2, DRAWS))
     for motor, table in enumerate(mechanism.transmissions):
         lower, upper = (float(each[0]) for each in table.branches_mm(at_home[[motor]]))
-        resting = rng.uniform(0, 1, DRAWS) * (rng.uniform(0, 1, DRAWS) < share_of("at_rest"))
+        resting = rng.uniform(0, 1, DRAWS) * (rng.uniform(0, 1, DRAWS) < LOOSE_AT_HOME_SHARE)
         shift[motor] = -printer.motor_home_direction(motor) * max(upper - lower, 0.0) * resting
     return DrawnCause(_across(mechanism, path), shift)
 
