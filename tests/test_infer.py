@@ -15,6 +15,7 @@ from printmend.effects.idler import OWN_SHARE
 from printmend.effects.prior import share_of
 from printmend.effects.sample import drawn_places, drawn_sizes
 from printmend.effects.sized import Sized, frame_of
+from printmend.effects.words import Found
 from printmend.infer.fit import HOME_SD_MM, fitted, weighed
 from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, gram_of, seen
 from printmend.infer.machine import machine_of
