@@ -187,7 +187,7 @@ class Effect(Protocol):
         ...
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        """Yield the terms that a machine may have, each with its prior."""
+        """Yield the terms that a machine may have, each with its prior: the same ones for equal scenes."""
         ...
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
