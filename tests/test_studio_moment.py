@@ -107,13 +107,23 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "studio"
 
 
-def _ended(store: Store, kind: str, params: dict, size: int) -> str:
-    """Note a job that has ended, with a file of that size."""
+def _ended(store: Store, kind: str, params: dict, size: int, *pictures: str) -> str:
+    """Note a job that has ended, with a file of that size; it offers the file and ``pictures``."""
     key = store.add_job(kind, None, params)
     (store.path("job", key)).mkdir()
     (store.path("job", key) / "made.bin").write_bytes(bytes(size))
-    store.end_job(key, "done", result={"files": ["made.bin"]})
+    for name in pictures:
+        (store.path("job", key) / name).write_text("picture")
+    store.end_job(key, "done", result={"files": ["made.bin", *pictures]})
     return key
+
+
+def _failed(store: Store) -> None:
+    """Note a job that failed after it drew a picture, which it does not offer."""
+    key = store.add_job("measure", None, {})
+    (store.path("job", key)).mkdir()
+    (store.path("job", key) / THUMB).write_text("picture")
+    store.end_job(key, "failed", error="no marks")
 
 
 def test_a_photo_is_shown_small_and_upright_and_no_other_file(tmp_path: Path) -> None:
@@ -137,8 +147,8 @@ def test_what_is_freed_is_gone_and_all_else_stays(folder: Path) -> None:
     for key, size in ((given, 700), (spare, 300)):
         store.path("upload", key).write_bytes(bytes(size))
         store.add_upload(key, "a.gcode", size)
-    mended = _ended(store, "mend", {"upload": given}, 4993)
-    (store.path("job", mended) / THUMB).write_text("picture")
+    mended = _ended(store, "mend", {"upload": given}, 4993, THUMB)
+    _failed(store)
     played, learned = _ended(store, "play", {}, 2000), _ended(store, "learn", {}, 1000)
     store.close()
     with TestClient(create_app(folder, workers=1), base_url=HERE) as client:
@@ -147,9 +157,11 @@ def test_what_is_freed_is_gone_and_all_else_stays(folder: Path) -> None:
             found = client.get("/api/storage").json()
             return {one["part"]: (one["count"], one["bytes"]) for one in found["parts"]}
 
-        assert kept() == {"mended": (1, 5000), "play": (1, 2000), "measured": (0, 0), "unused": (1, 300)}
+        assert kept() == {"mended": (1, 5000), "play": (1, 2000), "measured": (1, 7), "unused": (1, 300)}
         shown = {one["part"]: one["shown"] for one in client.get("/api/storage").json()["parts"]}
         assert shown == {"mended": [f"/api/jobs/{mended}/files/{THUMB}"], "play": [], "measured": [], "unused": []}
+        assert client.get(shown["mended"][0]).text == "picture"
+        assert client.delete("/api/storage/measured").status_code == 200
         assert client.delete("/api/storage/mended").status_code == 200
         assert kept() == {"mended": (0, 0), "play": (1, 2000), "measured": (0, 0), "unused": (1, 300)}
         assert [path.name for path in (folder / "uploads").iterdir()] == [spare]  # the mended file's own went with it

@@ -106,7 +106,7 @@ class Watched:
         self.page, self.problems, self.foreign = page, [], []
         page.set_default_timeout(300_000)  # as long as a busy machine may take
         page.on("pageerror", lambda error: self.problems.append(str(error)))
-        page.on("console", lambda said: said.type == "error" and self.problems.append(said.text))
+        page.on("console", lambda said: said.type == "error" and self.problems.append(f"{said.text} {said.location}"))
         page.on("request", lambda request: self._request(request.url, address))
 
     def _request(self, url: str, address: str) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, get_args
 from fastapi import APIRouter
 from fastapi import Path as Where
 
-from printmend.studio.api import PROBLEMS, Here
+from printmend.studio.api import PROBLEMS, Here, card
 from printmend.studio.jobs import StudioState
 from printmend.studio.shapes import Storage, StoragePart
 from printmend.studio.store import DONE, NotThereError, bytes_in
@@ -37,7 +37,11 @@ def storage(here: Here) -> Storage:
         part.count += 1
         part.bytes += bytes_in(path)
         if len(part.shown) < _MOST_SHOWN and (picture := next((p for p in _PICTURES if (path / p).is_file()), None)):
-            part.shown.append(f"/api/jobs/{path.name}/files/{picture}")
+            with contextlib.suppress(
+                NotThereError
+            ):  # a job that failed offers no picture; one may be removed meanwhile
+                if picture in card(here, path.name).files:
+                    part.shown.append(f"/api/jobs/{path.name}/files/{picture}")
     parts = list(found.values())
     kept = bytes_in(here.store.folder) - sum(part.bytes for part in parts)
     free = shutil.disk_usage(here.store.folder).free
