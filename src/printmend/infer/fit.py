@@ -258,7 +258,9 @@ def _searched(
     state: State | None = None
     begun = [members] if last is None else []
     gram = gram_of(dictionary.columns, rows, weight)
-    for _ in range(WEIGHINGS):
+    for weighing in range(WEIGHINGS):
+        if weighing:
+            gram = reweighed(search.gram, dictionary.columns, rows, weight * rows.share - before)
         search = Search(dictionary, gram)
         # From the beginning, too: what came in beside a shape that was too coarse need not come beside a finer one.
         starts = dict.fromkeys([members, *begun])
@@ -267,7 +269,6 @@ def _searched(
         dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
         left_mm, before = left_of(rows, dictionary, state), weight * rows.share
         weight, rows = weighed(rows, left_mm), shared(rows, left_mm)
-        gram = reweighed(search.gram, dictionary.columns, rows, weight * rows.share - before)
     assert state is not None
     mechanism, _ = machine_of(scene, sized(dictionary, state.members, state.mean_mm))
     return Fit(scene, places, rows, contacts, search, state, mechanism)
