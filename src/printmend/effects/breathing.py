@@ -9,7 +9,7 @@ from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Waves
 from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives, turning_share
-from printmend.effects.pulley import harmonic_faults, is_loose
+from printmend.effects.pulley import first, harmonic_faults, is_loose
 from printmend.effects.words import Fault, Found, amount, motor_name, those_of
 from printmend.messages import say
 
@@ -37,7 +37,7 @@ class Breathing(Usual):
             yield from alternatives(self.name, motor, [()], profile, share=turning_share(self.name, scene, motor))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        turn = waves(places.motor_mm[:, where], scene.turns_mm[where], HARMONICS)
+        turn = waves(places.motor_mm[:, where], scene.turns_mm[where], first(HARMONICS, shape))
         return onto_bed(scene, where, 0.5 * places.side[:, [where]] * turn)
 
     def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:

@@ -211,9 +211,14 @@ class Usual:
 
 
 def waves(place_mm: np.ndarray, period_mm: float, harmonics: np.ndarray) -> np.ndarray:
-    """Return cos kφ and sin kφ [N, 2K] of places, φ a turn each ``period_mm``: first all cosines, then all sines."""
-    angle = np.outer(place_mm, np.asarray(harmonics, float)) * (2 * np.pi / period_mm)
-    return np.hstack([np.cos(angle), np.sin(angle)])
+    """Return cos kφ and sin kφ [N, 2K] of places, φ a turn each ``period_mm``: first all cosines, then all sines.
+
+    They are the powers of cos φ + i sin φ (de Moivre); ``harmonics`` [K] are whole numbers from 1 on.
+    """
+    orders = np.asarray(harmonics, np.intp)
+    once = np.exp(2j * np.pi / period_mm * np.asarray(place_mm))
+    powers = np.multiply.accumulate(np.broadcast_to(once[:, None], (len(once), orders.max())), axis=1)[:, orders - 1]
+    return np.hstack([powers.real, powers.imag])
 
 
 def onto_bed(scene: Scene, motor: int, belt_mm: np.ndarray) -> np.ndarray:

@@ -29,7 +29,8 @@ _SHAPES = {1: "shape-eccentric", 2: "shape-oval", 3: "shape-three-cornered", 4: 
 
 
 class Pulley(Usual):
-    """A Fourier series of one motor's turn."""
+    """A Fourier series of one motor's turn; its shape is how many harmonics it has, of those that nothing is said of
+    all."""
 
     name = "pulley"
     of = Of.MACHINE
@@ -43,7 +44,7 @@ class Pulley(Usual):
             yield from alternatives(self.name, motor, [()], *each, share=turning_share(self.name, scene, motor))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return onto_bed(scene, where, waves(places.motor_mm[:, where], scene.turns_mm[where], HARMONICS))
+        return onto_bed(scene, where, waves(places.motor_mm[:, where], scene.turns_mm[where], first(HARMONICS, shape)))
 
     def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return scene.turns_mm[where] / HARMONICS
@@ -51,6 +52,11 @@ class Pulley(Usual):
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         """The largest harmonics c_k; those of a loose belt's play are twice the pulley's odd ones."""
         yield from harmonic_faults(found, beside, scene)
+
+
+def first(harmonics: np.ndarray, shape: tuple[float, ...]) -> np.ndarray:
+    """Return the first of some harmonics, as many as a shape says, or all."""
+    return harmonics[: int(shape[0])] if shape else harmonics
 
 
 def shape_words(order: int) -> str:

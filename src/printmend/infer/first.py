@@ -146,10 +146,11 @@ class _Beside:
     def gain(self, turn: Turn) -> float:
         """Return the score of the set with a pulley of this turn, whose play breathes or not."""
         search, beside, weight = self.known
-        (places, rows), scene, new = self.marks, turn.of(self.fit.scene), []
-        for name, most in (("pulley", ROUND_MOST), ("breathing", BREATH_MOST)):
-            columns = seen(name, turn.motor, (), places, rows, scene)
-            new.append(np.hstack([each[:, :most] for each in np.hsplit(columns, 2)]))
+        (places, rows), scene = self.marks, turn.of(self.fit.scene)
+        new = [
+            seen(name, turn.motor, (most,), places, rows, scene)
+            for name, most in (("pulley", ROUND_MOST), ("breathing", BREATH_MOST))
+        ]
         sizes, count = _sizes_mm(), len(search.dictionary.blocks)
         block = Block("pulley", turn.motor, (), slice(0, sizes.shape[1]), sizes, np.zeros(len(sizes)))
         blocks = laid_side_by_side((*search.dictionary.blocks, block))
