@@ -257,17 +257,17 @@ def _searched(
         sigma_mm = last.state.sigma_mm
     state: State | None = None
     begun = [members] if last is None else []
-    gram = gram_of(dictionary.columns, rows, weight)
+    search, before = Search(dictionary, gram_of(dictionary.columns, rows, weight)), weight * rows.share
     for weighing in range(WEIGHINGS):
         if weighing:
-            gram = reweighed(search.gram, dictionary.columns, rows, weight * rows.share - before)
-        search = Search(dictionary, gram)
+            more = weight * rows.share - before
+            search, before = Search(dictionary, reweighed(search.gram, dictionary.columns, rows, more)), before + more
         # From the beginning, too: what came in beside a shape that was too coarse need not come beside a finer one.
         starts = dict.fromkeys([members, *begun])
         state = max((searched(search, each, sigma_mm) for each in starts), key=lambda each: each.score)
         search, state = _finer(search, state, few, replace(here, share=rows.share), scene, weight)
         dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
-        left_mm, before = left_of(rows, dictionary, state), weight * rows.share
+        left_mm = left_of(rows, dictionary, state)
         weight, rows = weighed(rows, left_mm), shared(rows, left_mm)
     assert state is not None
     mechanism, _ = machine_of(scene, sized(dictionary, state.members, state.mean_mm))
