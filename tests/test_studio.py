@@ -626,7 +626,7 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     assert [one.repair for _, one in studio_said.advice_of(document)] == [rails.repair]
     assert "rails and the head first" in rails.repair
     assert _german(rails.repair)
-    either = advise(NamedFault("x", "elastic", 0.1, 0.01, "mm", "elastic belt, or an idler"))
+    either = advise(NamedFault("x", "elastic", 0.1, 0.01, "mm", say("fault-elastic-or-idler", "0.1 mm")))
     for text in (either.title, either.meaning, either.repair):
         assert "idler" in text
         assert _german(text), text

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from printmend.effects import EFFECTS
 from printmend.effects.words import SOON_MM, Care
 from printmend.effects.words import Fault as NamedFault
-from printmend.messages import is_one_of, say, together, within
+from printmend.messages import is_one_of, parts_of, say, together, within
 
 CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations from 0 at which a fault is certain, or very likely
 REPAIR_MM = 0.5  # effect on a print above which a part should be replaced
@@ -151,8 +151,11 @@ def _friction(where: str, fault: NamedFault, size: float) -> Said:
     )
 
 
+_IDLER = ("fault-elastic-or-idler", "fault-idler", "fault-idler-of-teeth", "fault-idler-or-pulley")  # messages
+
+
 def _elastic(where: str, fault: NamedFault, size: float) -> Said:
-    if "idler" in fault.words:
+    if any(part.id in _IDLER for part in parts_of(fault.words)):
         return (
             say("belt-stretches-idler-wobbles", where),
             say("pulley-s-error-changes-along-belt"),

@@ -27,6 +27,10 @@ _SIDES = (  # messages, by thirds of a plate
     ("front-left", "front", "front-right"), ("left", "middle", "right"), ("back-left", "back", "back-right"),
 )  # fmt: skip
 _OPEN = {"sheet": "scale-of-sheet", "paper": "scale-of-paper", "scanner": "scale-of-scanner"}  # messages
+_SOURCE = {  # the message of a picture's scale: what the scale came from
+    "scale-axes-from-tags": "sheet", "scale-from-tags": "sheet", "perspective-lens-from-tags-fit-mm": "sheet",
+    "perspective-scale-from-edges-paper-straight": "paper",
+}  # fmt: skip
 ASKING = (*_OPEN.values(), "widths-asked", "width-asked")  # messages that ask an owner for a distance
 
 
@@ -49,12 +53,13 @@ def choose_span(plan: ProbePlan, measured_mm: np.ndarray) -> tuple[int, int] | N
 def open_scale(scale: str, *, ruled: bool = False) -> str:
     """Return words for the source of a picture's scale, and what would settle it; ``scale`` is that source, in words.
     With a ruler in the picture (``ruled``), the scale is open across it."""
-    name = _OPEN[_whose(scale)]
+    name = _OPEN[source_of(scale)]
     return say(f"open-{name}-across") if ruled else say(f"open-{name}")
 
 
-def _whose(scale: str) -> str:
-    return "sheet" if "tags" in scale else "paper" if "paper" in scale else "scanner"
+def source_of(scale: str) -> str:
+    """Return what a picture's scale came from, by its message: "sheet" (of tags), "paper", or "scanner"."""
+    return _SOURCE.get(scale.id, "scanner") if isinstance(scale, Said) else "scanner"
 
 
 def is_asking(note: str) -> bool:
@@ -70,7 +75,7 @@ def asked(plan: ProbePlan, span: tuple[int, int], across_mm: float, scale: str) 
     )
     if len(plan.sheets) > 1:
         other = say("dot-of-sheet", other, plan.sheet_of[span[0]] + 1)
-    return say(_OPEN[_whose(scale)], one, other, f"{across_mm:.0f}")
+    return say(_OPEN[source_of(scale)], one, other, f"{across_mm:.0f}")
 
 
 def side_of(plan: ProbePlan, mark: int) -> str:

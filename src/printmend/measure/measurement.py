@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
 from printmend.errors import ScanError
-from printmend.measure.distance import asked, choose_span, scaled_by, scaled_by_rulers
+from printmend.measure.distance import asked, choose_span, scaled_by, scaled_by_rulers, source_of
 from printmend.measure.identity import SYMMETRIES
 from printmend.measure.image import with_legend, write_image
 from printmend.measure.join import aligned, check_sheets, joined, mean_of, scanner_axes, shared_number
@@ -167,7 +167,7 @@ def is_same_picture(one: Reading, other: Reading) -> bool:
 
 def _known(reading: Reading, scanner_error: float) -> Instrument:
     """Return how far a scanner is to be trusted whose owner knows how far lengths in its scans are off."""
-    if "dpi" not in reading.scale:
+    if source_of(reading.scale) != "scanner":
         raise ScanError(
             reading.path, wanted=say("scan-without-sheet"),
             came=reading.scale, todo=say("leave-option-out"),

@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image
 
 from printmend.errors import ScanError
+from printmend.measure.distance import source_of
 from printmend.measure.fiducials import LEAST_TAGS, Lens, Tags, find_tags, fit_lens, is_flat, rectify
 from printmend.measure.image import read_image
 from printmend.measure.paper import FILM_DIAGONAL_MM, PAPER, USUAL_FOCAL_MM, Sheet, find_sheet
@@ -55,7 +56,7 @@ class Page:
     @property
     def tagged(self) -> bool:
         """True where the scale is that of a sheet of tags."""
-        return "tags" in self.scale
+        return source_of(self.scale) == "sheet"
 
 
 def photo_todo() -> str:
