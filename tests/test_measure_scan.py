@@ -13,11 +13,12 @@ from printmend.cli.measure import command
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import ScanError, TraceError
 from printmend.measure import write_plan
-from printmend.measure.image import read_image, write_image
+from printmend.measure.image import read_image, write_image, write_words
 from printmend.measure.measurement import SETTLED_AXES_SD, measure_scans, wave_left_mm
 from printmend.measure.page import exposure
 from printmend.measure.plan import ProbePlan
 from printmend.measure.table import read_trace
+from printmend.messages import GERMAN
 from printmend.path import FLATBED
 from printmend.printer import read_printer
 from printmend.probe import design_probe
@@ -271,6 +272,17 @@ def test_the_sheet_is_a_pdf_with_every_tag(tmp_path):
     assert data.startswith(b"%PDF-1.4")
     assert data.rstrip().endswith(b"%%EOF")
     assert data.count(b" re f") > 14 * 20
+    write_sheet(tmp_path / "blatt.pdf", language=GERMAN)
+    assert b"Lineal nachmessen" in (tmp_path / "blatt.pdf").read_bytes()
+
+
+def test_a_legend_has_umlauts():
+    plain, dotted = np.full((2, 60, 60, 3), 255, np.uint8)
+    write_words(plain, "u", (10, 50), 40, (0, 0, 0))
+    write_words(dotted, "ü", (10, 50), 40, (0, 0, 0))
+    above = np.flatnonzero((plain < 255).any(axis=(1, 2)))[0]
+    assert (dotted[:above] < 128).any()
+    assert (dotted[above:] == plain[above:]).all()
 
 
 def test_overlapping_scans_of_a_large_plate_are_joined(tmp_path, plan, printed):

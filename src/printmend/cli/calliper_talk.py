@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from printmend.cli.calliper_map import draw_map
+from printmend.cli.terminal import spoken
 from printmend.infer.distances import Guess, first_guess
 from printmend.learn.by_hand import estimates_by_hand
 from printmend.measure.callipers import READING_SD_MM, Distances, distances_of, measurable_pairs, number_in
@@ -45,7 +46,7 @@ def talk(
             break
         here = distances_of(plan, pairs[[best]])
         if picture is not None:
-            draw_map(picture, here)
+            draw_map(picture, here, spoken)
         about = float(here.across_mm[0])
         show(_drawn(plan, pairs[best]))
         try:

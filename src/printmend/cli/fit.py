@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from printmend.cli.model import ModelType
-from printmend.cli.terminal import echo
+from printmend.cli.terminal import echo, spoken
 from printmend.cli.usage import Finite
 from printmend.messages import is_one_of, say
 
@@ -67,7 +67,7 @@ def command(
     if filament is not None:
         check_name(filament)
     measured = measured_part(
-        scan, part_path, printer, layer=layer, top=top, dpi=dpi, distances_mm=distances_mm, overlay=overlay
+        scan, part_path, printer, layer=layer, top=top, dpi=dpi, distances_mm=distances_mm, overlay=overlay, tell=spoken
     )
     found = fits(measured, part_path, printer, model, filament)
     if as_json:

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from printmend.cli.model import ModelType
-from printmend.cli.terminal import echo
+from printmend.cli.terminal import echo, spoken
 from printmend.messages import say
 
 
@@ -42,7 +42,7 @@ def command(model_path: Path, picture: Path | None, refitted: tuple[str, ...], a
     if picture is not None:
         from printmend.mend.history import draw_history
 
-        draw_history(picture, trends)
+        draw_history(picture, trends, spoken)
     if as_json:
         click.echo(json.dumps({"events": events, "trends": [trend.json() for trend in trends]}, ensure_ascii=False))
         return

@@ -103,7 +103,7 @@ def _measure_probe(
         raise click.UsageError(say("terminal-usage-one-distance"))
     distance_mm = distances_mm[0] if distances_mm else None
     measurement = measure_scans(
-        scans, plan, dpi=dpi, overlay=overlay, distance_mm=distance_mm, scanner_error=scanner_error
+        scans, plan, dpi=dpi, overlay=overlay, distance_mm=distance_mm, scanner_error=scanner_error, tell=spoken
     )
     write_trace(output, measurement.trace)
     asked = [note for note in measurement.notes if is_asking(note)]
@@ -134,7 +134,7 @@ def _measure_layer(
         raise click.UsageError(say("terminal-usage-gcode"))
     printer = read_printer(printer_name)
     measured = measure_part(
-        scans[0], part_path, printer, layer=layer, dpi=dpi, overlay=overlay, distances_mm=distances_mm
+        scans[0], part_path, printer, layer=layer, dpi=dpi, overlay=overlay, distances_mm=distances_mm, tell=spoken
     )
     write_trace(output, measured.trace)
     asked = [note for note in measured.notes if is_asking(note)]
@@ -171,7 +171,7 @@ def _measure_by_hand(
         return
     distances = choose_distances(plan)
     if overlay is not None:
-        draw_map(overlay, distances)
+        draw_map(overlay, distances, spoken)
     for line in describe(distances):
         echo(line, err=True)
     if files:

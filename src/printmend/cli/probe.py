@@ -134,7 +134,7 @@ def command(
         from printmend.measure.sheet import window_mm
         from printmend.probe.tags import write_sheet
 
-        write_sheet(sheet)
+        write_sheet(sheet, language=language())
         echo(say("print-at-full-size", sheet))
     if printer_name is None:
         return

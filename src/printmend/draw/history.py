@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from printmend.draw.figure import INK
+from printmend.messages import Tell, say
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,30 +29,30 @@ class Wear:
     reached_s: tuple[float, float] | None
 
 
-def draw_wear(axes: Axes, wear: Wear, colour: str) -> Axes:
-    """Draw one fault over time."""
+def draw_wear(axes: Axes, wear: Wear, colour: str, tell: Tell = str) -> Axes:
+    """Draw one fault over time; ``tell`` puts the words into a language."""
     when = [_date(one) for one in wear.time_s]
-    axes.errorbar(
-        when, wear.size, yerr=2 * np.asarray(wear.sd), fmt="o", color=colour, capsize=3, label="measured, 95 % range"
-    )
+    measured = tell(say("wear-measured"))
+    axes.errorbar(when, wear.size, yerr=2 * np.asarray(wear.sd), fmt="o", color=colour, capsize=3, label=measured)
     if wear.line is not None:
         (first, low), (last, high) = wear.line
-        axes.plot([_date(first), _date(last)], [low, high], color=colour, linewidth=1.5, label="trend")
+        axes.plot([_date(first), _date(last)], [low, high], color=colour, linewidth=1.5, label=tell(say("wear-trend")))
     for (level, means), style in zip(wear.levels, ("--", ":"), strict=False):
         axes.axhline(level, color=INK, linewidth=1, linestyle=style)
         passed = wear.line is None or level <= wear.line[1][1] - 1e-9  # then the trend leaves the right end free
         axes.annotate(
-            means, (1.0 if passed else 0.0, level), xycoords=("axes fraction", "data"),
+            tell(means), (1.0 if passed else 0.0, level), xycoords=("axes fraction", "data"),
             xytext=(-4, -10) if passed else (4, 3), textcoords="offset points", ha="right" if passed else "left",
             fontsize=8, color=INK,
         )  # fmt: skip
     if wear.passed_s is not None:
-        axes.plot(_date(wear.passed_s), wear.levels[0][0], "X", color=INK, markersize=9, zorder=4, label="passed here")
+        here = tell(say("wear-passed"))
+        axes.plot(_date(wear.passed_s), wear.levels[0][0], "X", color=INK, markersize=9, zorder=4, label=here)
     if wear.reached_s is not None:
         first, last = map(_date, wear.reached_s)
-        axes.axvspan(first, last, color=colour, alpha=0.12, label="will be reached, 90 % range")
+        axes.axvspan(first, last, color=colour, alpha=0.12, label=tell(say("wear-reached")))
     axes.xaxis_date()
-    axes.set_title(wear.title, color=INK, fontsize=11)
+    axes.set_title(tell(wear.title), color=INK, fontsize=11)
     axes.set_ylabel(wear.unit, color=INK)
     axes.set_ylim(bottom=0, top=1.12 * axes.get_ylim()[1])
     locator = dates.AutoDateLocator(minticks=3, maxticks=7)

@@ -1,6 +1,7 @@
 """Images from files, looked at before they are unpacked."""
 
 import re
+import unicodedata
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,11 +9,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from printmend.errors import ScanError
 from printmend.files import replacing
-from printmend.messages import say
+from printmend.messages import Tell, say
 
 MOST_PIXELS = 150_000_000  # A4 at 1200 dpi has 139 million
 LEAST_SIDE_PX = 300  # shorter side of an image; a smaller one shows nothing
@@ -21,6 +22,8 @@ _SAVE: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 # resolutions that scanners offer: a picture that is off by a whole factor was scanned at another of them
 COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)
+DIAERESIS = "\u0308"  # the dots of an umlaut, as Unicode writes them after the letter
+Colour = tuple[int, int, int]  # blue, green, red
 TRUSTED_DPI = 140.0  # least resolution that is believed: editors and phones write 72 or 96 into any file
 
 
@@ -60,22 +63,37 @@ def write_image(path: str | Path, image: np.ndarray, *, dpi: float) -> None:
         picture.save(file, kind, dpi=(dpi, dpi), **_SAVE[kind])
 
 
-def with_legend(picture: np.ndarray, items: Sequence[tuple[str, tuple[int, int, int]]]) -> np.ndarray:
-    """Return a picture over a white strip that says, in colour (blue, green, red), what is drawn: a line for each item.
+def with_legend(picture: np.ndarray, items: Sequence[tuple[str, Colour]], tell: Tell = str) -> np.ndarray:
+    """Return a picture over a white strip that says what each colour means: a line for each item.
 
-    Letters grow with the picture, so that they can be read where it is shown on a telephone.
+    ``tell`` puts the messages into a language. Letters grow with the picture, to be read on a telephone.
     """
     width = picture.shape[1]
-    size, line = width / 900, round(width / 26)
+    line = round(width / 26)
     strip = np.full((line * len(items) + line // 2, width, 3), 255, np.uint8)
     for number, (words, colour) in enumerate(items):
         middle = round(line * (number + 0.75))
         cv2.circle(strip, (line, middle), round(0.28 * line), colour, -1, cv2.LINE_AA)
-        at = (2 * line, middle + round(0.25 * line))
-        cv2.putText(
-            strip, words, at, cv2.FONT_HERSHEY_SIMPLEX, size, (60, 50, 40), max(1, round(1.6 * size)), cv2.LINE_AA
-        )
+        write_words(strip, tell(words), (2 * line, middle + round(0.25 * line)), 0.8 * line, (60, 50, 40))
     return np.vstack([picture, strip])
+
+
+def write_words(picture: np.ndarray, words: str, at: tuple[int, int], size_px: float, colour: Colour) -> None:
+    """Write one line into a picture [H, W, 3], its left end on the base line at a pixel.
+
+    Pillow's own font has no letter beyond ASCII: an umlaut gets its two dots here, and ß is written ss.
+    """
+    image, font = Image.fromarray(picture), ImageFont.load_default(size_px)
+    pen = ImageDraw.Draw(image)
+    parts = unicodedata.normalize("NFD", words.replace("ß", "ss")).split(DIAERESIS)
+    pen.text(at, "".join(parts), fill=colour, font=font, anchor="ls")
+    for number in range(1, len(parts)):
+        before = "".join(parts[:number])
+        left, right = (at[0] + font.getlength(text) for text in (before[:-1], before))
+        top = at[1] + font.getbbox(before[-1], anchor="ls")[1] - 0.13 * size_px
+        for share in (0.3, 0.7):
+            pen.circle((left + share * (right - left), top), 0.065 * size_px, fill=colour)
+    picture[:] = np.asarray(image)
 
 
 def _check_size(path: str | Path, size: tuple[int, int]) -> None:

@@ -19,7 +19,7 @@ from printmend.measure.moving import mean_motion, motion_of
 from printmend.measure.plan import ProbePlan, read_plan
 from printmend.measure.register import find_pose
 from printmend.measure.scan import Reading, affine_of, image_px, read_scan
-from printmend.messages import say
+from printmend.messages import Tell, say
 from printmend.path import FLATBED, Instrument, Motion, Trace
 from printmend.units import MM_PER_INCH
 
@@ -72,6 +72,7 @@ def measure_scans(
     distance_mm: float | None = None,
     scanner_error: float | None = None,
     look: Callable[[Reading], None] | None = None,
+    tell: Tell = str,
 ) -> Measurement:
     """Measure one print from one or more scans; draw what was found over the first into ``overlay``.
 
@@ -79,6 +80,7 @@ def measure_scans(
     ``distance_mm`` is what callipers say of the two dots that a measurement without it names, outer edge to outer edge:
     it settles the scale. ``scanner_error`` is the standard deviation, as a share, of lengths in the scans where it is
     known; `FLATBED` says what is assumed. ``look`` is shown what was found in the first scan, its image included.
+    ``tell`` puts the words on the overlay into a language.
 
     Raises `ScanError` as `read_scan` does, and for the ``scanner_error`` of a picture whose scale is a sheet's;
     `TraceError` for a distance that cannot be theirs.
@@ -87,12 +89,12 @@ def measure_scans(
         plan = read_plan(plan)
     # many small matrices: threads of a linear-algebra library would only wait for each other
     with threadpool_limits(1, "blas"):
-        return _measured(paths, plan, dpi, overlay, distance_mm, scanner_error, look)
+        return _measured(paths, plan, dpi, overlay, distance_mm, scanner_error, look, tell)
 
 
 def _measured(
     paths: Sequence[str | Path], plan: ProbePlan, dpi: float | None, overlay: Path | None, distance_mm: float | None,
-    scanner_error: float | None, look: Callable[[Reading], None] | None,
+    scanner_error: float | None, look: Callable[[Reading], None] | None, tell: Tell,
 ) -> Measurement:  # fmt: skip
     drawn: list[Reading] = []
     wanted, wanted_mm = None, 0.0
@@ -118,7 +120,8 @@ def _measured(
     finally:  # also where a later scan cannot be read
         if overlay is not None and drawn:
             own = np.flatnonzero(plan.sheet_of == drawn[0].sheet).tolist()
-            draw_overlay(overlay, drawn[0], tuple(map(own.index, wanted)) if wanted and {*wanted} <= {*own} else ())
+            asked_for = tuple(map(own.index, wanted)) if wanted and {*wanted} <= {*own} else ()
+            draw_overlay(overlay, drawn[0], asked_for, tell=tell)
     if plan.pen:  # a circle says where the pen went round, not where it came to rest
         measured[plan.big], sigma[plan.big] = np.nan, np.nan
     return Measurement(plan, measured, sigma, tuple(notes), instrument, wanted, wanted_mm, motion)
@@ -309,7 +312,7 @@ def _without_image(reading: Reading) -> Reading:
     return replace(reading, image=np.empty((0, 0, 3), np.uint8))
 
 
-def draw_overlay(path: Path, reading: Reading, asked: tuple[int, ...] = ()) -> None:
+def draw_overlay(path: Path, reading: Reading, asked: tuple[int, ...] = (), *, tell: Tell = str) -> None:
     """Draw found marks as rings, missing ones as crosses, the error of each mark as a line, enlarged to be seen, and
     the two marks whose distance is ``asked`` for, joined."""
     factor = min(1.0, OVERLAY_PX / max(reading.image.shape[:2]))
@@ -344,13 +347,13 @@ def draw_overlay(path: Path, reading: Reading, asked: tuple[int, ...] = ()) -> N
         corners = np.rint((ruler.corners_mm / reading.mm_per_px * factor) * 16).astype(int)
         cv2.polylines(picture, [corners], True, RULER, 2 * thick, cv2.LINE_AA, 4)
     lost = int((~found).sum())
-    shown = "true to size" if enlarged == 1 else f"enlarged {enlarged} times"
+    shown = say("draw-true-to-scale") if enlarged == 1 else say("overlay-enlarged", enlarged)
     items = [
-        (f"found: {int(found.sum())} of {len(found)} dots", FOUND),
-        (f"how far each lies off, {shown}", ERROR),
-        *([(f"not found: {lost}", MISSING)] if lost else []),
-        *([("measure across these two with callipers", ASKED)] if len(two) else []),
-        *((f"ruler: {ruler.lines} lines, {ruler.length_mm:.0f} mm", RULER) for ruler in reading.rulers),
+        (say("overlay-found", int(found.sum()), len(found)), FOUND),
+        (say("overlay-off", shown), ERROR),
+        *([(say("overlay-missing", lost), MISSING)] if lost else []),
+        *([(say("overlay-across"), ASKED)] if len(two) else []),
+        *((say("overlay-ruler", ruler.lines, f"{ruler.length_mm:.0f}"), RULER) for ruler in reading.rulers),
     ]
-    picture = with_legend(picture, items)
+    picture = with_legend(picture, items, tell)
     write_image(path, picture, dpi=float(MM_PER_INCH * scale))

@@ -28,7 +28,7 @@ from printmend.gcode.container import open_gcode
 from printmend.gcode.read import read_gcode
 from printmend.gcode.sliced import Sliced, sliced
 from printmend.mend.part import PartMeasurement, measure_part
-from printmend.messages import say
+from printmend.messages import Tell, say
 from printmend.model import SavedModel
 from printmend.printer import Printer
 from printmend.promise.belief import parse_belief
@@ -81,11 +81,14 @@ def fit_part(
 def measured_part(
     scan: str | Path, path: str | Path, printer: Printer, *, layer: int = 1, top: str | Path | None = None,
     dpi: float | None = None, distances_mm: Sequence[float] = (), overlay: Path | None = None,
+    tell: Tell = str,
 ) -> Measured:  # fmt: skip
     """Measure a part from a scan of its underside (or of the side that shows ``layer``), and of its ``top``. Raises
     like `measure_part`."""
     program = read_gcode(path, printer=printer)
-    first = measure_part(scan, program, printer, layer=layer, dpi=dpi, distances_mm=distances_mm, overlay=overlay)
+    first = measure_part(
+        scan, program, printer, layer=layer, dpi=dpi, distances_mm=distances_mm, overlay=overlay, tell=tell
+    )
     if top is None:
         return [(layer, first)]
     last = first.walls.layers

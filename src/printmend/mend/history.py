@@ -20,7 +20,7 @@ from printmend.diagnosis.named import kind_words
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import ModelError
 from printmend.files import read_text, replacing
-from printmend.messages import say, together
+from printmend.messages import Tell, say, together
 from printmend.model.model import SavedModel
 
 if TYPE_CHECKING:
@@ -388,17 +388,17 @@ def _month(time_s: float) -> str:
     return say(f"month-{when.month}", when.year)
 
 
-def draw_history(path: Path, trends: Sequence[Trend]) -> None:
-    """Draw the worst faults over time into a PNG."""
+def draw_history(path: Path, trends: Sequence[Trend], tell: Tell = str) -> None:
+    """Draw the worst faults over time into a PNG; ``tell`` puts the words into a language."""
     from printmend.draw.figure import PALETTE, new_figure, save
     from printmend.draw.history import draw_wear
 
     shown = trends[:MOST_DRAWN]
     figure, axes = new_figure(max(len(shown), 1), width_in=4.6, height_in=3.8)
     for one, trend, colour in zip(axes, shown, PALETTE, strict=False):
-        draw_wear(one, _drawn(trend), colour)
+        draw_wear(one, _drawn(trend), colour, tell)
     if not shown:
-        axes[0].set_title("no fault was ever found")
+        axes[0].set_title(tell(say("wear-none")))
         axes[0].axis("off")
     figure.tight_layout()
     save(figure, path)
@@ -422,7 +422,7 @@ def _drawn(trend: Trend) -> "Wear":
     unit, sizes = trend.fault.unit, trend.sizes
     return Wear(
         trend.name, unit, [one.time_s for one in sizes], [one.value for one in sizes], [one.sd for one in sizes], line,
-        [(level, f"{level:.2f} {unit}: prints off by {effect_mm:g} mm") for level, effect_mm in levels],
+        [(level, say("wear-level", f"{level:.2f}", unit, f"{effect_mm:g}")) for level, effect_mm in levels],
         None if trend.passed is None else trend.passed.when_s, reached,
     )  # fmt: skip
 

@@ -27,7 +27,7 @@ from printmend.measure.ruler import Ruler, find_rulers
 from printmend.measure.silhouette import Silhouette, find_edges, find_silhouette
 from printmend.measure.walls import Walls, read_walls
 from printmend.measure.width import choose_widths, mapped, scaled_by_widths, widths_asked
-from printmend.messages import say
+from printmend.messages import Tell, say
 from printmend.path import Instrument, Origin, Trace
 from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
@@ -81,12 +81,15 @@ def measure_part(
     dpi: float | None = None,
     overlay: Path | None = None,
     distances_mm: Sequence[float] = (),
+    tell: Tell = str,
 ) -> PartMeasurement:
     """Measure a printed part, one layer of ``program``, from a scan of the side that shows this layer, or from a photo
     of it on the sheet of tags.
 
     ``dpi`` overrides the file's own. ``distances_mm`` are calliper readings of the widths that a measurement without
-    them asks for, in its order. Raises `ScanError` for an image of something else, of only a part, of several parts or
+    them asks for, in its order. ``tell`` puts the words on the overlay into a language.
+
+    Raises `ScanError` for an image of something else, of only a part, of several parts or
     of another side, and for a photo without tags; `GcodeError` for a layer without walls; `TraceError` for a reading
     that is not of its width.
     """
@@ -109,7 +112,7 @@ def measure_part(
     if page.tagged:
         check_sheet(path, _scales(walls, edges))
     if overlay is not None:
-        _draw(overlay, silhouette, walls, edges)
+        _draw(overlay, silhouette, walls, edges, tell)
     widths = choose_widths(walls)
     beads_mm, beads_said = _beads(walls, edges, fit, printer, page.instrument, layer)
     offset = edges.offset_mm - beads_mm
@@ -260,7 +263,7 @@ def _look(
     return _Edges(at_px, out_px, begin, offset, hidden)
 
 
-def _draw(path: Path, silhouette: Silhouette, walls: Walls, edges: _Edges) -> None:
+def _draw(path: Path, silhouette: Silhouette, walls: Walls, edges: _Edges, tell: Tell) -> None:
     """Draw every wall place that was found or missed, and the walls' errors, enlarged."""
     factor = min(1.0, OVERLAY_PX / max(silhouette.image.shape[:2]))
     picture = cv2.resize(silhouette.image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
@@ -285,9 +288,9 @@ def _draw(path: Path, silhouette: Silhouette, walls: Walls, edges: _Edges) -> No
         cv2.circle(picture, place, int(1.7 * thin * FINE), FOUND_COLOUR, -1, cv2.LINE_AA, 4)
     lost = int((np.isnan(edges.offset_mm) & ~edges.hidden).sum())
     items = [
-        ("places of walls that were found", FOUND_COLOUR),
-        (f"how far they lie out or in, enlarged {ENLARGED:.0f} times", ERROR_COLOUR),
-        *([(f"not found: {lost}", MISSING_COLOUR)] if lost else []),
+        (say("overlay-wall-places"), FOUND_COLOUR),
+        (say("overlay-walls-off", f"{ENLARGED:.0f}"), ERROR_COLOUR),
+        *([(say("overlay-missing", lost), MISSING_COLOUR)] if lost else []),
     ]
-    picture = with_legend(picture, items)
+    picture = with_legend(picture, items, tell)
     write_image(path, picture, dpi=MM_PER_INCH * silhouette.px_per_mm * factor)

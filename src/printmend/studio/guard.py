@@ -87,10 +87,7 @@ class Guard:
     def _refusal(self, scope: Scope, headers: Headers, limit: int) -> tuple[int, str] | None:
         host = headers.get("host", "")
         if _name_of(host) not in self._hosts and _name_of(host) != _reached(scope):
-            return (
-                421,
-                f"this studio answers to {', '.join(sorted(self._hosts))} only; --host and --name change that",
-            )
+            return 421, say("studio-answers-to", ", ".join(sorted(self._hosts)))
         origin = headers.get("origin")
         if origin is not None and urlsplit(origin).netloc != host:
             return 403, say("page-another-site-may-talk-studio")
@@ -98,9 +95,9 @@ class Guard:
             return 403, say("page-another-site-may-talk-studio")
         length = headers.get("content-length", "0")
         if not length.isascii() or not length.isdigit():
-            return 400, "the length of the request is no number"
+            return 400, say("request-length-no-number")
         if int(length) > limit:
-            return 413, f"wanted at most {limit / 1e6:g} MB, got {int(length) / 1e6:.0f} MB; give a smaller file"
+            return 413, say("upload-too-large", f"{limit / 1e6:g}")
         return None
 
     def _fresh_cookie(self, scope: Scope) -> str | None:
