@@ -161,6 +161,8 @@ def test_a_test_print_is_none_of_the_five(host, models, mended) -> None:
     probe = provenance.sealed_test_print(b"; printmend probe: 3 dots\n" + SQUARE)
     assert host.judge(probe, models["new"]).state == "test print"
     assert host.judge(probe, None).state == "test print"
+    german = Ledger(str(host.folder / "ledger"), "de_DE").judge(str(host.folder / "x.gcode"), None)
+    assert german.sentence == "Dieser Testdruck zeigt den Drucker, wie er ist; er wird nicht geheilt."
     assert provenance.action("test print", {}) == "print"
 
 

@@ -218,7 +218,7 @@ class Printmend:
             "gcodes": self.files.get_directory("gcodes"), "timeout_s": timeout_s - MARGIN_S,
         }  # fmt: skip
         self.waits = config.getchoice("while_printing", {"wait": True, "mend": False}, "wait")
-        self.ledger = provenance.Ledger(self.settings["folder"])
+        self.ledger = provenance.Ledger(self.settings["folder"], config.get("language", "en"))
         self.lock, self.ready = asyncio.Lock(), asyncio.Event()  # one file at a time; the printer is free
         self.ready.set()
         self.queue, self.failed = [], {}  # names to be mended; why the latest mending of a name failed

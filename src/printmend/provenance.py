@@ -35,6 +35,27 @@ CHOICES = {STALE: ("mend", "hold", "print"), FOREIGN: ("hold", "print"), FORGED:
            UNMENDED: ("mend", "hold", "print")}  # fmt: skip
 """What the owner may choose to be done with a file of each state; the first is done where nothing was chosen."""
 
+SENTENCES = {
+    "current": ("This file was mended with the model in use.",
+                "Diese Datei wurde mit dem aktuellen Modell geheilt."),
+    "unmended": ("This file was not mended for this printer.",
+                 "Diese Datei wurde nicht für diesen Drucker geheilt."),
+    "earlier-file": ("This is the mended copy of an earlier file of that name.",
+                     "Das ist die geheilte Kopie einer früheren Datei dieses Namens."),
+    "earlier-model": ("This file was mended with an earlier model; this printer was learned again since.",
+                      "Diese Datei wurde mit einem früheren Modell geheilt; der Drucker wurde seither neu gelernt."),
+    "foreign": ("This file was mended with model {}, which is not this printer's.",
+                "Diese Datei wurde mit dem Modell {} geheilt, das nicht zu diesem Drucker gehört."),
+    "forged": ("This file bears printmend's mark, but its contents are not what printmend wrote.",
+               "Diese Datei trägt den Vermerk von printmend, aber ihr Inhalt wurde danach geändert."),
+    "test-print": ("This test print shows the printer as it is, so it is not mended.",
+                   "Dieser Testdruck zeigt den Drucker, wie er ist; er wird nicht geheilt."),
+    "no-test-print": (
+        "This file says that it is a test print, but printmend did not write it so: write it again.",
+        "Diese Datei gibt sich als Testdruck aus, aber printmend hat sie so nicht geschrieben: neu schreiben."),
+}  # fmt: skip
+"""What is said of a file, in English and German, by id: not in the catalogue, as hosts load this one file."""
+
 
 class NoModelError(ValueError):
     """There is no whole model at a path; the text says why."""
@@ -190,7 +211,9 @@ def action(state: str, chosen: Mapping[str, str]) -> str:
 class Ledger:
     """The records of a host, in a folder: one file a result, and the models that it has had."""
 
-    def __init__(self, folder: str) -> None:
+    def __init__(self, folder: str, language: str = "en") -> None:
+        """``language`` is that of the sentences, "de…" for German, anything else for English."""
+        self._german = language.startswith("de")
         self._records = os.path.join(folder, "records")
         self._models = os.path.join(folder, "models.json")
         self._hashes: dict[str, tuple[tuple[int, ...], str]] = {}
@@ -251,21 +274,19 @@ class Ledger:
         mark = MARK.search(head)
         claim = claimed_test_print(path, head)
         if claim == TEST_PRINT:
-            return Verdict(TEST_PRINT, "This test print shows the printer as it is, so it is not mended.", sha256)
+            return Verdict(TEST_PRINT, self._say("test-print"), sha256)
         if claim == FORGED:
-            sentence = "This file says that it is a test print, but printmend did not write it so: write it again."
-            return Verdict(FORGED, sentence, sha256)
+            return Verdict(FORGED, self._say("no-test-print"), sha256)
         if mark is None:
-            return Verdict(UNMENDED, "This file was not mended for this printer.", sha256)
+            return Verdict(UNMENDED, self._say("unmended"), sha256)
         return self._by_mark(path, mark[2].decode("ascii", "replace"), model, sha256)
 
     def _by_record(self, record: Record, model: Model | None, original: str | None) -> Verdict:
         in_use = self._last_model() if model is None else model.digest
         if original is not None and os.path.isfile(original) and self.sha256(original) != record.source:
-            sentence = "This is the mended copy of an earlier file of that name."
-            return Verdict(STALE, sentence, record.result, record)
+            return Verdict(STALE, self._say("earlier-file"), record.result, record)
         if record.model == in_use:
-            return Verdict(CURRENT, "This file was mended with the model in use.", record.result, record)
+            return Verdict(CURRENT, self._say("current"), record.result, record)
         return Verdict(*self._other(record.model, record.printer, model), record.result, record)
 
     def _by_mark(self, path: str, digest: str, model: Model | None, sha256: str) -> Verdict:
@@ -273,18 +294,19 @@ class Ledger:
         if known is None:
             return Verdict(*self._other(digest, None, model), sha256)
         if not is_sealed(path, known.key):
-            sentence = "This file bears printmend's mark, but its contents are not what printmend wrote."
-            return Verdict(FORGED, sentence, sha256)
+            return Verdict(FORGED, self._say("forged"), sha256)
         if model is not None and known.digest == model.digest:
-            return Verdict(CURRENT, "This file was mended with the model in use.", sha256)
+            return Verdict(CURRENT, self._say("current"), sha256)
         return Verdict(*self._other(digest, known.printer, model), sha256)
 
-    @staticmethod
-    def _other(digest: str, printer: str | None, model: Model | None) -> tuple[str, str]:
+    def _say(self, name: str, *values: str) -> str:
+        return SENTENCES[name][self._german].format(*values)
+
+    def _other(self, digest: str, printer: str | None, model: Model | None) -> tuple[str, str]:
         """Return state and sentence of a file of another model than the one in use."""
         if printer is not None and (model is None or printer == model.printer):
-            return STALE, "This file was mended with an earlier model; this printer was learned again since."
-        return FOREIGN, f"This file was mended with model {digest}, which is not this printer's."
+            return STALE, self._say("earlier-model")
+        return FOREIGN, self._say("foreign", digest)
 
     def _known(self) -> dict[str, Model]:
         return {digest: Model(*one) for digest, one in _read(self._models).items()

@@ -62,7 +62,10 @@ class PrintmendPlugin(
         self._stopped, self._pause_s = threading.Event(), 1.0
 
     def initialize(self):
-        self._ledger = provenance.Ledger(self.get_plugin_data_folder())
+        self._ledger = provenance.Ledger(self.get_plugin_data_folder(), self._language())
+
+    def _language(self):
+        return str(self._settings.global_get(["appearance", "defaultLanguage"]) or "")
 
     # Settings and pages.
 
