@@ -29,10 +29,9 @@ from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
 from printmend.probe.net import with_net
-from printmend.probe.paper import on_paper, papers_of
+from printmend.probe.paper import design_sheets, on_paper, papers_of
 from printmend.probe.pen import with_pen
 from printmend.probe.probe import gcode_of
-from printmend.probe.sheets import design_sheets
 from printmend.units import A4_MM
 
 PRINTER = read_printer("ender3")

@@ -107,10 +107,9 @@ def command(
     from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, leaflet_of, pen_and_paper, weight, write_leaflet
     from printmend.probe.moving import with_moving
     from printmend.probe.net import with_net
-    from printmend.probe.paper import on_paper, paper_for, papers_of
+    from printmend.probe.paper import design_sheets, on_paper, paper_for, papers_of
     from printmend.probe.pen import with_pen
     from printmend.probe.probe import gcode_of, keep_plan
-    from printmend.probe.sheets import design_sheets
     from printmend.probe.start import homed_start, start_from
 
     if printer_name is None and sheet is None:

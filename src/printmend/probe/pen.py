@@ -12,8 +12,7 @@ from printmend.measure.plan import ProbePlan
 from printmend.path import frozen
 from printmend.printer.printer import PAUSE
 from printmend.probe.gcode import xy_words
-from printmend.probe.paper import Paper, first_touch_mm
-from printmend.probe.sheets import sheet_after_sheet
+from printmend.probe.paper import Paper, first_touch_mm, sheet_after_sheet
 
 TIP_MM, BIG_MM = 0.8, 1.8  # diameters of what a felt pen leaves, and of a circle that it draws
 CORNERS = 8  # of the polygon that stands for a dot
