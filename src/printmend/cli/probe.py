@@ -130,7 +130,7 @@ def command(
     made = () if printer_name is None else (output, output.with_suffix(".json"), leaflet_of(output))
     spare((*made, sheet), (part_path, after, start_path, Path(printer_name or "-")))
     if sheet is not None:
-        from printmend.measure.sheet import window_mm
+        from printmend.measure.fiducials import window_mm
         from printmend.probe.tags import write_sheet
 
         write_sheet(sheet, language=language())

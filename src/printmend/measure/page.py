@@ -15,10 +15,21 @@ from PIL import Image
 
 from printmend.errors import ScanError
 from printmend.measure.distance import source_of
-from printmend.measure.fiducials import LEAST_TAGS, Lens, Tags, find_tags, fit_lens, is_flat, rectify
+from printmend.measure.fiducials import (
+    BORDER_MM,
+    LEAST_TAGS,
+    TAG_MM,
+    WINDOW_EDGE_MM,
+    Lens,
+    Tags,
+    find_tags,
+    fit_lens,
+    is_flat,
+    rectify,
+    window_mm,
+)
 from printmend.measure.image import read_image
 from printmend.measure.paper import FILM_DIAGONAL_MM, PAPER, USUAL_FOCAL_MM, Sheet, find_sheet
-from printmend.measure.sheet import BORDER_MM, TAG_MM, WINDOW_EDGE_MM, window_mm
 from printmend.messages import say
 from printmend.path import FLATBED, Instrument
 from printmend.units import MM_PER_INCH

@@ -16,6 +16,7 @@ from printmend.measure.fiducials import (
     fit_lens,
     is_flat,
     rectify,
+    tag_corners_mm,
     tagged_mm,
 )
 from printmend.measure.identity import lattice_pitch
@@ -36,7 +37,6 @@ from printmend.measure.paper import PAPER, find_sheet
 from printmend.measure.plan import ProbePlan
 from printmend.measure.register import narrowing
 from printmend.measure.ruler import Ruler, find_rulers
-from printmend.measure.sheet import tag_corners_mm
 from printmend.messages import say
 from printmend.path import FLATBED, Instrument
 from printmend.units import MM_PER_INCH

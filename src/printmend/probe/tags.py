@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from printmend.files import replacing
-from printmend.measure.sheet import BORDER_MM, PAGE_MM, TAG_MM, WINDOW_EDGE_MM, tag_cells, tag_centres_mm, window_mm
+from printmend.measure.fiducials import BORDER_MM, PAGE_MM, TAG_MM, WINDOW_EDGE_MM, tag_cells, tag_centres_mm, window_mm
 from printmend.messages import ENGLISH, say, tell_in
 from printmend.pdf import PdfPage
 

@@ -5,9 +5,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from printmend.measure.fiducials import NODE_PX, Lens, between_nodes
+from printmend.measure.fiducials import NODE_PX, TAG_MM, Lens, between_nodes, tag_cells, tag_centres_mm
 from printmend.measure.plan import ProbePlan
-from printmend.measure.sheet import TAG_MM, tag_cells, tag_centres_mm
 from printmend.twin.scanner import DEFAULT, Degradations, render_scan
 from printmend.units import A4_MM, MM_PER_INCH
 
