@@ -20,7 +20,7 @@ from printmend.machine import Frame, healthy_mechanism
 from printmend.mend import mend_gcode
 from printmend.model.branches import Branches, Wave
 from printmend.model.model import exact_model, read_model, saved_model, with_screw, write_model
-from printmend.model.series import ScrewSeries
+from printmend.model.screw import ScrewSeries
 from printmend.plan.inverse import lookup
 from printmend.plan.kernels import height
 from printmend.plan.kernels import lookup as kernels

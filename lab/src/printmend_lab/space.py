@@ -18,7 +18,7 @@ from printmend.infer.fit import fitted
 from printmend.infer.screw import Height, fit_height
 from printmend.learn.registry import ORACLE, fit
 from printmend.machine import GainMechanism, Mechanism, PlayTables, ScrewDrive, healthy_mechanism, run_motors, z_grid_mm
-from printmend.model.series import ScrewSeries
+from printmend.model.screw import ScrewSeries
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import SpaceModel, WorldModel

@@ -15,7 +15,7 @@ from printmend.infer.screw import fit_height
 from printmend.measure.follows import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
 from printmend.messages import say, together
 from printmend.model import SavedModel, screw_of
-from printmend.model.series import HARMONICS, ScrewSeries
+from printmend.model.screw import HARMONICS, ScrewSeries
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 

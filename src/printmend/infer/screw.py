@@ -20,7 +20,7 @@ from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State
 from printmend.machine.kernels import run
 from printmend.messages import say
 from printmend.metrics.robust import scale_of, weights_of
-from printmend.model.series import HARMONICS, waves_of
+from printmend.model.screw import HARMONICS, waves_of
 from printmend.printer import Printer
 
 TERMS = ("lead", "periodic", "backlash")

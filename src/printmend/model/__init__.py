@@ -18,7 +18,7 @@ from printmend.model.model import (
     with_screw,
     write_model,
 )
-from printmend.model.series import ScrewSeries
+from printmend.model.screw import ScrewSeries
 
 __all__ = [
     "CROSS",

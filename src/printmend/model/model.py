@@ -22,8 +22,7 @@ from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
 from printmend.messages import messages_of, restored, say
 from printmend.model.branches import Branches, Wave
 from printmend.model.notes import check_notes
-from printmend.model.screw import parse_screw, parse_series, screw_section
-from printmend.model.series import ScrewSeries
+from printmend.model.screw import ScrewSeries, parse_screw, parse_series, screw_section
 from printmend.model.values import TODO, number, numbers, refuse, rising, rounded, section_of
 from printmend.printer import Printer
 from printmend.printer.printer import homing_section
