@@ -14,7 +14,7 @@ from printmend.effects.words import Message
 from printmend.infer.part import DRAWS
 from printmend.machine import healthy_mechanism
 from printmend.messages import ENGLISH, GERMAN, messages_of, restored, together, translated
-from printmend.model.misfit import NOTE, WARNING
+from printmend.model.notes import NOTE, WARNING
 from printmend.printer import read_printer
 from tests.believed import SCENES, part
 

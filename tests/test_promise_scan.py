@@ -21,7 +21,7 @@ from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
 from printmend.mend.mend import is_healthy
 from printmend.mend.prediction import advice_of
-from printmend.model.misfit import refusals
+from printmend.model.notes import refusals
 from printmend.path import FLATBED, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe

@@ -71,8 +71,8 @@ def command(
     from printmend.mend.filament import filament_words, learn_in, parse_travel, printed_in, update_in
     from printmend.mend.history import ageing_of, remember_learned
     from printmend.mend.mend import is_healthy
-    from printmend.model.misfit import refusals
     from printmend.model.model import read_model, write_model
+    from printmend.model.notes import refusals
     from printmend.printer import read_printer
 
     if old is not None and moved is not None:

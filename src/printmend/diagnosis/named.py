@@ -18,7 +18,7 @@ from printmend.effects.sample import drawn_places
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Told, carrier_name
 from printmend.infer.part import Part
 from printmend.messages import catalogue, say, together
-from printmend.model.misfit import NOTE, SEVERITIES, WARNING, Misfit
+from printmend.model.notes import NOTE, SEVERITIES, WARNING, Misfit
 
 CERTAIN = 0.95  # share of the drawn machines from which on an effect is certain
 TOLD = 0.5  # … and from which on an effect that cannot act is reported by itself

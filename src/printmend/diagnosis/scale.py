@@ -14,7 +14,7 @@ from printmend.infer.part import Part
 from printmend.measure.table import TOGETHER
 from printmend.messages import say
 from printmend.model import SavedModel
-from printmend.model.misfit import WARNING
+from printmend.model.notes import WARNING
 from printmend.promise.belief import parse_belief
 
 LEAST_DOUBT = 0.001  # share: a tenth of a millimetre in 100; a smaller doubt is said in the expected error alone

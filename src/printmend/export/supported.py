@@ -12,7 +12,7 @@ from printmend.export.firmware import EXPORTS, NO_BACKLASH, Export, Simple, simp
 from printmend.infer.part import DRAWS
 from printmend.messages import is_one_of, say, together
 from printmend.model import SavedModel
-from printmend.model.misfit import refusals
+from printmend.model.notes import refusals
 from printmend.promise.belief import Belief, parse_belief
 from printmend.promise.filament import UNTOLD
 from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD

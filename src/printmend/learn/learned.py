@@ -33,7 +33,7 @@ from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
 from printmend.messages import say, together
 from printmend.model import Branches, SavedModel, saved_model, with_screw
-from printmend.model.misfit import Misfit, misfit_section, misfit_words
+from printmend.model.notes import Misfit, misfit_section, misfit_words
 from printmend.model.screw import HARMONICS
 from printmend.path import Trace
 from printmend.printer import Printer

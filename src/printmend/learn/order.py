@@ -23,7 +23,7 @@ from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say, together
 from printmend.metrics.robust import ridge, scale_of
 from printmend.metrics.shape import nearest, spacing
-from printmend.model.misfit import NOTE, WARNING, Misfit
+from printmend.model.notes import NOTE, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import Printer
 

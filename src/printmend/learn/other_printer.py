@@ -17,7 +17,7 @@ from printmend.learn.rows import LEAST_ROWS
 from printmend.machine import Transmission, healthy_mechanism, print_path
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say
-from printmend.model.misfit import NOTE, WARNING, Misfit
+from printmend.model.notes import NOTE, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
 

@@ -12,7 +12,7 @@ from printmend.infer.posterior import Posterior
 from printmend.infer.scatter import robust_sigma_mm
 from printmend.measure.once import RANDOM_SDS, in_no_order
 from printmend.messages import say
-from printmend.model.misfit import NOTE, REFUSAL, WARNING, Misfit
+from printmend.model.notes import NOTE, REFUSAL, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import Printer
 

@@ -24,8 +24,8 @@ from printmend.mend.prediction import Prediction, prediction_of, with_doubt
 from printmend.mend.program import Progress, Read, begun, counted, plan_file
 from printmend.mend.slower import eased, with_few_moves
 from printmend.messages import say
-from printmend.model.misfit import PHASE_TODO, REFITTED, refusals, said_of
 from printmend.model.model import SavedModel
+from printmend.model.notes import PHASE_TODO, REFITTED, refusals, said_of
 from printmend.plan import Fineness, Planner, is_identity, start
 from printmend.promise.words import in_words
 from printmend.provenance import sealed

@@ -23,7 +23,7 @@ from printmend.measure.whose import check_origin
 from printmend.mend.update import Change, Updated, _updated, believed, measured_again
 from printmend.messages import say, together
 from printmend.model import SavedModel, screw_of, with_screw
-from printmend.model.misfit import REFITTED, REFUSAL
+from printmend.model.notes import REFITTED, REFUSAL
 from printmend.path import Trace
 
 LEAST_SHIFT_MM = 0.05  # of a motor that is told

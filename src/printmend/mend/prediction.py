@@ -10,8 +10,8 @@ import numpy as np
 from printmend.clock import Duration
 from printmend.diagnosis.scale import knows_a_length, knows_all_but_a_reading
 from printmend.messages import is_one_of, parts_of, say, say_count, together
-from printmend.model.misfit import said_of
 from printmend.model.model import SavedModel
+from printmend.model.notes import said_of
 from printmend.plan import Planner
 from printmend.plan import layout as k
 from printmend.promise.belief import parse_belief

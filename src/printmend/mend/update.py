@@ -40,7 +40,7 @@ from printmend.measure.whose import check_origin
 from printmend.mend.history import Ageing
 from printmend.messages import say, together
 from printmend.model import SavedModel, saved_model, screw_of, with_screw
-from printmend.model.misfit import Misfit, misfit_section
+from printmend.model.notes import Misfit, misfit_section
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, belief_section, says_nothing

@@ -20,7 +20,7 @@ from printmend.mend.prediction import Prediction
 from printmend.mend.verify import expectation
 from printmend.messages import is_one_of, say, together
 from printmend.model import SavedModel
-from printmend.model.misfit import NOTE, REFUSAL, misfit_words, said_of
+from printmend.model.notes import NOTE, REFUSAL, misfit_words, said_of
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import parse_belief

@@ -66,7 +66,7 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
     messages: dict[str, Any] = {}
     parts: list[str] = []
     if (folder / MODEL).is_file():
-        from printmend.model.misfit import NOTE, misfit_words
+        from printmend.model.notes import NOTE, misfit_words
         from printmend.studio.said import LEAST_ADVICE_MM, advice_of  # all of learning: not for a printer's bare card
 
         document = json.loads((folder / MODEL).read_text(encoding="utf-8"))

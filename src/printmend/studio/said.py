@@ -11,7 +11,7 @@ from printmend.effects.words import Fault as NamedFault
 from printmend.learn.learned import todo
 from printmend.machine import Mechanism
 from printmend.model import SavedModel
-from printmend.model.misfit import misfit_words, said_of
+from printmend.model.notes import misfit_words, said_of
 from printmend.report.examination import LEAST_ADVICE_MM, URGENCY
 from printmend.units import TURN_RAD
 
