@@ -2,8 +2,8 @@
 
 from printmend.draw.body import draw_above, draw_alike, draw_solid
 from printmend.draw.drive import draw_axis_error
+from printmend.draw.errors import draw_histogram, draw_log_histogram
 from printmend.draw.figure import comparison, new_figure, save
-from printmend.draw.histogram import draw_histogram, draw_log_histogram
 from printmend.draw.path import PrintedLayer, printed_layer
 
 __all__ = [

@@ -9,11 +9,9 @@ from matplotlib.figure import Figure
 from printmend.diagnosis.portrait import Portrait
 from printmend.diagnosis.standard import Circle
 from printmend.draw import new_figure
-from printmend.draw.bed import draw_errors, draw_layer_errors
-from printmend.draw.circle import draw_circle_test
-from printmend.draw.colours import draw_coloured
 from printmend.draw.document import Pictures
 from printmend.draw.drive import LEAST_UNROUND_MM, draw_fit, draw_hull, draw_play
+from printmend.draw.errors import draw_circle_test, draw_coloured, draw_errors, draw_layer_errors
 from printmend.draw.figure import INK
 from printmend.messages import Tell, say, together
 from printmend.report.examination import Examination
