@@ -15,8 +15,8 @@ from tests import foreign_part as foreign
 
 from printmend.diagnosis.scale import axis_scales
 from printmend.gcode.read import read_gcode
+from printmend.measure.distance import choose_widths
 from printmend.measure.walls import read_walls
-from printmend.measure.width import choose_widths
 from printmend.mend.filament import learn_in, parse_travel, update_in
 from printmend.mend.fit import fit_part
 from printmend.messages import is_one_of

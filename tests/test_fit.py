@@ -24,9 +24,9 @@ from printmend.fit.words import after_size_mm
 from printmend.gcode.container import open_gcode
 from printmend.gcode.read import read_gcode
 from printmend.gcode.sliced import sliced
+from printmend.measure.distance import choose_widths
 from printmend.measure.silhouette import Silhouette, find_edges
 from printmend.measure.walls import read_walls
-from printmend.measure.width import choose_widths
 from printmend.mend.fit import fit_part
 from printmend.mend.mend import refuse_grown
 from printmend.mend.part import measure_part

@@ -17,10 +17,10 @@ from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode
 from printmend.learn.learned import learn_model
 from printmend.measure import read_trace, write_trace
+from printmend.measure.distance import choose_widths, scaled_by_widths
 from printmend.measure.image import read_image
 from printmend.measure.ruler import find_rulers
 from printmend.measure.walls import read_walls
-from printmend.measure.width import choose_widths, scaled_by_widths
 from printmend.mend.mend import mend_gcode
 from printmend.mend.part import PartMeasurement, measure_part
 from printmend.mend.verify import verify

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from printmend.errors import TraceError
 from printmend.measure import read_trace, write_trace
-from printmend.measure.once import counted_once, digest_of
+from printmend.measure.checks import counted_once, digest_of
 from printmend.path import Origin, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe

@@ -156,7 +156,7 @@ def _measure_by_hand(
     from printmend.infer.distances import choose_distances
     from printmend.measure import read_plan
     from printmend.measure.callipers import describe, parse_readings, read_readings
-    from printmend.measure.whose import check_origin
+    from printmend.measure.checks import check_origin
     from printmend.printer import read_printer
 
     plan = read_plan(plan_path)

@@ -12,7 +12,7 @@ from printmend.effects.wobble import LEAST_TURNS
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, amount
 from printmend.errors import TraceError
 from printmend.infer.screw import fit_height
-from printmend.measure.follows import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
+from printmend.measure.checks import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
 from printmend.messages import say, together
 from printmend.model import SavedModel, screw_of
 from printmend.model.screw import HARMONICS, ScrewSeries

@@ -28,9 +28,7 @@ from printmend.learn.other_printer import another_home, another_printers
 from printmend.learn.rows import MOST_LOST, lost_rows, said_of_rows, skipped
 from printmend.learn.walls import with_walls
 from printmend.machine import Mechanism, healthy_mechanism
-from printmend.measure.follows import check_follows, check_trace, with_heights
-from printmend.measure.once import counted_once, digest_of
-from printmend.measure.whose import check_origin
+from printmend.measure.checks import check_follows, check_origin, check_trace, counted_once, digest_of, with_heights
 from printmend.messages import say, together
 from printmend.model import Branches, SavedModel, saved_model, with_screw
 from printmend.model.notes import Misfit, misfit_section, misfit_words

@@ -17,8 +17,7 @@ from printmend.errors import TraceError
 from printmend.infer.first import among
 from printmend.infer.fit import fitted
 from printmend.machine import healthy_mechanism
-from printmend.measure.axes import AXES_TODO, wrong_axes
-from printmend.measure.follows import FARTHEST_MM
+from printmend.measure.checks import AXES_TODO, FARTHEST_MM, wrong_axes
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say, together
 from printmend.metrics.robust import ridge, scale_of

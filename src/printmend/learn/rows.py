@@ -10,7 +10,7 @@ from printmend.effects.teeth import TOOTH_MM
 from printmend.infer.part import Part
 from printmend.infer.posterior import Posterior
 from printmend.infer.scatter import robust_sigma_mm
-from printmend.measure.once import RANDOM_SDS, in_no_order
+from printmend.measure.checks import RANDOM_SDS, in_no_order
 from printmend.messages import say
 from printmend.model.notes import NOTE, REFUSAL, WARNING, Misfit
 from printmend.path import Trace

@@ -23,8 +23,7 @@ import numpy as np
 
 from printmend.errors import TraceError, reason
 from printmend.files import replacing
-from printmend.measure.axes import AXES_TODO, wrong_axes
-from printmend.measure.whose import check_origin
+from printmend.measure.checks import AXES_TODO, check_origin, wrong_axes
 from printmend.messages import say
 from printmend.path import Instrument, Motion, Origin, Trace
 from printmend.printer import Printer

@@ -17,7 +17,7 @@ from printmend.fit.estimate import Known, Layer, estimated
 from printmend.fit.outline import OUTER, outline_of
 from printmend.gcode.read import Program, read_gcode
 from printmend.learn.walls import LEAST_WALLS, WallFit, fit_walls
-from printmend.measure.distance import scaled_by_rulers
+from printmend.measure.distance import choose_widths, mapped, scaled_by_rulers, scaled_by_widths, widths_asked
 from printmend.measure.image import with_legend, write_image
 from printmend.measure.lie import Lie, find_lie
 from printmend.measure.measurement import instrument_on_bed
@@ -26,7 +26,6 @@ from printmend.measure.register import Pose
 from printmend.measure.ruler import Ruler, find_rulers
 from printmend.measure.silhouette import Silhouette, find_edges, find_silhouette
 from printmend.measure.walls import Walls, read_walls
-from printmend.measure.width import choose_widths, mapped, scaled_by_widths, widths_asked
 from printmend.messages import Tell, say
 from printmend.path import Instrument, Origin, Trace
 from printmend.printer import Printer

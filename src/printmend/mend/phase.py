@@ -18,8 +18,7 @@ from printmend.infer.update import both_seen
 from printmend.learn.learned import known_digests, near_bed
 from printmend.learn.order import in_order, passed_over
 from printmend.learn.walls import with_walls
-from printmend.measure.once import counted_once, digest_of
-from printmend.measure.whose import check_origin
+from printmend.measure.checks import check_origin, counted_once, digest_of
 from printmend.mend.update import Change, Updated, _updated, believed, measured_again
 from printmend.messages import say, together
 from printmend.model import SavedModel, screw_of, with_screw

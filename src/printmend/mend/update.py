@@ -34,9 +34,7 @@ from printmend.learn.learned import (
 )  # fmt: skip
 from printmend.learn.order import in_order, passed_over
 from printmend.learn.walls import with_walls
-from printmend.measure.follows import with_heights
-from printmend.measure.once import counted_once, digest_of
-from printmend.measure.whose import check_origin
+from printmend.measure.checks import check_origin, counted_once, digest_of, with_heights
 from printmend.mend.history import Ageing
 from printmend.messages import say, together
 from printmend.model import SavedModel, saved_model, screw_of, with_screw

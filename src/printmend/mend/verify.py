@@ -19,9 +19,7 @@ from printmend.infer.update import Renewed
 from printmend.learn.learned import PLANE_FACTOR, known_digests
 from printmend.learn.walls import with_walls
 from printmend.machine import print_from_home
-from printmend.measure.follows import with_heights
-from printmend.measure.once import digest_of
-from printmend.measure.whose import check_origin
+from printmend.measure.checks import check_origin, digest_of, with_heights
 from printmend.mend.history import remember
 from printmend.mend.update import Updated, changes_of, measured_again, update
 from printmend.messages import say, say_count, together

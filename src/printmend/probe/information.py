@@ -17,7 +17,7 @@ from printmend.infer.first import begun
 from printmend.infer.machine import machine_of
 from printmend.machine import Contacts, Mechanism
 from printmend.machine.kernels import run
-from printmend.measure.follows import check_follows, check_trace
+from printmend.measure.checks import check_follows, check_trace
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 

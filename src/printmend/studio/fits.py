@@ -43,7 +43,7 @@ def _asked(measured: "PartMeasurement") -> list[dict[str, float]]:
     """Return the widths that callipers may settle: the direction of each from X, and about how wide."""
     import numpy as np
 
-    from printmend.measure.width import choose_widths
+    from printmend.measure.distance import choose_widths
 
     walls = measured.walls
     edge_mm = walls.commanded_mm[walls.row] + walls.half_mm[:, None] * walls.normal

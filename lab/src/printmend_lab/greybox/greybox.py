@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.measure.follows import check_follows, check_trace
+from printmend.measure.checks import check_follows, check_trace
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend_lab.greybox.drive import Jump, Rows, jumped

@@ -7,7 +7,7 @@ import numpy as np
 
 from printmend.errors import TraceError
 from printmend.learn.walls import wall_shares
-from printmend.measure.follows import LEAST_MEASURED
+from printmend.measure.checks import LEAST_MEASURED
 from printmend.model.layout import TABLE_PHASES, bed_middle
 from printmend.path import Trace
 from printmend.printer import Printer

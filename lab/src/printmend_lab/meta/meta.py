@@ -17,7 +17,7 @@ from threadpoolctl import ThreadpoolController
 
 from printmend.learn.mechanism_model import MachineLearned
 from printmend.machine.mechanism import Mechanism, Transmission, healthy_transmission
-from printmend.measure.follows import check_trace
+from printmend.measure.checks import check_trace
 from printmend.path import Trace, frozen, last_way
 from printmend.printer import Printer
 from printmend.units import SIGMA_PER_MEDIAN

@@ -1,0 +1,218 @@
+"""What a trace must be before anyone learns from it: of this printer, with its axes, able to teach, and counted once.
+
+Swapped, mirrored and turned tables are found by ranks, which wild cells do not disturb. Two printers that come with the
+program are two printers, and so are two that their owner named. One that was measured as a known model and has a name
+of its own by now may be the same, if it is built the same way.
+"""
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from printmend.errors import TraceError
+from printmend.messages import say
+from printmend.path import Origin, Trace
+from printmend.printer import Printer, preset_names, read_printer
+from printmend.printer.known import bare_name
+
+
+def check_origin(subject: str | Path, origin: Origin | None, printer: Printer) -> None:
+    """Raise `TraceError` where a measurement says that it is of another printer; ``subject`` names it."""
+    if origin is None or bare_name(origin.printer) == bare_name(printer.name):
+        return
+    known = {bare_name(read_printer(name).name) for name in preset_names()}
+    is_other = origin.kinematics not in ("", printer.kinematics)
+    if not is_other and (bare_name(origin.printer) in known) != (bare_name(printer.name) in known):
+        return
+    raise TraceError(
+        subject, wanted=say("measurement", printer.name), came=say("one", origin.printer),
+        todo=say("take-printer-if-one-under-another"),
+    )  # fmt: skip
+
+
+SURE_RANK_CORRELATION = 0.8  # Spearman's, of a measured column and the commanded one that it belongs to
+LEAST_MARGIN = 0.25  # by how much less the other column must correlate
+AXES_TODO = say("swap-columns-back-let-each-axis")
+LEAST_SPREAD_MM = 15.0  # smallest spread of an axis that shows its direction
+
+
+def wrong_axes(commanded_mm: np.ndarray, measured_mm: np.ndarray) -> str | None:
+    """Return what is wrong with the axes of measured places [N, 2] (NaN: not measured), None where nothing surely is.
+
+    Places along one line only, which look alike from both axes, tell nothing.
+    """
+    rows = np.flatnonzero(np.isfinite(measured_mm).all(axis=1))
+    if len(rows) > MOST_COMPARED:
+        rows = rows[np.linspace(0, len(rows) - 1, MOST_COMPARED).astype(np.int64)]
+    commanded, measured = commanded_mm[rows], measured_mm[rows]
+    if len(rows) < 10 or np.diff(np.quantile(commanded, (0.1, 0.9), axis=0), axis=0).min() < LEAST_SPREAD_MM:
+        return None
+    ranks = [np.argsort(np.argsort(values, axis=0), axis=0) for values in (commanded, measured)]
+    together = np.atleast_2d(np.corrcoef(np.hstack(ranks).T))[:2, 2:]  # of commanded x, y with measured x, y
+    own, across = np.diag(together), np.array([together[0, 1], together[1, 0]])
+    if np.abs(across).min() > SURE_RANK_CORRELATION and np.abs(own).max() < np.abs(across).min() - LEAST_MARGIN:
+        if (across > 0).all():
+            return say("axes-swapped")
+        if (across < 0).all():
+            return say("axes-swapped-mirrored")
+        return say("all-turned-left" if across[0] > 0 else "all-turned-right")
+    if np.abs(own).min() < SURE_RANK_CORRELATION or np.abs(own).min() < np.abs(across).max() + LEAST_MARGIN:
+        return None
+    if (own < 0).all():
+        return say("all-turned-half")
+    return say("x-mirrored") if own[0] < 0 else say("y-mirrored") if own[1] < 0 else None
+
+
+LEAST_MEASURED = 10  # measured points; fewer say nothing
+FARTHEST_MM = 1e5  # no bed reaches so far: such a cell is a mistake
+MOST_COMPARED = 4000  # rows of which ranks are compared; more take time and say the same
+LEAST_MOVE_MM = 20.0  # a motor that moved less proves nothing: play may hide the move (2 mm at worst)
+# Measured millimetres for each commanded one: the worst pulleys known have 0.39 and 1.41 (physics.md eq. 5).
+POSSIBLE_GAINS = (0.2, 5.0)
+_BEYOND_MM = 20.0  # a height that lies farther beyond the axis' ends is a mistake
+_SAME_DIGITS = 6  # of millimetres: places that differ by less are the same
+LEAST_RANK_CORRELATION = 0.5  # Spearman's, of commanded and measured positions
+
+
+def check_trace(trace: Trace) -> None:
+    """Raise `TraceError` where a trace lacks a commanded position or has too few, or impossible, measured ones."""
+    if not np.isfinite(trace.commanded_mm).all():
+        raise TraceError(
+            say("trace"), wanted=say("every-commanded-way-point"), came=say("nan"),
+            todo=say("only-measured-cells-may-empty"),
+        )  # fmt: skip
+    known = np.isfinite(trace.measured_mm)
+    if (far := np.abs(trace.measured_mm, where=known, out=np.zeros(known.shape)).max(initial=0.0)) > FARTHEST_MM:
+        raise TraceError(
+            say("trace"), wanted=say("positions-bed-mm"), came=f"{far:g}", todo=say("leave-wrong-cells-empty")
+        )
+    count = max(int(trace.measured_rows.sum()), int(trace.wall_rows.sum()))
+    if len(trace) < LEAST_MEASURED or count < LEAST_MEASURED:
+        raise TraceError(
+            say("trace"), wanted=say("least-measured-points", LEAST_MEASURED), came=say("rows", count, len(trace)),
+            todo=say("measure-more-print-printmend-probe-makes"),
+        )  # fmt: skip
+
+
+def check_follows(trace: Trace, printer: Printer) -> None:
+    """Raise `TraceError` where the measured positions do not follow a motor, so that they are of another print.
+
+    The test is on ranks and quantiles, which single wrong points hardly change. A motor that hardly moved passes.
+    """
+    measured = np.flatnonzero(trace.measured_rows & ~trace.wall_rows)
+    if len(measured) > MOST_COMPARED:
+        measured = measured[np.linspace(0, len(measured) - 1, MOST_COMPARED).astype(np.int64)]
+    motors, belts = (printer.to_motor(each[measured]) for each in (trace.commanded_mm, trace.measured_mm))
+    for name, motor, belt in zip(printer.motors, motors.T, belts.T, strict=True):
+        moved, followed = (float(np.ptp(np.quantile(each, (0.1, 0.9)))) if len(each) else 0.0 for each in (motor, belt))
+        if moved < LEAST_MOVE_MM:
+            continue
+        together = float(np.corrcoef(_ranks(motor), _ranks(belt))[0, 1]) if followed else 0.0
+        least, most = POSSIBLE_GAINS
+        if together < LEAST_RANK_CORRELATION or not least < followed / moved < most:
+            came = say("moves-per-commanded", f"{followed / moved:.2f}", f"{together:.2f}")
+            raise TraceError(
+                say("trace"), wanted=say("measured-positions-follow-commands-along", name.upper()), came=came,
+                todo=say("check-each-row-own-point-millimetres"),
+            )  # fmt: skip
+
+
+def with_heights(trace: Trace, printer: Printer) -> Trace:
+    """Return a trace whose empty commanded heights are the last before; without any it has none.
+
+    Raises `TraceError` for heights that are none of this printer.
+    """
+    if trace.z_mm is None or not np.isfinite(trace.z_mm).any():
+        return replace(trace, z_mm=None)
+    low, high = printer.z.min_mm - _BEYOND_MM, printer.z.max_mm + _BEYOND_MM
+    for name, values in (("z_mm", trace.z_mm), ("z_measured_mm", trace.z_measured_mm)):
+        if values is not None and (off := (values < low) | (values > high)).any():
+            raise TraceError(
+                say("trace"), wanted=say("column-from-to-mm", name, f"{low:g}", f"{high:g}"),
+                came=f"{values[off][0]:g}", todo=say("check-unit-printer"),
+            )  # fmt: skip
+    known = np.isfinite(trace.z_mm)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
+    return replace(trace, z_mm=np.where(last >= 0, trace.z_mm[np.maximum(last, 0)], printer.z.home_mm))
+
+
+def _ranks(places_mm: np.ndarray) -> np.ndarray:
+    """Return the rank of each place [N], of equal ones their mean: most rows of a table may lie on one line."""
+    which, count = np.unique(np.round(places_mm, _SAME_DIGITS), return_inverse=True, return_counts=True)[1:]
+    return np.asarray((np.cumsum(count) - count / 2)[which])
+
+
+LEAST_COPIES = 10  # rows that repeat others; fewer may be chance
+LEAST_COPIES_SHARE = 0.45  # share of the measured rows: of a table that was pasted twice nearly half are copies
+RANDOM_SDS = 3.0  # rows whose steps are this many standard deviations from those of chance, or fewer, are in no order
+_DIGITS = 16  # hexadecimal digits of a digest
+_FARTHEST_MM = 1e6  # a cell beyond this is a mistake, and counts as this
+
+
+def counted_once(trace: Trace) -> tuple[Trace, int]:
+    """Return the trace with copies of measured rows left unmeasured, and how many there were.
+
+    The commanded motion stays: what was a copy is passed without being measured. A way back over places that measure
+    the same is no copy, but rows that repeat others in no order at all are: no print comes back to its places so.
+    Nothing is changed where fewer rows are copies than a second paste makes.
+    """
+    seen = np.isfinite(_measured(trace)).any(axis=1)
+    columns = _everything(trace)
+    # one number a row: of equal rows equal, of others not, but for one chance in 10¹²
+    key = (columns * np.random.default_rng(0).standard_normal(columns.shape[1])).sum(axis=1)
+    row = np.unique(key, return_inverse=True)[1]
+    before, after = np.append(-1, row[:-1]), np.append(row[1:], -1)
+    # a row and a neighbour of it again: on a way back over the same places the neighbours change sides
+    copies = np.flatnonzero(seen & (_again(row, before) | _again(row, after) | (row == before)))
+    repeating = np.flatnonzero(seen & _again(row, np.zeros_like(row)))
+    if len(repeating) >= LEAST_COPIES and in_no_order(trace.commanded_mm[repeating]):
+        copies = repeating
+    if len(copies) < max(LEAST_COPIES, LEAST_COPIES_SHARE * seen.sum()):
+        return trace, 0
+    left = {}
+    for name in ("measured_mm", "z_measured_mm", "normal", "offset_mm"):
+        if (values := getattr(trace, name)) is not None:
+            left[name] = values.copy()
+            left[name][copies] = np.nan
+    return replace(trace, **left), len(copies)
+
+
+def in_no_order(places_mm: np.ndarray) -> bool:
+    """Say whether places [N, 2] come in a random order.
+
+    A nozzle goes from neighbour to neighbour; in a random order, neighbours in the table are as far from each other as
+    any two rows (mean over n of them: to 1/√n); back and forth across the bed they are farther.
+    """
+    shuffled = places_mm[np.random.default_rng(0).permutation(len(places_mm))]
+    step_mm, any_mm = (float(np.hypot(*np.diff(each, axis=0).T).mean()) for each in (places_mm, shuffled))
+    return abs(step_mm - any_mm) <= RANDOM_SDS / np.sqrt(len(places_mm)) * any_mm
+
+
+def _again(row: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """Return which pairs of two numbers [N] came earlier."""
+    again = np.ones(len(row), bool)
+    again[np.unique(row * (len(row) + 2) + beside, return_index=True)[1]] = False
+    return again
+
+
+def digest_of(trace: Trace) -> str:
+    """Return hexadecimal digits over what was commanded and measured, to the nanometre."""
+    whole_nm = np.rint(_everything(trace) * 1e6).astype(np.int64)
+    return hashlib.sha256(whole_nm.tobytes()).hexdigest()[:_DIGITS]
+
+
+def _measured(trace: Trace) -> np.ndarray:
+    """Return all that was measured [N, ≥ 2], NaN where nothing was."""
+    return _side_by_side(trace.measured_mm, trace.z_measured_mm, trace.offset_mm)
+
+
+def _everything(trace: Trace) -> np.ndarray:
+    """Return commands and measurements [N, ≥ 4], −`_FARTHEST_MM` where there is none."""
+    columns = _side_by_side(trace.commanded_mm, trace.z_mm, trace.layer, trace.normal, _measured(trace))
+    return np.nan_to_num(columns, nan=-_FARTHEST_MM).clip(-_FARTHEST_MM, _FARTHEST_MM)
+
+
+def _side_by_side(*columns: np.ndarray | None) -> np.ndarray:
+    return np.column_stack([values for values in columns if values is not None])
