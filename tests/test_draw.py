@@ -24,9 +24,8 @@ from printmend.draw import (
     printed_layer,
     save,
 )
-from printmend.draw.body import project
+from printmend.draw.body import add_beads, project, runs
 from printmend.draw.figure import points_per_unit
-from printmend.draw.path import add_beads, runs
 from printmend.printer import Printer
 from tests.bodies import circle_body
 

@@ -1,10 +1,9 @@
 """Pictures. Every `draw_…` function takes matplotlib Axes and returns them; matplotlib is imported nowhere else."""
 
-from printmend.draw.body import draw_above, draw_alike, draw_solid
+from printmend.draw.body import PrintedLayer, draw_above, draw_alike, draw_solid, printed_layer
 from printmend.draw.drive import draw_axis_error
 from printmend.draw.errors import draw_histogram, draw_log_histogram
 from printmend.draw.figure import comparison, new_figure, save
-from printmend.draw.path import PrintedLayer, printed_layer
 
 __all__ = [
     "PrintedLayer",
