@@ -16,7 +16,7 @@ import numpy as np
 from printmend.errors import ScanError
 from printmend.fit.outline import NOWHERE, OUTER, Outline, Round
 from printmend.machine import Mechanism, healthy_mechanism
-from printmend.machine.contacts import contacts_of
+from printmend.machine.printing import contacts_of
 from printmend.measure.silhouette import ACROSS_MM
 from printmend.measure.walls import Walls
 from printmend.messages import say

@@ -6,7 +6,6 @@ puts it on the full-step lattice, `print_path` prints way-points in mm. The laws
 """
 
 from printmend.machine.bed import BedMap
-from printmend.machine.contacts import Contacts, contacts_from, contacts_of
 from printmend.machine.lattice import (
     LatticeMotor,
     LatticeScrew,
@@ -27,7 +26,15 @@ from printmend.machine.mechanism import (
     healthy_transmission,
     z_grid_mm,
 )
-from printmend.machine.printing import drive_belts, print_from_home, print_path, reach_bed
+from printmend.machine.printing import (
+    Contacts,
+    contacts_from,
+    contacts_of,
+    drive_belts,
+    print_from_home,
+    print_path,
+    reach_bed,
+)
 
 __all__ = [
     "BedMap",
