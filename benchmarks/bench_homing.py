@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.corruption.sampling import sample
-from printmend.corruption.shaft import Ripple
+from printmend.corruption.transmission import Ripple
 from printmend.errors import RefusedError
 from printmend.gcode.read import read_gcode
 from printmend.learn.learned import learn_model

@@ -29,7 +29,7 @@ from klippy_bead import ADVANCED, SHAPED, wall_deviation
 from klippy_judge import Track, wanted_path
 from klippy_run import FAST, plan
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, corruption_toml
-from printmend.corruption.shaft import Ripple
+from printmend.corruption.transmission import Ripple
 from printmend.errors import RefusedError
 from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism

@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 
 from printmend.corruption import Corruption, Drive
-from printmend.corruption.belt import Play
 from printmend.corruption.pulley import EccentricBore
+from printmend.corruption.transmission import Play
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.write import rewrite
 from printmend.machine import Mechanism

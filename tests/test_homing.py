@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
-from printmend.corruption.shaft import Ripple
+from printmend.corruption.transmission import Ripple
 from printmend.diagnosis.named import faults_of
 from printmend.effects import EFFECTS, places_of, scene_of
 from printmend.effects.homing import lasting, scatter_of, shifted, spread_mm, waves_of

@@ -10,10 +10,10 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive
-from printmend.corruption.belt import Play
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.pulley import EccentricBore
 from printmend.corruption.screw import Screw
+from printmend.corruption.transmission import Play
 from printmend.diagnosis.screw import find_lift
 from printmend.effects import scene_of
 from printmend.effects.sized import pushed_mm

@@ -76,7 +76,7 @@ def test_refuses_what_does_not_help(tmp_path: Path) -> None:
 
 def tiny_model():
     from printmend.corruption import Corruption, Drive
-    from printmend.corruption.belt import Play
+    from printmend.corruption.transmission import Play
 
     return exact_model(Corruption((Drive(belt=Play(0.001)), Drive())).lower(ENDER3))
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from printmend.corruption import HEALTHY, Corruption, Drive, WrongRadius, families, sample
-from printmend.corruption.belt import Play
 from printmend.corruption.pulley import EccentricBore
-from printmend.corruption.shaft import Ripple
+from printmend.corruption.transmission import Play, Ripple
 from printmend.mend import mend_gcode
 from printmend.mend.against import judged
 from printmend.model import exact_model

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, Drive
-from printmend.corruption.belt import Play
+from printmend.corruption.transmission import Play
 from printmend.gcode.kernels import RECORD
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.read import interpret_text
@@ -159,7 +159,7 @@ def test_tiny_segments(mechanism) -> None:
 @pytest.mark.parametrize("name", ["full circle", "quarter", "most of a circle"])
 def test_arcs_on_a_corexy(name: str) -> None:
     from printmend.corruption import Corruption, Drive
-    from printmend.corruption.belt import Play
+    from printmend.corruption.transmission import Play
 
     play = Corruption((Drive(belt=Play(0.5)), Drive(belt=Play(0.3)))).lower(COREXY).homed()
     right(judge(START + ARCS[name] + b"G1 X62 Y50 E1\n", play))

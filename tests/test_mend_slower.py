@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, Drive
-from printmend.corruption.shaft import Ripple
+from printmend.corruption.transmission import Ripple
 from printmend.errors import RefusedError
 from printmend.gcode import kernels as k
 from printmend.gcode.container import open_gcode

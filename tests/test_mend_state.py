@@ -271,7 +271,7 @@ def test_corexy_is_mended_in_motor_space() -> None:
     """A play of motor A alone: a move along x reverses both motors, one along the diagonal only one."""
 
     from printmend.corruption import Corruption, Drive
-    from printmend.corruption.belt import Play
+    from printmend.corruption.transmission import Play
 
     one = Corruption((Drive(belt=Play(0.5)), Drive())).lower(COREXY).homed()
     text = START + b"G1 X80 Y80 E1 F1800\nG1 X60 Y100 E1\nG1 X80 Y80 E1\n"

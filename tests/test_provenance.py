@@ -9,7 +9,7 @@ import pytest
 
 from printmend import provenance
 from printmend.corruption import Corruption, Drive
-from printmend.corruption.belt import Play
+from printmend.corruption.transmission import Play
 from printmend.mend import mend_gcode
 from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer

@@ -15,7 +15,7 @@ from klippy_bead import ADVANCED, SHAPED, wall_deviation
 from klippy_judge import Track, judge_both, wanted_path
 from klippy_run import RefusedByPlanner, plan
 from printmend.corruption import Corruption, Drive, corruption_toml, sample
-from printmend.corruption.shaft import Ripple
+from printmend.corruption.transmission import Ripple
 from printmend.machine import Frame, healthy_mechanism
 from printmend.mend import mend_gcode
 from printmend.model.branches import Branches, Wave

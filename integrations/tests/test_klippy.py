@@ -13,8 +13,8 @@ from klippy_bead import ADVANCED, bead_deviation, commanded_mm
 from klippy_judge import Track, distances_mm, judge, judge_both, places, samples, slowest_mm_s, wanted_path
 from klippy_run import RefusedByPlanner, plan
 from printmend.corruption import Corruption, Drive, WrongRadius, corruption_toml, sample
-from printmend.corruption.belt import Play
 from printmend.corruption.frame import CrookedFrame
+from printmend.corruption.transmission import Play
 from printmend.export.firmware import export_klipper
 from printmend.mend import mend_gcode
 from printmend.model.model import exact_model, write_model

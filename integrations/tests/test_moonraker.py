@@ -23,7 +23,7 @@ from studio_server import CHROMIUM, Server, Watched, chromium, paired
 from klippy_run import HOSTS, board, config
 from printmend.client import Studio, pair_file
 from printmend.corruption import Corruption, Drive
-from printmend.corruption.belt import Play
+from printmend.corruption.transmission import Play
 from printmend.mend import mend_gcode
 from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer

@@ -18,7 +18,7 @@ from studio_server import CHROMIUM, PICTURES, Server, Watched, chromium, paired
 from klippy_run import HOSTS
 from printmend.client import Studio, StudioError, pair_file
 from printmend.corruption import Corruption, Drive
-from printmend.corruption.belt import Play
+from printmend.corruption.transmission import Play
 from printmend.mend import mend_gcode
 from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer

@@ -15,7 +15,7 @@ from parts import part
 
 from klippy_run import HOSTS
 from printmend.corruption import Corruption, Drive
-from printmend.corruption.belt import Play
+from printmend.corruption.transmission import Play
 from printmend.gcode.read import read_gcode
 from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer

@@ -1,10 +1,8 @@
 """What is broken, as frozen values that go to TOML and lower to arrays."""
 
-from printmend.corruption.belt import ElasticBelt, Friction, LooseBelt, Play
 from printmend.corruption.cause import Cause, cause_of
 from printmend.corruption.corruption import HEALTHY, Corruption, Drive, Fault
 from printmend.corruption.frame import CrookedFrame
-from printmend.corruption.gain_table import GainTable
 from printmend.corruption.jump import MissedSteps, ToothSkips
 from printmend.corruption.pulley import (
     EccentricBore,
@@ -19,9 +17,8 @@ from printmend.corruption.pulley import (
 )
 from printmend.corruption.sampling import families, fault, sample
 from printmend.corruption.screw import Screw
-from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.toml import corruption_of, corruption_toml, parse_corruption, read_corruption
-from printmend.corruption.warp import Warp
+from printmend.corruption.transmission import ElasticBelt, Friction, GainTable, LooseBelt, Play, Ripple, SetScrew, Warp
 
 __all__ = [
     "HEALTHY",

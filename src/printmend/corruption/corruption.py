@@ -5,15 +5,12 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from printmend.corruption.belt import Belt, Friction
 from printmend.corruption.cause import Cause
 from printmend.corruption.frame import CrookedFrame
-from printmend.corruption.gain_table import GainTable
 from printmend.corruption.jump import Jumps, MissedSteps, ToothSkips
 from printmend.corruption.pulley import Pulley
 from printmend.corruption.screw import Screw
-from printmend.corruption.shaft import Ripple, SetScrew
-from printmend.corruption.warp import Warp
+from printmend.corruption.transmission import Belt, Friction, GainTable, Ripple, SetScrew, Warp
 from printmend.effects.sized import Sized, with_effects
 from printmend.errors import ConfigError
 from printmend.machine import Frame, GainMechanism, Mechanism, Transmission, healthy_transmission

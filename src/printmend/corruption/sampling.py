@@ -11,11 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from printmend.corruption.belt import ElasticBelt, Friction, LooseBelt, Play
 from printmend.corruption.cause import Cause
 from printmend.corruption.corruption import Corruption, Drive, Fault
 from printmend.corruption.frame import CrookedFrame
-from printmend.corruption.gain_table import GainTable
 from printmend.corruption.jump import MissedSteps, ToothSkips
 from printmend.corruption.pulley import (
     EccentricBore,
@@ -29,8 +27,7 @@ from printmend.corruption.pulley import (
     WrongRadius,
 )
 from printmend.corruption.screw import Screw
-from printmend.corruption.shaft import Ripple, SetScrew
-from printmend.corruption.warp import Warp
+from printmend.corruption.transmission import ElasticBelt, Friction, GainTable, LooseBelt, Play, Ripple, SetScrew, Warp
 from printmend.effects import EFFECTS
 from printmend.errors import ConfigError
 from printmend.messages import say

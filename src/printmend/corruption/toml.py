@@ -27,16 +27,13 @@ from typing import Any
 
 import tomli_w
 
-from printmend.corruption.belt import BELTS, Friction
 from printmend.corruption.cause import Cause, cause_from, cause_of
 from printmend.corruption.corruption import Corruption, Drive
 from printmend.corruption.frame import CrookedFrame
-from printmend.corruption.gain_table import GainTable
 from printmend.corruption.jump import MissedSteps, ToothSkips
 from printmend.corruption.pulley import PULLEYS
 from printmend.corruption.screw import Screw
-from printmend.corruption.shaft import Ripple, SetScrew
-from printmend.corruption.warp import Warp
+from printmend.corruption.transmission import BELTS, Friction, GainTable, Ripple, SetScrew, Warp
 from printmend.errors import ConfigError
 from printmend.files import read_text
 from printmend.messages import say
