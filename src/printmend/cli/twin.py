@@ -21,7 +21,7 @@ def _show_effects(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     """Show the effects that `--corruption` takes by name, and end."""
     if not wanted or ctx.resilient_parsing:
         return
-    from printmend.corruption.listing import listing
+    from printmend.corruption.cause import listing
 
     for name, said, example in listing():
         click.echo(f"{name}: {said}.\n    --corruption {example}")

@@ -6,8 +6,7 @@ An effect of another package is among them as soon as it is registered; its titl
 import math
 from typing import Any
 
-from printmend.corruption.cause import Cause, named_keys, offered
-from printmend.corruption.listing import said, typical_shape
+from printmend.corruption.cause import Cause, named_keys, offered, said, typical_shape
 from printmend.effects import EFFECTS
 from printmend.effects.effect import Effect, Term
 from printmend.effects.keys import AXES, limits_of

@@ -8,7 +8,7 @@ from itertools import cycle, islice
 import numpy as np
 
 from printmend.corruption import Cause, Corruption, cause_of, corruption_toml, parse_corruption
-from printmend.corruption.listing import example_of
+from printmend.corruption.cause import example_of
 from printmend.corruption.sampling import Severity
 from printmend.effects import EFFECTS, Acts, Of, columns_of, places_of, scene_of
 from printmend.effects.sample import terms_of
