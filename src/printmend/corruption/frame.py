@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from printmend.corruption.transmission import in_range
+from printmend.corruption.check import in_range
 from printmend.effects.bent import POWERS
 from printmend.effects.effect import SCALE_MM
 from printmend.effects.sized import Sized, frame_of, scene_of_printer

@@ -10,7 +10,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from printmend.corruption.transmission import in_range, whole_in_range
+from printmend.corruption.check import in_range, whole_in_range
 from printmend.printer import Axis
 
 

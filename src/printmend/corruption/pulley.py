@@ -14,7 +14,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from printmend.corruption.transmission import in_range, refuse
+from printmend.corruption.check import in_range, refuse
 from printmend.messages import say
 
 

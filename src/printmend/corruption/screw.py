@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from printmend.corruption.transmission import in_range, refuse
+from printmend.corruption.check import in_range, refuse
 from printmend.machine import ScrewDrive, Transmission, z_grid_mm
 from printmend.messages import say
 from printmend.printer import Printer

@@ -1,12 +1,6 @@
-"""Checks of corruption values, made once when a value is built.
+"""What lies between the motor and the carriage, but for the pulley: set screw, ripple, belts, play, stretch, friction.
 
-The corruption of the paper's published simulator: a gain a step, indexed by the nominal position.
-
-An error that repeats nothing: a belt of uneven pitch, a rail that was hammered straight.
-
-What lies between the motor's commanded angle and the pulley: a loose set screw, micro-step ripple.
-
-What lies between the pulley and the carriage: belts, their play, their stretch and friction.
+Also errors that repeat nothing, as of a belt of uneven pitch, and the gains of the paper's published simulator.
 
 The closed loop of a belt leaves its pulley in two opposite spans that move by U1(θ) = ∫h(−t) dt and
 U2(θ) = ∫h(π − t) dt. Each belt turns them into the pair (lower, upper) of a `Transmission`.
@@ -14,41 +8,12 @@ U2(θ) = ∫h(π − t) dt. Each belt turns them into the pair (lower, upper) of
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, NoReturn, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
-from printmend.errors import ConfigError
+from printmend.corruption.check import in_range, refuse
 from printmend.messages import say
-
-
-def refuse(value: object, wanted: str, came: str) -> NoReturn:
-    """Raise a `ConfigError` that names the corruption's kind."""
-    kind = getattr(value, "kind", type(value).__name__)
-    raise ConfigError(f"corruption {kind!r}", wanted=wanted, came=came, todo=say("correct-value"))
-
-
-def in_range(value: object, **limits: tuple[float, float]) -> None:
-    """Check that the named fields are finite numbers (or tuples of them) within their limits; None passes."""
-    for name, (low, high) in limits.items():
-        field = getattr(value, name)
-        if isinstance(field, list | tuple):
-            object.__setattr__(value, name, tuple(field))
-            items = tuple(field)
-        else:
-            items = () if field is None else (field,)
-        for item in items:
-            number = isinstance(item, int | float) and not isinstance(item, bool)
-            if not number or not low <= item <= high or not math.isfinite(item):
-                refuse(value, say("within", name, f"{low:g}", f"{high:g}"), repr(item))
-
-
-def whole_in_range(value: object, **limits: tuple[int, int]) -> None:
-    """Check that the named fields are whole numbers within their limits."""
-    for name, (low, high) in limits.items():
-        field = getattr(value, name)
-        if not isinstance(field, int) or isinstance(field, bool) or not low <= field <= high:
-            refuse(value, say("whole-number-from", name, low, high), repr(field))
 
 
 @dataclass(frozen=True)
