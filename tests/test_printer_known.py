@@ -6,7 +6,7 @@ from itertools import product
 import pytest
 
 from printmend.errors import ModelError
-from printmend.gcode.header import Described
+from printmend.gcode.sliced import Described
 from printmend.mend.meant import refuse_contradiction
 from printmend.printer import preset_names, read_printer
 from printmend.printer.known import bare_name, printers_named

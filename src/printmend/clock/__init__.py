@@ -4,8 +4,7 @@
 the file is planned and then say how long it takes.
 """
 
-from printmend.clock.clock import Clock, Duration, Stopwatch, span_words, start_clock, start_stopwatch
-from printmend.clock.file import file_seconds
+from printmend.clock.clock import Clock, Duration, Stopwatch, file_seconds, span_words, start_clock, start_stopwatch
 from printmend.clock.limits import FIRMWARES, Limits, klipper, limits_of
 from printmend.clock.told import told_as_a_whole, with_times
 

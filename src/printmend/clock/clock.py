@@ -1,6 +1,11 @@
-"""The clock: how long a printer takes for a file, by a model of its firmware's planner."""
+"""The clock: how long a printer takes for a file, by a model of its firmware's planner.
+
+How long a whole file takes, as it is.
+"""
 
 from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,10 +13,13 @@ import numpy as np
 from printmend.clock.kernels import layout as k
 from printmend.clock.kernels.advance import advance
 from printmend.clock.limits import Limits
+from printmend.gcode.container import open_gcode
 from printmend.gcode.kernels import NO_NOTES, PIECE, RECORD
-from printmend.gcode.write import Planned
+from printmend.gcode.read import starting_state
+from printmend.gcode.write import Planned, follow
 from printmend.jit import record
 from printmend.messages import say
+from printmend.printer import Printer
 
 _AS_IT_IS, _NO_RECORDS, _NO_PIECES = np.empty(0, np.int64), np.empty(0, RECORD), np.empty(0, PIECE)
 
@@ -125,3 +133,20 @@ def span_words(seconds: float) -> str:
     if hours:
         return f"{hours} h {minutes} min"
     return f"{minutes} min {whole % 60} s" if minutes else f"{whole} s"
+
+
+def file_seconds(path: Path | str, limits: Limits, printer: Printer) -> float:
+    """Return how long ``printer`` takes for the programs of a file within ``limits`` [s]. Raises as `open_gcode`."""
+    seconds = 0.0
+    with open_gcode(path) as file:
+        for part in file.parts:
+            clock = start_clock(limits)
+            state = starting_state(part, printer=printer)
+            follow(part.chunks(), state, _as_it_is, look=partial(clock.advance, mended=False))
+            clock.finish()
+            seconds += clock.seconds
+    return seconds
+
+
+def _as_it_is(records: np.ndarray, _begin: int) -> tuple[int, np.ndarray, np.ndarray]:
+    return len(records), np.zeros(len(records) + 1, np.int64), _NO_PIECES

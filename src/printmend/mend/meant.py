@@ -3,7 +3,7 @@
 import numpy as np
 
 from printmend.errors import ModelError
-from printmend.gcode.header import Corners, Described
+from printmend.gcode.sliced import Corners, Described
 from printmend.mend.prediction import Prediction
 from printmend.messages import say
 from printmend.printer import Printer

@@ -14,10 +14,9 @@ from printmend.effects import EFFECTS
 from printmend.errors import GcodeError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, Text, open_gcode
-from printmend.gcode.header import described
 from printmend.gcode.mark import find_mark, find_test_print, marked
 from printmend.gcode.read import guessed_e_rule
-from printmend.gcode.sliced import sliced
+from printmend.gcode.sliced import described, sliced
 from printmend.gcode.write import Plan, TimePlace, rewrite
 from printmend.mend.meant import refuse_contradiction, refuse_other_printer
 from printmend.mend.prediction import Prediction, prediction_of, with_doubt

@@ -8,9 +8,9 @@ import numpy as np
 from printmend.clock import Stopwatch, limits_of, start_stopwatch
 from printmend.errors import GcodeError
 from printmend.gcode.container import GcodeFile, Part
-from printmend.gcode.header import described
 from printmend.gcode.mark import find_test_print
 from printmend.gcode.read import MachineState, e_warning, starting_state
+from printmend.gcode.sliced import described
 from printmend.gcode.write import follow
 from printmend.mend.meant import small_bed_words
 from printmend.messages import say
