@@ -23,7 +23,7 @@ from printmend.cli.main import group
 from printmend.corruption import Corruption
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.toml import corruption_toml, parse_corruption
-from printmend.demo.damage import demo_body_gcode
+from printmend.demo.contour import demo_body_gcode
 from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
 from printmend.measure.table import write_trace

@@ -28,7 +28,7 @@ def command(
 
     No printer or network is needed. A picture goes to the folder --out, where matplotlib is installed.
     """
-    from printmend.demo.damage import check_out
+    from printmend.demo.contour import check_out
     from printmend.extras import install_command, is_installed, require
 
     check_out(out)
@@ -62,7 +62,7 @@ def _show_chain(
     from printmend.cli.output import progress
     from printmend.corruption import corruption_of
     from printmend.demo import scan as chain
-    from printmend.demo.damage import demo_corruption
+    from printmend.demo.contour import demo_corruption
     from printmend.extras import is_installed
     from printmend.gcode.read import read_gcode
     from printmend.printer import read_printer

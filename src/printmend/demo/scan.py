@@ -14,7 +14,7 @@ import numpy as np
 
 from printmend.corruption import Corruption, corruption_toml
 from printmend.demo import contour
-from printmend.demo.damage import demo_body_gcode
+from printmend.demo.contour import demo_body_gcode
 from printmend.errors import RefusedError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode

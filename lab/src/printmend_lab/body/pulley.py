@@ -1,7 +1,7 @@
 """The demonstrations' body: a 60-tooth GT2 timing pulley, some 40 mm across.
 
 A layer of it takes the motor's own 20-tooth pulley through a whole turn (40 mm) on each axis, so one printed
-layer shows every angle of a fault. `tools/make_demo_body.py` slices it into the file of `printmend.demo.damage`.
+layer shows every angle of a fault. `tools/make_demo_body.py` slices it into the file of `printmend.demo.contour`.
 """
 
 import numpy as np

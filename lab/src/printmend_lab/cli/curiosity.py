@@ -29,7 +29,7 @@ def command(
 
     from printmend.cli.output import progress
     from printmend.corruption import corruption_of, sample
-    from printmend.demo.damage import check_out
+    from printmend.demo.contour import check_out
     from printmend.extras import require
     from printmend.printer import read_printer
     from printmend_lab.cli.table import show_table

@@ -27,7 +27,7 @@ def command(
     Results are kept in OUT/table1.jsonl: an interrupted run goes on where it was.
     """
     from printmend.cli.output import progress
-    from printmend.demo.damage import check_out
+    from printmend.demo.contour import check_out
     from printmend.extras import require
     from printmend_lab.bench.rows import PAPER_ROWS, libraries
     from printmend_lab.bench.table1 import dataset_cases, parts, table1

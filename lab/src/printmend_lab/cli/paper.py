@@ -25,7 +25,7 @@ def command(seed: int, broken: tuple[str, ...], file: Path | None, out: Path, as
 
     from printmend.cli.output import progress
     from printmend.corruption import corruption_of
-    from printmend.demo.damage import check_out, demo_corruption
+    from printmend.demo.contour import check_out, demo_corruption
     from printmend.printer import read_printer
     from printmend_lab.body import body_of, demo_body_gcode, load_body
     from printmend_lab.cli.table import show_table

@@ -40,7 +40,7 @@ def command(
     OUT gets pulley.gcode (20 teeth, bore 5 mm, set screw M3), the same mended for each generation, and a figure.
     """
     from printmend.cli.output import progress
-    from printmend.demo.damage import check_out
+    from printmend.demo.contour import check_out
     from printmend.extras import require
     from printmend.printer import read_printer
     from printmend_lab.cli.table import show_table
