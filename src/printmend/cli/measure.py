@@ -151,8 +151,7 @@ def _measure_layer(
 def _measure_by_hand(
     files: tuple[Path, ...], plan_path: Path, overlay: Path | None, printer_name: str | None, output: Path
 ) -> None:
-    from printmend.cli.calliper_map import draw_map
-    from printmend.cli.calliper_talk import talk
+    from printmend.cli.calliper_talk import draw_map, talk
     from printmend.infer.distances import choose_distances
     from printmend.measure import read_plan
     from printmend.measure.callipers import describe, parse_readings, read_readings
