@@ -6,8 +6,7 @@ from pathlib import Path
 import click
 
 from printmend.cli.model import ModelType
-from printmend.cli.terminal import echo, spoken
-from printmend.cli.usage import Finite
+from printmend.cli.terminal import Finite, echo, spoken
 from printmend.messages import is_one_of, say
 
 

@@ -12,8 +12,7 @@ from typing import NoReturn
 import click
 
 from printmend import __version__
-from printmend.cli.terminal import LANGUAGES, Terminal, usual_language
-from printmend.cli.usage import usage_words
+from printmend.cli.terminal import LANGUAGES, Terminal, usage_words, usual_language
 from printmend.errors import MissingToolError, PrintmendError, reason
 from printmend.extras import missing_extra
 from printmend.messages import say

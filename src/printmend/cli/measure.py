@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from printmend.cli.terminal import echo, spoken
-from printmend.cli.usage import Finite
+from printmend.cli.terminal import Finite, echo, spoken
 from printmend.messages import say, say_count
 
 if TYPE_CHECKING:

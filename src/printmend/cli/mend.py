@@ -7,8 +7,7 @@ import click
 
 from printmend.cli.model import ModelType, read_model_in
 from printmend.cli.output import tell
-from printmend.cli.terminal import echo, language
-from printmend.cli.usage import Finite, Percent
+from printmend.cli.terminal import Finite, Percent, echo, language
 from printmend.messages import say
 
 if TYPE_CHECKING:

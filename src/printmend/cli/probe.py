@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from printmend.cli.terminal import echo, language
-from printmend.cli.usage import Finite
+from printmend.cli.terminal import Finite, echo, language
 from printmend.messages import say, together
 from printmend.units import A4_MM, LETTER_MM
 

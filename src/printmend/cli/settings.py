@@ -16,7 +16,7 @@ from typing import Any
 import click
 
 from printmend.cli.model import ModelType
-from printmend.cli.usage import value_words
+from printmend.cli.terminal import value_words
 from printmend.errors import ConfigError
 from printmend.messages import say
 

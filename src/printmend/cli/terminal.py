@@ -1,12 +1,17 @@
-"""The language that a command speaks in the terminal: --lang, or that of the user's locale."""
+"""What a command says and understands in the terminal: the language, numbers as typed, and mistakes as messages.
 
+The language is that of --lang, or of the user's locale. Click has its own messages in English only.
+"""
+
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import click
 
-from printmend.messages import ENGLISH, GERMAN, translated
+from printmend.messages import ENGLISH, GERMAN, Said, say, together, translated
 
 LANGUAGES = (ENGLISH, GERMAN)
 
@@ -43,3 +48,67 @@ def spoken(message: str) -> str:
 def echo(message: str, *, err: bool = False) -> None:
     """Print a message in the user's language."""
     click.echo(spoken(message), err=err)
+
+
+class Finite(click.FloatRange):
+    """A range of real numbers; nan, which no comparison excludes, is none of them."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(say("usage-real"), param, ctx)
+        return number
+
+
+class Percent(Finite):
+    """A share as a percentage, with its sign or without: `5%` is 0.05."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        return super().convert(str(value).strip().removesuffix("%"), param, ctx) / 100.0
+
+
+def usage_words(error: click.ClickException) -> str:
+    """Return what is wrong with a command line, and where its help is."""
+    ctx = getattr(error, "ctx", None)
+    command = "printmend" if ctx is None else " ".join(["printmend", *ctx.command_path.split()[1:]])
+    return say("terminal-usage-see-help", _wrong(error), command)
+
+
+def value_words(kind: click.ParamType) -> str:
+    """Return which values a type takes; empty for a type that says so itself."""
+    if isinstance(kind, click.Choice):
+        return say("usage-one-of", ", ".join(map(str, kind.choices)))
+    if isinstance(kind, click.IntRange | click.FloatRange):
+        which = "whole" if isinstance(kind, click.IntRange) else "real"
+        if kind.min is None or kind.max is None:
+            return say(f"usage-{which}") if kind.min is None else say(f"usage-{which}-from", kind.min)
+        return say(f"usage-{which}-range", kind.min, kind.max)
+    if isinstance(kind, click.Path):
+        return say("usage-folder" if not kind.file_okay else "usage-file" if not kind.dir_okay else "usage-path")
+    if kind is click.INT or kind is click.FLOAT:
+        return say("usage-whole" if kind is click.INT else "usage-real")
+    return ""
+
+
+def _wrong(error: click.ClickException) -> str:
+    if isinstance(error, click.NoSuchOption):
+        return _with_guess(say("usage-no-option", error.option_name), error.possibilities)
+    if (name := getattr(error, "command_name", None)) is not None:
+        return _with_guess(say("usage-no-command", name), getattr(error, "possibilities", None))
+    if isinstance(error, click.BadParameter) and error.param is not None:
+        hint = error.param.get_error_hint(error.ctx) if error.param_hint is None else str(error.param_hint)
+        hint = hint.replace("'", "")
+        if isinstance(error, click.MissingParameter):
+            return say("usage-missing", hint)
+        told = error.message if isinstance(error.message, Said) else value_words(error.param.type)
+        return say("usage-wrong-value", hint, told or error.message)
+    if isinstance(error, click.BadOptionUsage):
+        return say("usage-needs-value", error.option_name)
+    # Of click's other errors only those of our own commands have an id.
+    return error.message if isinstance(error.message, Said) else " ".join(error.format_message().rstrip(".").split())
+
+
+def _with_guess(words: str, possibilities: object) -> str:
+    if not isinstance(possibilities, list | tuple) or not possibilities:
+        return words
+    return say("usage-guess", words, together(", ", possibilities))

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from printmend.cli.terminal import echo
-from printmend.cli.usage import Finite
+from printmend.cli.terminal import Finite, echo
 from printmend.messages import say
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from pathlib import Path
 import click
 
 from printmend.cli.model import ModelType
-from printmend.cli.terminal import echo
-from printmend.cli.usage import Finite
+from printmend.cli.terminal import Finite, echo
 from printmend.messages import say
 
 

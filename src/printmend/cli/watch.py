@@ -7,8 +7,7 @@ import click
 
 from printmend.cli.model import ModelType
 from printmend.cli.output import tell
-from printmend.cli.terminal import echo
-from printmend.cli.usage import Finite
+from printmend.cli.terminal import Finite, echo
 from printmend.messages import say, together
 
 

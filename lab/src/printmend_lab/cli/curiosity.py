@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from printmend.cli.usage import Finite
+from printmend.cli.terminal import Finite
 
 
 @click.command(epilog="Example: printmend curiosity --seed 3 --promise 0.05 -o curious")
