@@ -15,9 +15,9 @@ from printmend.gcode.write import follow
 from printmend.machine import healthy_transmission, z_grid_mm
 from printmend.machine.kernels import bed, play, table
 from printmend.studio import kernels, plate
+from printmend.studio.offered import MOST_DENT_MM
 from printmend.studio.play import _SCREW_PHASE_RAD, play_layer, play_printer
 from printmend.studio.scene import NEAR, read_motion
-from printmend.studio.sliders import MOST_DENT_MM
 
 _BED = ["mixed", "unmixed", "to_motors", "from_motors", "_polynomial", "_derivatives", "_waved",
         "_waved_derivatives", "onto_bed", "slopes", "off_bed"]  # fmt: skip

@@ -1,10 +1,12 @@
 """Every effect as the play screen offers it: its title, where it can be, and a slider for each of its numbers.
 
 An effect of another package is among them as soon as it is registered; its title is the first line written over it.
+
+How far the sliders of the play screen go: faults large enough to be seen at once.
 """
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 from printmend.corruption.cause import Cause, named_keys, offered, said, typical_shape
 from printmend.effects import EFFECTS
@@ -14,6 +16,10 @@ from printmend.effects.sample import terms_of
 from printmend.effects.sized import scene_of_printer
 from printmend.messages import catalogue, say
 from printmend.printer import Printer
+
+Shape = Literal["round", "eccentric", "oval", "flat", "square"]
+MOST_DENT_MM, MOST_PLAY_MM, MOST_SKEW_DEG, MOST_SCREW_MM = 1.5, 0.8, 2.0, 0.5
+
 
 _FURTHEST = 5.0  # times the example: where a slider of a size ends
 _STEEPNESS = 8.0  # a wave of a period has at most this share of it as its size: its belt still moves forwards

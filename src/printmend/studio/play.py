@@ -25,9 +25,8 @@ from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.studio import kernels, plate
-from printmend.studio.offered import causes_of
+from printmend.studio.offered import MOST_DENT_MM, Shape, causes_of
 from printmend.studio.scene import NEAR
-from printmend.studio.sliders import MOST_DENT_MM, Shape
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
 
