@@ -215,8 +215,8 @@ def _write_first_layer(part: Path, output: Path, printer_name: str | None) -> No
     from printmend.files import replacing
     from printmend.gcode.read import read_gcode
     from printmend.printer import read_printer
-    from printmend.probe.first_layer import STANDS_IN, first_layer
     from printmend.probe.leaflet import leaflet_of, write_layer_leaflet
+    from printmend.probe.part_layer import STANDS_IN, first_layer
 
     spare((output, leaflet_of(output)), (part,))
     printer = None if printer_name is None else read_printer(printer_name)
