@@ -20,7 +20,7 @@ from printmend.errors import InputError
 from printmend.model import exact_model, write_model
 from printmend.printer import read_printer
 from printmend.provenance import read_model
-from printmend.studio import door, guard, pairing
+from printmend.studio import guard, pairing
 from printmend.studio.app import create_app
 from printmend.studio.devices import Devices
 from printmend.studio.jobs import Jobs
@@ -36,7 +36,7 @@ def _served(folder: Path) -> Iterator[tuple[str, str]]:
     token = devices.add("desk")
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
-        config = uvicorn.Config(create_app(folder, workers=1, devices=devices), log_level="error", http=door.Door,
+        config = uvicorn.Config(create_app(folder, workers=1, devices=devices), log_level="error", http=guard.Door,
                                 timeout_graceful_shutdown=1)  # fmt: skip
         server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)

@@ -24,7 +24,7 @@ from starlette.testclient import TestClient
 from printmend.cli.main import group
 from printmend.cli.studio import usual_folder
 from printmend.errors import InputError
-from printmend.studio import door
+from printmend.studio import guard
 from printmend.studio.app import create_app
 from printmend.studio.devices import Devices
 from printmend.studio.serve import serve
@@ -157,10 +157,10 @@ def test_the_api_describes_itself_in_openapi_and_has_a_name_that_stays(folder: P
 
 
 def test_connections_that_ask_for_nothing_keep_nobody_out(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(door, "ASK_S", 0.5)
+    monkeypatch.setattr(guard, "ASK_S", 0.5)
     app = create_app(folder, workers=1)
     server = uvicorn.Server(
-        uvicorn.Config(app, port=0, log_level="error", ws="none", http=door.Door, limit_concurrency=50)
+        uvicorn.Config(app, port=0, log_level="error", ws="none", http=guard.Door, limit_concurrency=50)
     )
     thread = threading.Thread(target=server.run)
     thread.start()
@@ -169,7 +169,7 @@ def test_connections_that_ask_for_nothing_keep_nobody_out(folder: Path, monkeypa
         while not server.started:
             time.sleep(0.02)
         place = server.servers[0].sockets[0].getsockname()
-        for k in range(2 * door.MOST_SILENT):
+        for k in range(2 * guard.MOST_SILENT):
             silent.append(socket.create_connection(place))
             if k % 2:
                 silent[-1].sendall(b"GET /api/health HTTP/1.1\r\nHost: 127.0.0.1\r\nX-More: ")
@@ -189,7 +189,7 @@ def test_connections_that_ask_for_nothing_keep_nobody_out(folder: Path, monkeypa
         asking.sock.sendall(b"GET /api/hea")
         silent.append(asking.sock)
         assert _is_ended(asking.sock)
-        assert not door.Door._silent
+        assert not guard.Door._silent
     finally:
         server.should_exit = True
         thread.join()

@@ -16,8 +16,7 @@ from printmend.executor import Cluster, executor
 from printmend.messages import say
 from printmend.studio.app import MOST_HELD_BYTES, WORKERS, create_app
 from printmend.studio.devices import FIRST, Devices
-from printmend.studio.door import Door
-from printmend.studio.guard import LOOPBACK
+from printmend.studio.guard import LOOPBACK, Door
 
 _EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - recognised, never a default
 # Addresses kept for documents (RFC 5737, RFC 3849): nobody has them, so the way to them begins as that to anybody.
