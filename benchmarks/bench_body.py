@@ -11,8 +11,7 @@ import shapely
 from printmend.gcode.read import read_gcode
 from printmend.printer import read_printer
 from printmend_lab.body import demo_body_gcode
-from printmend_lab.body.lattice import follow_polyline, to_steps
-from printmend_lab.body.layers import layers_of, strokes_of
+from printmend_lab.body.layers import follow_polyline, layers_of, strokes_of, to_steps
 
 
 def seconds(function, repeats: int = 5) -> float:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from printmend.errors import GcodeError
 from printmend.printer import Printer, read_printer
 from printmend_lab.body.kernels import UNITS
-from printmend_lab.body.lattice import follow_polyline, to_steps
+from printmend_lab.body.layers import follow_polyline, to_steps
 from tests import naive_body
 
 # Multiples of 1/8 step meet every tie of the rounding; 1/1000 step is ordinary G-code.

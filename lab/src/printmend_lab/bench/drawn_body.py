@@ -5,7 +5,7 @@ import numpy as np
 from printmend.path import Body, Layer
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
-from printmend_lab.body.lattice import follow_polyline, to_steps
+from printmend_lab.body.layers import follow_polyline, to_steps
 
 _BEAD_MM = 0.8  # between a layer's perimeters
 _LAYER_MM = 0.2  # a layer's height

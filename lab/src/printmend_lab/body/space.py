@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.path import Body, frozen
 from printmend.printer import Printer
-from printmend_lab.body.lattice import follow_polyline
+from printmend_lab.body.layers import follow_polyline
 
 
 @dataclass(frozen=True, eq=False)
