@@ -31,8 +31,7 @@ from printmend.path import Body
 from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
 from printmend_lab.body.generated import LICENCE
-from printmend_lab.dataset.bodies import digest
-from printmend_lab.dataset.manifest import known_of
+from printmend_lab.dataset.bodies import digest, known_of
 from printmend_lab.dataset.parquet import READ, SCHEMA, digest_of, write_body, write_print
 from printmend_lab.dataset.places import (
     BODIES,
