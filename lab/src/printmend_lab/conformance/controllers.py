@@ -13,9 +13,7 @@ from printmend.learn.naive import NaiveModel
 from printmend.printer import Printer, read_printer
 from printmend.protocols import Controller, JointTables, State, WorldModel
 from printmend.twin import Twin
-from printmend_lab.conformance.need import need
-from printmend_lab.conformance.shapes import ring_layer
-from printmend_lab.conformance.tables import joint_step
+from printmend_lab.conformance.need import joint_step, need, ring_layer
 from printmend_lab.control.registry import controller
 
 LAYER = ring_layer((530.0, 530.0), 18.0, turn=0.7, gap=9.0)

@@ -14,9 +14,7 @@ from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.protocols import WorldModel
 from printmend.twin import Twin
-from printmend_lab.conformance.need import HARMLESS_STEPS, near, need
-from printmend_lab.conformance.shapes import ring_layer
-from printmend_lab.conformance.tables import follow_tables
+from printmend_lab.conformance.need import HARMLESS_STEPS, follow_tables, near, need, ring_layer
 from printmend_lab.control.check import tables_of
 from printmend_lab.control.increments import increments_by_advance
 from printmend_lab.control.registry import controller
