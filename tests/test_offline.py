@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import printmend_lab.env  # noqa: F401 - registers the environments
 from printmend.cli.main import group
 from printmend.errors import ConfigError, InputError
-from printmend_lab.env.one_agents import one_naive_agent
+from printmend_lab.env.agents import one_naive_agent
 from printmend_lab.offline import Episode, record, write_lerobot, write_minari
 from printmend_lab.offline.episodes import environment
 

@@ -7,9 +7,18 @@ measured is ever observed. ``"printmend/OnePrint-pulley-loose-damaged-v1"`` and 
 
 import gymnasium
 
-from printmend_lab.env.agents import algorithm1_agent, naive_agent, planning_agent, random_agent
+from printmend_lab.env.agents import (
+    algorithm1_agent,
+    learning_agent,
+    naive_agent,
+    one_naive_agent,
+    open_loop_agent,
+    planning_agent,
+    probing_controls,
+    random_agent,
+    score_agent,
+)
 from printmend_lab.env.fleet import random_layer
-from printmend_lab.env.one_agents import learning_agent, one_naive_agent, open_loop_agent, probing_controls, score_agent
 from printmend_lab.env.one_print_env import OnePrintEnv
 from printmend_lab.env.one_vector_env import KEPT_SEED, OnePrintVectorEnv
 from printmend_lab.env.print_env import PrintEnv, draw_damaged

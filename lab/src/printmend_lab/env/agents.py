@@ -6,17 +6,29 @@ of the 49 wins, and the motor never gets through its play (physics.md §6). With
 commanding the path as it is. `planning_agent` knows the same machine and takes up the play ahead of the next move.
 
 Each is a function of observations [N, D] that returns actions [N, 2] for `PrintVectorEnv`; `PrintEnv` takes row 0.
+
+Agents for the one-print environments, which know nothing but observations: Naive, and a learner with a controller.
+
+Each is a function of observations (a dictionary of arrays, a row a machine) that returns actions [N, 2], for
+`OnePrintVectorEnv`; `score_agent` lets one play.
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
+from printmend.corruption.sampling import Severity
 from printmend.learn.mechanism_model import MechanismModel
+from printmend.learn.registry import fitted
+from printmend.learn.registry import learner as learner_of
 from printmend.machine import Mechanism
+from printmend.path import Trace
+from printmend.printer import Printer
 from printmend.protocols import Controller
 from printmend_lab.control.lookahead import Lookahead
+from printmend_lab.control.registry import controller as controller_of
 from printmend_lab.env import kernels
+from printmend_lab.env.one_vector_env import KEPT_SEED, PRINT, OnePrintVectorEnv
 from printmend_lab.env.print_env import C_MAX, PrintEnv
 from printmend_lab.env.vector_env import PrintVectorEnv
 
@@ -71,3 +83,86 @@ def planning_agent(env: PrintEnv | PrintVectorEnv, controller: Controller | None
         return controls + C_MAX
 
     return act
+
+
+OneAgent = Callable[[dict[str, np.ndarray]], np.ndarray]
+Plan = Callable[[np.ndarray, np.ndarray], np.ndarray]
+_LEAST_STEPS = 230  # of the test print along each axis: somewhat more than a motor's turn on the presets
+
+
+def probing_controls(ticks: int, path: np.ndarray, start: np.ndarray, bed_steps: np.ndarray) -> np.ndarray:
+    """Return controls [ticks, 2] of a test print from ``start`` [2] for a ``path`` [N, 2] that is to be printed then.
+
+    Each axis goes to the path by the shortest way, and then to and fro over its width, or a turn of the motor if that
+    is wider, as slowly as lets it come back once.
+    """
+    controls = np.zeros((ticks, 2), np.int64)
+    for axis in range(2):
+        low, high = float(path[:, axis].min()), float(path[:, axis].max())
+        wider = max(_LEAST_STEPS - (high - low), 0.0) / 2
+        low, high = max(low - wider, 0.0), min(high + wider, float(bed_steps[axis]))
+        near, far = sorted((low, high), key=lambda end: abs(end - start[axis]))
+        there = int(np.ceil(abs(near - start[axis]) / C_MAX))
+        speed = np.clip(np.ceil(2 * (high - low) / max(ticks - there, 1)), 1, C_MAX)
+        leg = max((high - low) / speed, 1.0)
+        back = np.abs((np.arange(max(ticks - there, 0)) / leg + 1) % 2 - 1)  # 0 at the near end, 1 at the far one
+        places = np.concatenate([np.linspace(start[axis], near, there + 1), near + (far - near) * back])[: ticks + 1]
+        # Halves always up: rounding them to even would make steps of four out of threes.
+        controls[:, axis] = np.clip(np.diff(np.floor(places + 0.5)), -C_MAX, C_MAX)
+    return controls
+
+
+def one_naive_agent(observation: dict[str, np.ndarray]) -> np.ndarray:
+    """Believe in a healthy machine: whatever the scan says, command the path as it is."""
+    return np.clip(observation["now"][:, 8:10], -C_MAX, C_MAX).astype(np.int64) + C_MAX
+
+
+def learning_agent(learner: str, printer: Printer, *, controller: str = "optimal", seed: int = 0) -> OneAgent:
+    """Return an agent that prints `probing_controls`, learns from the scan, plans the path and follows the plan."""
+    learns, plans = learner_of(learner), controller_of(controller)
+    low_mm, pitch_mm = np.array([printer.x.min_mm, printer.y.min_mm]), np.array(printer.mm_per_step)
+
+    def plan(path: np.ndarray, scan: np.ndarray) -> np.ndarray:
+        commanded, beside = np.split(scan, 2, axis=1)
+        trace = Trace(low_mm + commanded * pitch_mm, low_mm + (commanded + beside) * pitch_mm)
+        model = fitted(learns, trace, printer, rng=np.random.default_rng(seed))
+        return plans.plan(model, path[1:], path[0].astype(int), c_max=C_MAX).controls
+
+    return open_loop_agent(plan, printer)
+
+
+def open_loop_agent(plan: Plan, printer: Printer) -> OneAgent:
+    """Return an agent that prints `probing_controls`, and then what ``plan`` says of a path and a scan.
+
+    ``plan`` takes the path [T + 1, 2] and the scan [P + 1, 4] of an observation as float64 and returns controls [T, 2].
+    """
+    bed = np.array(printer.bed_steps)
+    chosen: dict[int, np.ndarray] = {}  # of each row: the controls of the test print, or of the print
+
+    def act(observation: dict[str, np.ndarray]) -> np.ndarray:
+        ticks, controls = observation["tick"][:, 0], np.zeros((len(observation["tick"]), 2), np.int64)
+        for n, tick in enumerate(ticks.tolist()):
+            if tick == 0:
+                path, scan = (observation[name][n].astype(float) for name in ("path", "scan"))
+                if observation["phase"][n] == PRINT:
+                    chosen[n] = plan(path, scan)
+                else:
+                    chosen[n] = probing_controls(len(scan) - 1, path, observation["now"][n, :2], bed)
+            if tick < len(chosen[n]):  # the step after an episode's end does nothing
+                controls[n] = chosen[n][tick]
+        return controls + C_MAX
+
+    return act
+
+
+def score_agent(
+    agent: OneAgent, family: str, severity: Severity = "damaged", *, scenes: int = 32, seed: int = KEPT_SEED
+) -> np.ndarray:
+    """Return the agent's score on each of the scenes [scenes]; without a ``seed``, on the kept ones."""
+    env = OnePrintVectorEnv(scenes, family=family, severity=severity, scenes=scenes)
+    observation, _ = env.reset(seed=seed)
+    score, done = np.zeros(scenes), np.zeros(scenes, bool)
+    while not done.all():
+        observation, reward, done, _, _ = env.step(agent(observation))
+        score += reward
+    return score

@@ -9,7 +9,7 @@ import numpy as np
 from printmend.errors import ConfigError, InputError
 from printmend.printer import read_printer
 from printmend_lab.env import SCENES
-from printmend_lab.env.one_agents import OneAgent, learning_agent, one_naive_agent
+from printmend_lab.env.agents import OneAgent, learning_agent, one_naive_agent
 
 NAIVE = "naive"
 
