@@ -44,7 +44,7 @@ def command(
     from printmend.extras import require
     from printmend.printer import read_printer
     from printmend_lab.cli.table import show_table
-    from printmend_lab.demo import selfrepair_report as report
+    from printmend_lab.demo import selfrepair as report
 
     require("printmend selfrepair", "matplotlib")
     check_out(out)
@@ -78,7 +78,7 @@ def _broken(
     from printmend.corruption import published_names, read_corruption
     from printmend.errors import InputError
     from printmend.model import read_model
-    from printmend_lab.demo.selfrepair_report import hull_damage
+    from printmend_lab.demo.selfrepair import hull_damage
 
     if sum(value is not None for value in (hull, broken_path, model_path)) > 1:
         raise click.UsageError("--hull, --corruption and --model each say what is broken: give one")
