@@ -14,7 +14,7 @@ from printmend_lab.cli.bench_objectives import NAMES, objectives
 from printmend_lab.cli.bench_prints import prints
 from printmend_lab.cli.bench_real import real
 from printmend_lab.cli.bench_suite import submit_check, suite
-from printmend_lab.cli.where import with_executor
+from printmend_lab.cli.table import with_executor
 
 if TYPE_CHECKING:
     from printmend_lab.bench.case import Result

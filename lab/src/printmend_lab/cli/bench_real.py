@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from printmend_lab.cli.where import with_executor
+from printmend_lab.cli.table import with_executor
 
 
 @click.command(

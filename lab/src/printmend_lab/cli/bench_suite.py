@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from printmend_lab.cli.where import with_executor
+from printmend_lab.cli.table import with_executor
 
 _ROWS = "naive,greybox+optimal,meta+optimal"
 _REASONS = 3  # of failed cases that are printed; the file has all

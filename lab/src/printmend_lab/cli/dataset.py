@@ -9,7 +9,7 @@ import click
 
 from printmend.errors import InputError
 from printmend_lab.cli.dataset_episodes import episodes_command
-from printmend_lab.cli.where import with_executor
+from printmend_lab.cli.table import with_executor
 
 
 @click.group(epilog="Example: printmend dataset export-reference data --bodies models/ --corruptions 50 --layers 3")
