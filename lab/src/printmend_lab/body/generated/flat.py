@@ -3,12 +3,12 @@
 import numpy as np
 from manifold3d import CrossSection, FillRule, Manifold
 
+from printmend.units import TURN_RAD
 from printmend_lab.body.generated.dice import Dice
 
-_TURN_RAD = 2 * np.pi
 _PRESSURE_RAD = np.deg2rad(20.0)
 _LETTERS = "ABCDEFGHJKLMNPRSTUVWXYZ0123456789"
-_CORNERS = 32  # of a circle
+_HOLE_CORNERS = 32  # of a circle
 
 
 def gear(dice: Dice) -> Manifold:
@@ -18,19 +18,19 @@ def gear(dice: Dice) -> Manifold:
     outline = CrossSection([_involute_outline(teeth, module_mm)], FillRule.Positive)
     root_mm = module_mm * (teeth / 2 - 1.25)
     bore_mm = min(dice.uniform(1.5, 4.0), 0.4 * root_mm)
-    outline = outline - CrossSection.circle(bore_mm, _CORNERS)
+    outline = outline - CrossSection.circle(bore_mm, _HOLE_CORNERS)
     holes, hole_mm = dice.whole(3, 8), 0.3 * (root_mm - bore_mm)
     if root_mm > 12.0:
         middle_mm = (root_mm + bore_mm) / 2
         fits = min(hole_mm, middle_mm * np.sin(np.pi / holes) - 1.5)
         for k in range(holes) if fits > 1.0 else ():
-            angle = _TURN_RAD * k / holes
+            angle = TURN_RAD * k / holes
             centre = (middle_mm * float(np.cos(angle)), middle_mm * float(np.sin(angle)))
-            outline = outline - CrossSection.circle(fits, _CORNERS).translate(centre)
+            outline = outline - CrossSection.circle(fits, _HOLE_CORNERS).translate(centre)
     solid = Manifold.extrude(outline, height_mm)
     if dice.chance(0.5):  # a hub
         hub_mm = min(bore_mm + dice.uniform(2.0, 4.0), 0.9 * root_mm)
-        hub = CrossSection.circle(hub_mm, _CORNERS) - CrossSection.circle(bore_mm, _CORNERS)
+        hub = CrossSection.circle(hub_mm, _HOLE_CORNERS) - CrossSection.circle(bore_mm, _HOLE_CORNERS)
         solid = solid + Manifold.extrude(hub, height_mm + dice.uniform(1.0, 4.0))
     return solid
 
@@ -46,7 +46,7 @@ def _involute_outline(teeth: int, module_mm: float) -> np.ndarray:
     half = np.maximum(half, 0.05 / teeth)  # thin teeth end in a ridge
     corners = []
     for k in range(teeth):
-        middle = _TURN_RAD * k / teeth
+        middle = TURN_RAD * k / teeth
         right = [(root, middle - half[0]), *zip(radius, middle - half, strict=True)]
         left = [*zip(radius[::-1], middle + half[::-1], strict=True), (root, middle + half[0])]
         corners += [(r * np.cos(a), r * np.sin(a)) for r, a in (*right, *left)]
@@ -69,10 +69,10 @@ def bracket(dice: Dice) -> Manifold:
         radius = dice.uniform(1.2, min(3.5, 0.2 * width))
         x = dice.uniform(2 * thick + radius, length - radius - 2.0)
         y = dice.uniform(radius + 2.0, width - radius - 2.0)
-        solid = solid - Manifold.cylinder(3 * thick, radius, radius, _CORNERS, True).translate((x, y, thick / 2))
+        solid = solid - Manifold.cylinder(3 * thick, radius, radius, _HOLE_CORNERS, True).translate((x, y, thick / 2))
     radius = dice.uniform(1.0, 0.2 * height)
     place = (thick / 2, dice.uniform(0.3, 0.7) * width, thick + 0.5 * (height - thick))
-    hole = Manifold.cylinder(3 * thick, radius, radius, _CORNERS, True).rotate((0.0, 90.0, 0.0))
+    hole = Manifold.cylinder(3 * thick, radius, radius, _HOLE_CORNERS, True).rotate((0.0, 90.0, 0.0))
     return solid - hole.translate(place)
 
 

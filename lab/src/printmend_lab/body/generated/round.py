@@ -3,9 +3,9 @@
 import numpy as np
 from manifold3d import CrossSection, FillRule, Manifold
 
+from printmend.units import TURN_RAD
 from printmend_lab.body.generated.dice import Dice
 
-_TURN_RAD = 2 * np.pi
 _CORNERS = 64  # of a circle
 _CELL_MM = 1.4  # of the grid in which a gyroid is found
 
@@ -15,7 +15,7 @@ def vase(dice: Dice) -> Manifold:
     radius_mm, height_mm, wall_mm = dice.uniform(10.0, 25.0), dice.uniform(8.0, 20.0), dice.uniform(1.2, 2.0)
     waves, depth = dice.whole(2, 9), dice.uniform(0.02, 0.12)
     twist, wider = dice.uniform(-60.0, 60.0), dice.uniform(0.85, 1.25)
-    angle = np.arange(_CORNERS) * (_TURN_RAD / _CORNERS)
+    angle = np.arange(_CORNERS) * (TURN_RAD / _CORNERS)
     wavy = radius_mm * (1 + depth * np.cos(waves * angle))
     outline = np.stack([wavy * np.cos(angle), wavy * np.sin(angle)], axis=1)
     steps = round(height_mm / 0.5)
@@ -33,8 +33,8 @@ def gyroid(dice: Dice) -> Manifold:
     """Draw a block or a cylinder of gyroid walls, |sin x cos y + sin y cos z + sin z cos x| < thick (Schoen 1970)."""
     size = (dice.uniform(16.0, 28.0), dice.uniform(16.0, 28.0), dice.uniform(4.0, 8.0))
     period_mm, thick = dice.uniform(9.0, 14.0), dice.uniform(0.5, 0.8)
-    shift = [dice.uniform(0.0, _TURN_RAD) for _ in range(3)]
-    rate = _TURN_RAD / period_mm
+    shift = [dice.uniform(0.0, TURN_RAD) for _ in range(3)]
+    rate = TURN_RAD / period_mm
 
     def inside(x: float, y: float, z: float) -> float:
         a, b, c = rate * x + shift[0], rate * y + shift[1], rate * z + shift[2]
