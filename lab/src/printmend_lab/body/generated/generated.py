@@ -13,7 +13,7 @@ from printmend_lab.body.solid import Solid
 
 GENERATOR = 1  # the generator's version
 LICENCE = "CC0-1.0"
-_ROUND, _FLAT = "printmend_lab.body.generated.round", "printmend_lab.body.generated.flat"
+_ROUND, _FLAT = "printmend_lab.body.generators", "printmend_lab.body.generators"
 _MODULES = {"gear": _FLAT, "bracket": _FLAT, "vase": _ROUND, "text": _FLAT, "gyroid": _ROUND, "assembly": _ROUND}
 KINDS = tuple(_MODULES)
 _MICRON_MM = 1e-3  # the grid of the corners
