@@ -8,8 +8,7 @@ import pytest
 import trimesh
 
 from printmend.errors import InputError
-from printmend_lab.body.generated import KINDS, generated_name, generated_solid
-from printmend_lab.body.generated.generated import Dice
+from printmend_lab.body.generated import KINDS, Dice, generated_name, generated_solid
 from printmend_lab.body.solid import stl_bytes
 from printmend_lab.dataset.bodies import body_files
 

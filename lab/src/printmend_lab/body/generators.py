@@ -4,7 +4,7 @@ import numpy as np
 from manifold3d import CrossSection, FillRule, Manifold
 
 from printmend.units import TURN_RAD
-from printmend_lab.body.generated.generated import Dice
+from printmend_lab.body.generated import Dice
 
 _PRESSURE_RAD = np.deg2rad(20.0)
 _LETTERS = "ABCDEFGHJKLMNPRSTUVWXYZ0123456789"

@@ -6,7 +6,6 @@ random streams only from one release to the next, so that a die draws from SHA-2
 """
 
 import hashlib
-import importlib
 from collections.abc import Sequence
 from typing import TypeVar
 
@@ -43,9 +42,7 @@ class Dice:
 
 GENERATOR = 1  # the generator's version
 LICENCE = "CC0-1.0"
-_ROUND, _FLAT = "printmend_lab.body.generators", "printmend_lab.body.generators"
-_MODULES = {"gear": _FLAT, "bracket": _FLAT, "vase": _ROUND, "text": _FLAT, "gyroid": _ROUND, "assembly": _ROUND}
-KINDS = tuple(_MODULES)
+KINDS = ("gear", "bracket", "vase", "text", "gyroid", "assembly")
 _MICRON_MM = 1e-3  # the grid of the corners
 
 
@@ -56,8 +53,9 @@ def generated_name(seed: int, number: int) -> str:
 
 def generated_solid(seed: int, number: int) -> Solid:
     """Make the body of that number of a seed's endless list."""
-    module = importlib.import_module(_MODULES[_kind(seed, number)])  # its libraries are an extra
-    mesh = getattr(module, _kind(seed, number))(Dice(f"{GENERATOR} {seed} {number} shape")).to_mesh()
+    from printmend_lab.body import generators  # its libraries are an extra
+
+    mesh = getattr(generators, _kind(seed, number))(Dice(f"{GENERATOR} {seed} {number} shape")).to_mesh()
     vertices, faces = _ordered(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts))
     return Solid(generated_name(seed, number), vertices, faces)
 
