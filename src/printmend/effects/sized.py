@@ -17,7 +17,7 @@ from printmend.printer import Printer
 
 GRID = 7  # places along either axis of the bed at which a frame's terms are taken
 ROWS = 2048  # of a table that are evaluated at once: their columns stay in the processor's cache
-SHRINKS_SD = 0.002  # of parts in the usual filaments (filament/materials.toml)
+SHRINKS_SD = 0.002  # of parts in the usual filaments (materials.toml)
 TINY_MM = 1e-9  # what a model file rounds to
 FEW = 97  # places of a table at which both sides are compared
 

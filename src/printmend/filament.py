@@ -1,16 +1,70 @@
-"""Whose scale is it? A print is as large as the machine makes it less what its filament shrinks; several tell both.
+"""Filaments: how much parts shrink in them, and what of a print's scale is the machine's.
 
 Along each axis a print in the filament k shows the scale T = M − f_k, a print that cannot shrink (dots that stick to
 plate or paper) and a rule along the machine's travel show M. All are linear, and M has a prior of several widths:
 the posterior is a mixture of Gaussians, in closed form.
 """
 
+import re
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 
-from printmend.filament.material import material_of
+from printmend.errors import ConfigError
+from printmend.messages import say
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9+._-]{0,39}")
+# Other names of the polymers of the table, as they stand on spools.
+_ALSO = {
+    "nylon": "pa",
+    "polycarbonate": "pc",
+    "pet": "petg",
+    "pctg": "petg",
+    "cpe": "petg",
+    "tpe": "tpu",
+    "flex": "tpu",
+}
+
+
+@dataclass(frozen=True)
+class Material:
+    """A polymer: the mean by which parts shrink in it along X and Y, and its standard deviation, as shares."""
+
+    polymer: str
+    mean: float
+    sd: float
+
+
+@cache
+def _table() -> dict[str, Material]:
+    table = tomllib.loads((Path(__file__).parent / "materials.toml").read_text())
+    return {name: Material(name, row["mean"] / 100, row["sd"] / 100) for name, row in table.items()}
+
+
+def check_name(name: str) -> str:
+    """Return a filament's name. Raises `ConfigError` for one that begins with no polymer that is known."""
+    material_of(name)
+    return name
+
+
+def material_of(name: str) -> Material:
+    """Return the polymer with whose name a filament's name begins: ``petg_blue``, ``pa6-cf`` and ``nylon`` have one.
+
+    Raises `ConfigError` for a name that is none or begins with no polymer that is known.
+    """
+    known = {**_table(), **{also: _table()[polymer] for also, polymer in _ALSO.items()}}
+    begins = [each for each in known if name.lower().startswith(each)]
+    if not _NAME.fullmatch(name) or not begins:
+        raise ConfigError(
+            say("filament-option"), wanted=say("name-begins-polymer", ", ".join(_table())), came=repr(name),
+            todo=say("call-like-pla-black-up-40"),
+        )  # fmt: skip
+    return known[max(begins, key=len)]
+
 
 CLAIM_SD = 0.0005  # standard deviation of the machine's scale up to which it counts as told: 0.05 mm in 100
 # Scale errors of machines: every one has 0.1 to 0.3 %, some have another pulley (physics.md §3; effects/priors.toml).
