@@ -8,9 +8,15 @@ import numpy as np
 from printmend.errors import GcodeError
 from printmend.gcode import kernels as k
 from printmend.gcode.container import HINT_BYTES, MAX_LINE_BYTES, Part, endless_line, open_gcode, refuse_binary
-from printmend.gcode.extruder import settle_extruder
 from printmend.gcode.layers import layers_of
-from printmend.gcode.machine import Flavour, MachineState, detect_flavour, initial_state, says_a_extrudes
+from printmend.gcode.machine import (
+    Flavour,
+    MachineState,
+    detect_flavour,
+    initial_state,
+    says_a_extrudes,
+    settle_extruder,
+)
 from printmend.gcode.mark import find_e_rule
 from printmend.messages import say
 from printmend.path import frozen
