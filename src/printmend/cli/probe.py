@@ -104,8 +104,7 @@ def command(
         write_probe,
     )
     from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, leaflet_of, pen_and_paper, weight, write_leaflet
-    from printmend.probe.moving import with_moving
-    from printmend.probe.net import with_net
+    from printmend.probe.lines import with_moving, with_net
     from printmend.probe.paper import design_sheets, on_paper, paper_for, papers_of
     from printmend.probe.pen import with_pen
     from printmend.probe.probe import gcode_of, keep_plan

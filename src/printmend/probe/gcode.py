@@ -7,7 +7,7 @@ import numpy as np
 
 from printmend.measure.plan import ProbePlan
 from printmend.printer import Extruder
-from printmend.probe.net import strokes_of
+from printmend.probe.lines import strokes_of
 from printmend.probe.paper import Paper
 
 LAYER_MM, HOP_MM = 0.24, 0.8

@@ -15,7 +15,7 @@ from printmend.pdf import BLACK, BLUE, GREY, PALE, RED, PdfPage
 from printmend.printer import Printer
 from printmend.printer.printer import PAUSE
 from printmend.probe.gcode import cost
-from printmend.probe.net import strokes_of
+from printmend.probe.lines import strokes_of
 from printmend.probe.paper import Paper, first_touch_mm
 from printmend.probe.pen import LAY_S
 from printmend.probe.probe import gcode_of

@@ -193,7 +193,7 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=100)]) -> F
 def probe(here: Here, key: Key, wanted: ProbeIn) -> ProbeCard:
     """Write the printer's test print and its plan."""
     from printmend.probe import design_probe, write_probe
-    from printmend.probe.moving import with_moving
+    from printmend.probe.lines import with_moving
     from printmend.probe.probe import keep_plan
 
     folder = _folder(here, key)

@@ -1,9 +1,4 @@
-"""A thin net under the dots of a plate, so that they come off it as one sheet.
-
-It is drawn before the dots: a frame around them, and a thread along every row of the lattice, so that each dot sits on
-one and each thread crosses others. The dots then follow as without a net, with moves through the air. Only the dots are
-measured; they are wider and higher than the threads.
-"""
+"""What a probe prints beside its dots: lines at printing speed, and a thin net under the dots of a plate."""
 
 from dataclasses import replace
 
@@ -16,6 +11,38 @@ from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.probe.layout import EDGE_MM
 from printmend.probe.walk import snapped
+
+LEG_MM, STEP_MM = 9.0, 3.0  # of a battlement: its long legs, and its short ones between them
+GAP_MM = 2.6  # from the outermost dots to the nearer legs
+LEAST_LEGS = 4  # along a side; shorter ones show too little
+
+
+def with_moving(plan: ProbePlan, printer: Printer) -> ProbePlan:
+    """Return the plan with lines at speed after its dots, along the sides where the bed has room for them."""
+    low, high = plan.marks_mm.min(axis=0), plan.marks_mm.max(axis=0)
+    bed = np.array([[axis.min_mm + EDGE_MM, axis.max_mm - EDGE_MM] for axis in (printer.x, printer.y)])
+    runs = [_battlement(axis, low, high) for axis in range(2) if high[1 - axis] + GAP_MM + STEP_MM <= bed[1 - axis, 1]]
+    runs = [run for run in runs if len(run) > 2 * LEAST_LEGS]
+    if not runs or len(plan.sheets) > 1:
+        return plan
+    points = snapped(printer, np.vstack(runs))
+    # the last dot's retraction is followed by a move to the first corner
+    return replace(plan, waypoints_mm=frozen(np.vstack([plan.waypoints_mm, points])), moving=len(plan.waypoints_mm))
+
+
+def _battlement(axis: int, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the corners [N, 2] of a battlement whose long legs run along ``axis``, beyond the dots' other end.
+
+    The one along X ends where the one along Y begins: at the right.
+    """
+    legs = int((high[axis] - low[axis]) // LEG_MM)
+    ends = np.repeat(np.linspace(low[axis], high[axis], legs + 1), 2)[1:-1]
+    ends = ends if axis == 0 else ends[::-1]
+    across = high[1 - axis] + GAP_MM + STEP_MM * (np.arange(len(ends)) // 2 % 2)
+    points = np.empty((len(ends), 2))
+    points[:, axis], points[:, 1 - axis] = ends, across
+    return points
+
 
 DOT_MM, BIG_DOT_MM = 1.6, 2.5
 FRAME_MM = 6.0  # from the outermost dots to the frame
