@@ -132,8 +132,8 @@ def write_like(
 ) -> None:  # fmt: skip
     """Write ``source`` again with other G-code: its first blocks, the new text in whole lines, its last blocks.
 
-    Metadata states the printing time before the G-code. ``told`` gets such a line once ``texts`` are through, and
-    returns it anew; the G-code waits in a temporary file in ``folder`` until then.
+    Metadata before the G-code states the printing time. Once ``texts`` are through, ``told`` returns each such line
+    with the new time. Until then the G-code waits in a temporary file in ``folder``.
     """
     name = str(source)
     with source.open("rb") as original:
@@ -173,7 +173,7 @@ def _cut_off(name: str) -> GcodeError:
 
 
 def _retold(block: Block, told: Callable[[bytes], bytes], name: str, checked: bool) -> bytes:
-    """Return a block of metadata, or a thumbnail, with the printing times that it states told anew."""
+    """Return a block of metadata, or a thumbnail, with the new printing times."""
     if block.kind == THUMBNAIL:
         return block.raw
     old = block_text(block, name)

@@ -40,9 +40,9 @@ class Part:
         return _whole_lines(self._pieces(), self.name)
 
     def hints(self) -> tuple[bytes, ...]:
-        """Return the pieces of text where slicers write what they are: the first and last MiB, and the metadata.
+        """Return the pieces of text in which slicers describe a file: its first and last MiB, and the metadata.
 
-        Of a plate it is the first MiB and the project's settings, and the last MiB where neither names a firmware.
+        Of a plate these are the first MiB and the project's settings; also the last MiB if neither names a firmware.
         Lines that only move are left out.
         """
         return self._hints
@@ -95,7 +95,7 @@ Told = Callable[[Part, bytes], bytes]
 
 
 def as_told(_part: Part, line: bytes) -> bytes:
-    """Return a line that states a printing time as it is."""
+    """Return a line that states a printing time unchanged."""
     return line
 
 
@@ -114,8 +114,8 @@ class GcodeFile:
     ) -> None:  # fmt: skip
         """Write the same container with ``texts(part)`` in place of each program; all else is kept byte for byte.
 
-        So are the lines beside a program that state its printing time, but for what ``told`` makes of them after that
-        program is written. Until then it may wait in a temporary file in ``folder``.
+        Only lines beside a program that state its printing time change: ``told`` rewrites them once the program is
+        written. Until then the program may wait in a temporary file in ``folder``.
         """
         if self.container == "plain":
             for text in texts(self.parts[0]):
@@ -134,9 +134,9 @@ class GcodeFile:
 
 @contextmanager
 def open_gcode(path: Path | str) -> Iterator[GcodeFile]:
-    """Open a G-code file of any container; `-` is the standard input, kept in a temporary file meanwhile.
+    """Open a G-code file of any container; `-` is the standard input, kept in a temporary file.
 
-    Raises `GcodeError` where it is missing, empty, binary, or a broken container.
+    Raises `GcodeError` for a file that is missing, empty or binary, and for a broken container.
     """
     if str(path) != "-":
         yield _identify(Path(path), str(path))
@@ -166,7 +166,7 @@ def _identify(path: Path, name: str) -> GcodeFile:
 
 
 def refuse_binary(head: bytes, name: str) -> None:
-    """Raise `GcodeError` for what is mostly not text; some foreign bytes in comments are no reason to."""
+    """Raise `GcodeError` for what is mostly not text; a few foreign bytes in comments pass."""
     if not head:
         raise GcodeError(name, wanted=say("g-code-motion"), came=say("empty-file"), todo=say("give-sliced-file"))
     codes = np.frombuffer(head, np.uint8)
@@ -218,7 +218,7 @@ def _bgcode_texts(path: Path, name: str) -> Iterator[bytes]:
 
 
 def _without_moves(text: bytes) -> bytes:
-    """Return a text without the lines that begin with G and have no remark: they are most of a file."""
+    """Return a text without the lines that begin with G and have no remark, which are most of a file."""
     data = np.frombuffer(text, np.uint8)
     ends = np.append(np.flatnonzero(data == ord(b"\n")), len(data) - 1) if len(data) else np.empty(0, np.int64)
     starts = np.concatenate([[0], ends[:-1] + 1])[: len(ends)]

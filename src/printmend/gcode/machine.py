@@ -39,10 +39,10 @@ class Flavour(enum.IntEnum):
 class MachineState:
     """``numbers`` and ``counts`` are records of NUMBERS and COUNTS of `kernels`.
 
-    The kernel advances both in place; `copy` before a trial run, `expect_accel` before the first line.
-    ``unsure_moves`` counts the printing moves whose E firmwares read differently, where neither the file nor its
-    numbers tell which of them it is for. ``odd_axis`` is the letter of an axis that moves along in a file without E: it
-    may be the extruder.
+    The kernel advances both in place: `copy` before a trial run, `expect_accel` before the first line. ``unsure_moves``
+    counts the printing moves whose E firmwares read differently, if neither the file nor its numbers tell which
+    firmware it is for. ``odd_axis`` is the letter of an axis that moves along in a file without E and may be the
+    extruder.
     """
 
     numbers: np.record
@@ -54,7 +54,7 @@ class MachineState:
         return MachineState(self.numbers.copy(), self.counts.copy(), self.unsure_moves, self.odd_axis)
 
     def expect_accel(self, accel_mm_s2: float, *, is_klipper: bool) -> None:
-        """Take it that printing moves have an acceleration wherever the file does not say another."""
+        """Assume this acceleration for printing moves until the file sets another."""
         self.numbers.accel = accel_mm_s2
         self.counts.tell = k.TELL_S if is_klipper else k.TELL_P
 
@@ -117,7 +117,7 @@ def _named(texts: tuple[bytes, ...]) -> tuple[bytes, bool]:
     return b"", False
 
 
-_ENOUGH_MOVES = 20  # that name A, before their numbers alone decide what it is
+_ENOUGH_MOVES = 20  # that name A; with fewer, their numbers do not decide what A is
 _IMPLAUSIBLE_SHARE = 0.1  # of these moves, up to which A is taken for an extruder
 _MOST_FILAMENT_PER_MM = 0.3  # of path: a line 0.7 mm² thick of filament of 1.75 mm, wider than slicers write
 _RECORDS, _FIRST_BYTES = 1 << 16, 1 << 16
@@ -126,11 +126,11 @@ _OTHER_AXES = [(letter, np.uint32(1 << (ord(letter) - ord("A")))) for letter in 
 
 
 def settle_extruder(text: np.ndarray, state: MachineState, *, says_a: bool) -> None:
-    """Note in ``state`` where A drives the extruder, and which axis may drive it where the file does not say.
+    """Note in ``state`` whether A drives the extruder, and which axis may drive it if the file does not say.
 
-    ``text`` is a file's beginning, ``says_a`` whether its slicer wrote it for a firmware that extrudes with A. Without
-    that A is the extruder where no move names E, the file heats a nozzle, and A goes forwards with the moves in X and Y
-    as filament does.
+    ``text`` is a file's beginning. ``says_a`` tells whether its slicer wrote it for a firmware that extrudes with A.
+    Otherwise A is the extruder if no move names E, the file heats a nozzle, and A advances with the moves in X and Y as
+    filament does.
     """
     for top in (text[:_FIRST_BYTES], text):  # nearly every file names E in its first lines
         rows = _moves(top, state)

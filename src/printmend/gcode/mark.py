@@ -29,20 +29,20 @@ def find_mark(*texts: bytes) -> str | None:
 
 
 def find_e_rule(text: bytes) -> tuple[int, int] | None:
-    """Return how a mended file's E was read, (C_RULE, C_M83), where its mark says it."""
+    """Return how E was read in a mended file (C_RULE, C_M83), if its mark says so."""
     found = _mark(text)
     return None if found is None or found[3] is None else (int(found[3]), int(found[4]))
 
 
 def _mark(text: bytes) -> re.Match[bytes] | None:
-    """Return the mark in a text; the expression looks at each place of it, so it is asked only where the words are."""
+    """Return the mark in a text. The expression is slow, so it runs only if the text contains the words."""
     return MARK.search(text) if MENDED in text else None
 
 
 def find_test_print(*texts: bytes) -> str | None:
     """Return which test print of printmend's the pieces of a file are from: "probe" or "first layer".
 
-    None for any other file, and for a mended test print: that is the check print of `printmend verify`.
+    None for any other file. A mended test print is none either: it is the check print of `printmend verify`.
     """
     if find_mark(*texts) is not None:
         return None
@@ -75,7 +75,7 @@ def marked(
 ) -> Iterator[np.ndarray]:
     """Yield the chunks with the mark in the first, where `with_comment` puts it.
 
-    ``e_rule`` is how E was read, where that had to be guessed: the mended numbers are read in the same way.
+    ``e_rule`` is how E was read if that had to be guessed; the mended file must be read in the same way.
     """
     guessed = "" if e_rule is None else f" e={e_rule[0]}{e_rule[1]}"
     mark = MENDED + f"{printmend.__version__} model={model_hash}{guessed}".encode()

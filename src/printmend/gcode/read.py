@@ -143,24 +143,24 @@ def larger(capacity: int, name: str = "G-code") -> int:
     return 2 * capacity
 
 
-# A reading of E is implausible where it makes moves pull filament back while the head moves, or melt more than a nozzle
-# can, or where most moves name an E that pushes none: in good files some do, which name their E on travels, too. The
-# shares are choices of ours.
+# A reading of E is implausible if moves would pull filament back while the head moves, or melt more than a nozzle can,
+# or if most moves name an E that pushes none. Some do in good files, which name E on travels, too. The shares are
+# choices of ours.
 _ENOUGH_MOVES = 20  # of which a share is taken
 _IMPLAUSIBLE_SHARE = 0.1  # of the moves, up to which a reading of E is believed
-_IDLE_SHARE = 0.5  # of the moves: where more push nothing, that speaks against a reading of E, too
-_TOP_SHARE = 0.1  # of a text: what stands there holds for all that is printed
+_IDLE_SHARE = 0.5  # of the moves: a reading of E in which more push nothing is implausible, too
+_TOP_SHARE = 0.1  # of a text: a mode set there holds for all that is printed
 _FILAMENT_PER_MM = 3.0  # of path: no nozzle takes more
 _SAME_MM = 1e-6  # of filament: two rules whose readings of a move differ by less read it alike
 
 
 def settle_e(text: np.ndarray, state: MachineState) -> None:
-    """Correct ``state`` where the text's E words make sense only with another rule for relative extrusion.
+    """Correct ``state`` if the text's E words make sense only with another rule for relative extrusion.
 
     Some files leave M82 or M83 to a macro, and firmwares differ on what G90 does after M83. Two rules are compared by
-    the printing moves that they read differently: if under the state's own a tenth of these would pull filament back or
-    melt more than a nozzle can, or most of them name an E that pushes nothing, the rule that explains the text best is
-    taken.
+    the printing moves that they read differently. The state's own rule is doubted if a tenth of these moves would pull
+    filament back or melt more than a nozzle can, or if most of them name an E that pushes nothing. Then the rule that
+    explains the text best is taken.
     """
     if (said := find_e_rule(text.tobytes())) is not None:
         state.counts.rule, state.counts.m83 = said
@@ -203,7 +203,7 @@ def _last_statement(text: bytes, word: bytes) -> int:
 
 
 def guessed_e_rule(part: Part, state: MachineState) -> tuple[int, int] | None:
-    """Return how `settle_e` reads E, (rule, m83); None where the program says M82 or M83 and never G91."""
+    """Return how `settle_e` reads E, (rule, m83); None if the program says M82 or M83 and never G91."""
     head = next(part.chunks(), np.empty(0, np.uint8))[:HINT_BYTES].tobytes()
     if b"G91" not in head and (b"M82" in head or b"M83" in head):
         return None
@@ -218,10 +218,9 @@ _RULES = {  # the message of each
 
 
 def e_warning(state: MachineState) -> str | None:
-    """Return what an owner must know where `settle_e` found E to be meant otherwise than its firmware reads it.
+    """Return what an owner must know about how `settle_e` reads E; None if firmwares agree on this file.
 
-    ``state`` is as it is before the first line (`starting_state`). None where the firmware alone reads it so,
-    and no other would read it otherwise.
+    ``state`` is that before the first line (`starting_state`).
     """
     if state.counts.m83:
         return say("file-prints-before-says-m82-m83")
@@ -246,7 +245,7 @@ def _pushed(text: np.ndarray, state: MachineState, rule: int, m83: int) -> tuple
 
 
 def _implausible_share(pushed_mm: np.ndarray, length_mm: np.ndarray, among: np.ndarray) -> float:
-    """Return the share of some moves that no printer would be told to make; 0 where there are too few of them."""
+    """Return the share of moves that no printer would be told to make; 0 if they are too few."""
     pushed_mm, length_mm = pushed_mm[among], length_mm[among]
     if len(pushed_mm) < _ENOUGH_MOVES:
         return 0.0

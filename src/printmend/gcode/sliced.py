@@ -26,8 +26,8 @@ Corners = tuple[tuple[float, float], tuple[float, float]]
 
 @dataclass(frozen=True)
 class Described:
-    """The printer that a file is for: its ``names`` as slicers write them, its bed's corners, the lowest and highest X
-    and Y of what is printed; None where not said."""
+    """The printer that a file is for: its ``names`` as slicers write them, the corners of its bed, and the lowest and
+    highest X and Y of the print; None for what is not said."""
 
     names: tuple[str, ...]
     bed_mm: Corners | None
@@ -80,12 +80,12 @@ MAKERS = {
 
 @dataclass(frozen=True)
 class Sliced:
-    """The slicer of a file ("" where nobody says) and its settings.
+    """The slicer of a file ("" if unknown) and its settings.
 
-    ``outline_mm`` is by how much its corrections already let the outline of upper layers stand out, ``hole_mm`` the
-    walls of holes into the hole, ``foot_mm`` by how much less the first layer does; ``shrinkage`` is the share that
-    the part is enlarged against, ``flow`` the multiplier of the flow. ``containers`` are Cura's: its profile of the
-    machine, then of each extruder.
+    ``outline_mm`` is how far its corrections already push the outline of upper layers outwards, ``hole_mm`` how far
+    they push the walls of holes into the hole. The first layer's outline is pushed ``foot_mm`` less. ``shrinkage`` is
+    the share by which the part is enlarged against shrinking, ``flow`` the multiplier of the flow. ``containers`` are
+    Cura's: its profile of the machine, then of each extruder.
     """
 
     maker: str = ""
@@ -98,7 +98,7 @@ class Sliced:
     containers: tuple[str, ...] = ()
 
     def outward_mm(self, *, hole: bool, layer: int) -> float:
-        """Return by how much the walls of a layer are moved out of the plastic."""
+        """Return how far the corrections move the walls of a layer out of the plastic."""
         return (self.hole_mm if hole else self.outline_mm) - (self.foot_mm if layer == 1 else 0.0)
 
 

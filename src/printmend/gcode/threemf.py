@@ -83,9 +83,9 @@ def write_like(
     source: IO[bytes], name: str, handle: IO[bytes], texts: Callable[[str], Iterable[bytes | memoryview]],
     told: Callable[[str, bytes], bytes],
 ) -> None:  # fmt: skip
-    """Write the project again with ``texts(member)`` as the G-code of each plate, and the MD5s that go with them.
+    """Write the project again with ``texts(member)`` as the G-code of each plate, and new MD5s beside them.
 
-    ``told(member, line)`` returns a line that states a plate's printing time anew, once all plates are written.
+    Once all plates are written, ``told(member, line)`` returns a line with a plate's new printing time.
     """
     with open_zip(source, name) as archive, zipfile.ZipFile(handle, "w") as copy:
         sums = {}
@@ -114,7 +114,7 @@ def write_like(
 
 
 def _retold(text: bytes, members: frozenset[str], told: Callable[[str, bytes], bytes]) -> bytes:
-    """Return the slicer's account of the plates with their printing times told anew."""
+    """Return the slicer's description of the plates with their new printing times."""
 
     def plate(found: re.Match[bytes]) -> bytes:
         index = _INDEX.search(found[0])

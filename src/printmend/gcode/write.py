@@ -73,7 +73,7 @@ Look = Callable[[Planned], None]
 
 @dataclass(frozen=True)
 class TimePlace:
-    """A place in a written text that tells the time: ``text`` stands at byte ``at`` of it."""
+    """A place in a written text that tells the time: ``text`` begins at byte ``at``."""
 
     at: int
     text: bytes
@@ -83,11 +83,11 @@ def rewrite(
     chunks: Iterable[np.ndarray], state: MachineState, plan: Plan, *,
     look: Look | None = None, times: list[TimePlace] | None = None,
 ) -> Iterator[memoryview]:  # fmt: skip
-    """Yield the text of ``chunks`` (uint8, whole lines each) with the motion that ``plan`` wants.
+    """Yield the text of ``chunks`` (uint8, whole lines each) with the motion that ``plan`` gives.
 
-    ``state`` is the machine's before the first chunk and is advanced. Each view is valid until the next is asked for.
-    ``look`` is shown every part after it is planned. Places of the written text that tell the time are added to
-    ``times``, those of a text with numbered lines left out.
+    ``state`` is the machine's before the first chunk and is advanced. Each view is valid until the next one is asked
+    for. ``look`` sees every part after it is planned. Places of the written text that tell the time are added to
+    ``times``, except in a text with numbered lines.
     """
     writer, written_bytes, places = initial_writer(state), 0, times
     lines = np.zeros(2, np.int64)
@@ -133,14 +133,14 @@ def rewrite(
 
 
 def follow(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan, *, look: Look | None = None) -> None:
-    """Show ``plan`` the text of ``chunks``, and each part to ``look`` after that; write nothing."""
+    """Give ``plan`` the text of ``chunks``, and ``look`` each planned part; write nothing."""
     for part in _planned(_ahead(_interpreted(chunks, state)), plan):
         if look is not None:
             look(part)
 
 
 def _takes_times(places: list[TimePlace], batch: _Batch) -> bool:
-    """Say whether places of a batch are to be noted: not of lines that are numbered anew, nor without end."""
+    """Say whether places of a batch are noted: never of lines that are renumbered, and only up to a number."""
     return not batch.numbered and len(places) + len(batch.notes) <= _MOST_TIMES
 
 

@@ -1,6 +1,6 @@
 """A machine on the full-step lattice, the paper's experiment: tables of its motors, anchored where a layer starts.
 
-Twins print with these tables and planners imagine with them, through the same kernels: what is imagined is printed.
+Twins print with these tables, and planners imagine with them through the same kernels: what is imagined is printed.
 """
 
 from dataclasses import dataclass
@@ -159,7 +159,8 @@ def _errors_steps(table: Transmission, mm_per_step: float) -> tuple[np.ndarray, 
 
 
 def lattice_bed(mechanism: Mechanism) -> BedMap:
-    """Return how the belts of a mechanism reach the bed in full steps; a layer's tables have it `BedMap.anchored`."""
+    """Return how the belts of a mechanism reach the bed in full steps. A layer's tables hold this map
+    `BedMap.anchored`."""
     printer, bed = mechanism.printer, mechanism.bed
     pitch_mm = np.array(printer.mm_per_step)
     origin = np.array([printer.x.min_mm, printer.y.min_mm]) / pitch_mm

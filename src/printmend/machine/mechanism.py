@@ -153,7 +153,7 @@ class Frame:
         return BedMap(corexy, self.coefficients_mm, np.zeros(2), np.full(2, self.scale_mm), waves)
 
     def apply(self, xy_mm: np.ndarray) -> np.ndarray:
-        """Map positions given by the belts [..., 2] to positions on the bed [..., 2]."""
+        """Map the positions that the belts give [..., 2] to positions on the bed [..., 2]."""
         return self._straight_motors.printed(xy_mm)
 
     def invert(self, xy_mm: np.ndarray) -> np.ndarray:
@@ -187,10 +187,10 @@ class ScrewDrive:
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """A whole machine, true or learned: a transmission for each planar motor, then the frame; and Z, where it matters.
+    """A whole machine, true or learned: a transmission for each planar motor, the frame, and a Z screw if it matters.
 
     Without a ``screw`` Z is as commanded and pushes nothing. ``rest_share`` says where in its play each belt rests when
-    a layer starts: 0 where the motor would push it forwards at once, 1 where back, and in the middle of the two.
+    a layer starts: 0 where the motor would push it forwards at once, 1 where it would pull it back at once.
     """
 
     printer: Printer
@@ -210,9 +210,9 @@ class Mechanism:
         return self.transmissions if self.screw is None else (*self.transmissions, self.screw.transmission)
 
     def engaged_mm(self) -> np.ndarray:
-        """Return where the belts [2], or with a screw the belts and the nozzle's height [3], are at the end stops.
+        """Return where the belts [2] are at the end stops; with a screw [3], the nozzle's height too.
 
-        The branch of the direction in which a motor homes is the one that is engaged there.
+        The branch of the direction in which a motor homes is engaged there.
         """
         printer = self.printer
         home_mm = [*printer.to_motor(np.array(printer.home_mm)), printer.z.home_mm]
@@ -222,8 +222,8 @@ class Mechanism:
     def homed(self) -> "Mechanism":
         """Return this machine with the origin that homing gives it.
 
-        The end stops fix the carriage: at the home position, reached from the homing direction, the bed position and
-        the height are the home position's, and the screw pushes nowhere. So the branches engaged there are shifted to
+        The end stops fix the carriage. At the home position, reached from the homing direction, the bed position and
+        the height are those of the home position, and the screw pushes nowhere. So the engaged branches are shifted to
         pass through it.
         """
         z_mm = self.printer.z.home_mm
@@ -248,8 +248,8 @@ def healthy_mechanism(printer: Printer) -> Mechanism:
 class GainMechanism:
     """The simulator of the paper's published code: a gain a step, indexed by the nominal position.
 
-    ``gains`` is a pair of arrays of 1100 gains. The same in both directions and not conservative; rules in
-    physics.md §8.1. Exists so that the paper's own protocol can be run.
+    ``gains`` is a pair of arrays of 1100 gains. They are the same in both directions and not conservative (physics.md
+    §8.1). It exists so that the paper's own protocol can be run.
     """
 
     printer: Printer

@@ -12,8 +12,8 @@ from printmend.machine.mechanism import Mechanism
 def drive_belts(mechanism: Mechanism, motors_mm: np.ndarray, belts_mm: np.ndarray) -> np.ndarray:
     """Move the motors through ``motors_mm`` [N, M]; return their belts [N, M] mm.
 
-    M is 2, or 3 with Z. The belts begin at ``belts_mm`` [M] and may be anywhere: the first row clips them into their
-    play. Without a screw the third column is returned as it is.
+    M is 2, or 3 with Z. The belts may begin anywhere, ``belts_mm`` [M]: the first row clips them into their play.
+    Without a screw the third column is returned as it is.
     """
     belts = np.array(motors_mm, float)
     for k, table in enumerate(mechanism.motors[: belts.shape[1]]):
@@ -65,9 +65,9 @@ class Contacts:
 
 
 def contacts_of(mechanism: Mechanism, motor_mm: np.ndarray) -> Contacts:
-    """Follow motors [N, 2] through a machine.
+    """Follow motors [N, 2] through a machine, and return their `Contacts`.
 
-    Nobody knows where in its play a belt starts. So both ends are followed, and a contact counts once they agree.
+    Nobody knows where in its play a belt starts. So both extremes are followed, and a contact counts once they agree.
     """
     rows, sides, belts = [], [], []
     for motor in range(2):
@@ -83,7 +83,7 @@ def contacts_of(mechanism: Mechanism, motor_mm: np.ndarray) -> Contacts:
 
 
 def contacts_from(mechanism: Mechanism, motor_mm: np.ndarray, ways: Sequence[int]) -> Contacts:
-    """Follow motors [N, 2] that came to the first row in known ``ways`` [2]: +1 forwards, −1 back, 0 in mid-play."""
+    """Follow motors [N, 2] that reached the first row in known ``ways`` [2]: +1 forwards, −1 back, 0 in mid-play."""
     rows, sides, belts = [], [], []
     for motor, way in enumerate(ways):
         lower, upper = mechanism.transmissions[motor].branches_mm(motor_mm[:, motor])

@@ -32,11 +32,11 @@ SPARE = {
 class Fineness:
     """How far the path may be off, and what reads the file.
 
-    ``tolerance_mm``: half of it where a chord bulges, all where that is short or slack is crossed. ``firmware`` is a
-    key of `SEGMENTS_PER_S`, or None: guessed from each file. ``slower`` is by which share the print may take longer at
-    the most, None without a limit; ``ease`` how much coarser lines are drawn for that, by their `SPARE`.
-    ``crossing_mm_s2`` is how fast a motor may speed up while it crosses its slack; None: as the printer's file says.
-    ``evenly`` says that outer walls along an axis are cut until they keep their width.
+    ``tolerance_mm``: a chord may bulge by half of it; a short chord, and one on which slack is crossed, by all of it.
+    ``firmware`` is a key of `SEGMENTS_PER_S`; None guesses it from each file. ``slower`` is the largest share by which
+    the print may take longer, None for no limit. To keep it, lines are drawn coarser by the factor ``ease``, each role
+    up to its `SPARE`. ``crossing_mm_s2`` is the acceleration of a motor that crosses its slack; None takes that of the
+    printer's file. With ``evenly`` outer walls along an axis are cut until they keep their width.
     """
 
     tolerance_mm: float = TOLERANCE_MM
@@ -54,7 +54,7 @@ class Fineness:
 
     @property
     def most_ease(self) -> float:
-        """The ease from which on all lines are drawn as coarsely as they may be."""
+        """The smallest ease at which every line is as coarse as its role allows."""
         return max(COARSEST_MM / self.tolerance_mm - 1.0, 0.0) / min(SPARE.values())
 
     def segments_per_s(self, flavour: Flavour) -> float:

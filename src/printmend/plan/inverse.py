@@ -15,7 +15,7 @@ from printmend.plan.kernels import lookup as look
 from printmend.plan.kernels.curve import CURVE
 from printmend.plan.kernels.mend import mend
 
-_PIECES = 49152  # planned at once, and the last record's
+_PIECES = 49152  # planned at once, beside those of the last record
 _SAME_MM = 1e-7  # tables that differ by less are the same: saved ones are rounded to 1e-9 mm
 _RISE_LOOK_MM = 0.05  # a screw's curvature is measured over this distance
 _BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structure moves nothing by a micrometre
@@ -124,7 +124,7 @@ def _is_same(t: Transmission) -> bool:
 
 
 def is_identity(mechanism: Mechanism) -> bool:
-    """Say whether a machine does what it is told: nothing is to be mended."""
+    """Say whether a machine does what it is told, so that nothing is to be mended."""
     straight = mechanism.screw is None or _is_straight(mechanism.screw)
     return straight and mechanism.frame.is_identity and all(map(_is_same, mechanism.transmissions))
 
@@ -163,12 +163,12 @@ class Planner:
         self, segments_per_s: float = np.inf, tolerances_mm: Mapping[int, float] = MappingProxyType({}),
         crossing_mm_s2: float = 0.0, evenly: bool = True,
     ) -> None:  # fmt: skip
-        """Begin a program: nothing is known of where the machine is. What was added up so far is kept.
+        """Begin a program at an unknown place; sums over earlier programs are kept.
 
-        ``segments_per_s`` is how many moves a second its firmware takes: no line is cut finer than that.
-        ``tolerances_mm`` holds how far lines of a role may be off where that is more than elsewhere. A motor that
-        crosses its slack may speed up by ``crossing_mm_s2`` where that is more than the file's own acceleration.
-        Outer walls along an axis keep their width if ``evenly``.
+        ``segments_per_s`` is how many moves a second the firmware takes: no line is cut finer. ``tolerances_mm`` holds
+        the tolerance of each role, where it is larger than elsewhere. A motor that crosses its slack may accelerate by
+        ``crossing_mm_s2``, where that is more than the file's own acceleration. With ``evenly`` outer walls along an
+        axis keep their width.
         """
         self.model.head.crossing, self.model.head.evenly = crossing_mm_s2, evenly
         self.model.head.period = 1.0 / (60.0 * segments_per_s)

@@ -1,4 +1,4 @@
-"""Effects that no machine's tables hold, along a commanded path: columns times sizes, row by row."""
+"""Effects along a commanded path that no machine's tables hold: columns times sizes, row by row."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +12,7 @@ from printmend.path import Trace
 
 
 def added_mm(parts: Sequence[Sized], trace: Trace, scene: Scene, contacts: Contacts, *, before: int = 0) -> np.ndarray:
-    """Return what effects add [N, 2] mm to the rows of a print, whose belts touched so, after prints ``before``."""
+    """Return what effects add [N, 2] mm to the rows of a print with these contacts, after ``before`` prints."""
     bed_mm = scene.printer.from_motor(contacts.belt_mm)
     places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
     places = replace(places, done=places.done + before)
@@ -33,9 +33,9 @@ def moved_mm(
 ) -> np.ndarray:
     """Return what effects add [N, 2] mm along a path [N, 2] mm of the whole print.
 
-    ``motors_mm`` [N, ≥ 2] is where the motors stop, else exactly on the path. ``from_home``: the path begins at the end
-    stops, where each belt is engaged as its motor came; else it rests in the middle of its play. ``before``: so many
-    prints wore the machine.
+    ``motors_mm`` [N, ≥ 2] is where the motors stop; without it they stop exactly on the path. With ``from_home`` the
+    path begins at the end stops, where each belt is engaged as its motor came; otherwise each belt rests in the middle
+    of its play. ``before`` is the number of prints that have worn the machine.
     """
     printer = mechanism.printer
     way_mm = float(np.hypot(*np.diff(path_mm, axis=0).T).sum())

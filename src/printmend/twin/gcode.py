@@ -24,11 +24,11 @@ def print_gcode(
 ) -> Trace:
     """Print a G-code file on the twin and measure it with normal noise of ``noise_mm`` on each coordinate.
 
-    One row for each way-point since the last homing of X and Y (chords of arcs are way-points), the first the home
-    position; on a machine with a bad Z screw heights are measured too, and a move of Z alone is a way-point. A file
-    that never homes is printed as if it had just been homed. A `Program` must have been read with the twin's printer.
-    ``rng`` draws the noise; without it every run draws the same. Raises `GcodeError` where the file never says where
-    the head is.
+    The trace has one row for each way-point since the last homing of X and Y, the first being the home position. Chords
+    of arcs are way-points. On a machine with a bad Z screw heights are measured too, and a move of Z alone is a
+    way-point. A file that never homes is printed as if it had just been homed. A `Program` must have been read with the
+    twin's printer. ``rng`` draws the noise; without it every run draws the same. Raises `GcodeError` if the file never
+    says where the head is.
     """
     rng = np.random.default_rng(0) if rng is None else rng
     if not isinstance(program, Program):
@@ -43,7 +43,7 @@ def print_gcode(
     known = np.asarray(moves.known[:, :2].all(axis=1) & (np.arange(len(moves)) >= start))
     begins, ends, layers = moves.start_mm[known], moves.end_mm[known], moves.layer[known]
     path = np.concatenate([home[None], ends[:, :2]])
-    # Where a move does not begin at the last one's end, the head went there by itself: one axis homed, a macro.
+    # If a move does not begin at the last one's end, the head went there by itself: one axis homed, or a macro ran.
     jumped = (path[:-1] != begins[:, :2]).any(axis=1)
     rows = np.sort(np.concatenate([np.flatnonzero(jumped) - 0.5, np.arange(len(ends))]))
     at = np.ceil(rows).astype(np.int64)
@@ -83,8 +83,8 @@ def print_gcode(
 def follow_finely(program: Program, twin: Twin) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Print a program on the twin, point by point along every move. It must home once, before it extrudes.
 
-    Returns the points that were wanted [N, 2] mm, where the machine put them [N, 2] mm, and for the segments between
-    them whether they extrude [N − 1] and their layers [N − 1].
+    Returns the wanted points [N, 2] mm, where the machine put them [N, 2] mm, and for each segment between them whether
+    it extrudes [N − 1] and its layer [N − 1].
     """
     moves = straightened(program.moves, _FINE_CHORD_MM)
     known = moves.known[:, :2].all(axis=1)
@@ -95,7 +95,7 @@ def follow_finely(program: Program, twin: Twin) -> tuple[np.ndarray, np.ndarray,
     last = np.cumsum(counts)
     share = (np.arange(len(source)) + 1 - np.repeat(last - counts, counts)) / counts[source]
     points = corners[source] + share[:, None] * (ends - corners[:-1])[source]
-    points[last - 1] = ends  # not a rounding beside them
+    points[last - 1] = ends  # exactly, without rounding
     wanted = np.concatenate([corners[:1], points])
     return wanted, twin.follow(wanted), extruding[source], layer[source]
 
@@ -114,19 +114,19 @@ def print_first_layer(program: Program, twin: Twin) -> list[np.ndarray]:
 
 
 def print_line(program: Program, twin: Twin, plan: ProbePlan) -> np.ndarray | None:
-    """Return where a probe's lines at speed come to lie [N, 2] mm, None for a plan without any."""
+    """Return where the lines at speed of a probe land [N, 2] mm, None for a plan without any."""
     return print_first_layer(program, twin)[-1] if plan.moving else None
 
 
 def print_dots(program: Program, twin: Twin, plan: ProbePlan) -> np.ndarray:
-    """Print a probe on the twin, as it was written or mended; return where its dots come to lie [M, 2].
+    """Print a probe, as written or mended, on the twin; return where its dots land [M, 2].
 
     Raises `InputError` for a file that is not this plan's.
     """
     trace = print_gcode(program, twin)
     if len(trace) == len(plan.waypoints_mm) and np.abs(trace.commanded_mm - plan.waypoints_mm).max() <= _SAME_MM:
         return trace.measured_mm[plan.rows]
-    # mended, it has other way-points; a dot is what is extruded standing, on the place of the last way-point
+    # a mended file has other way-points; a dot is what is extruded standing, at the last way-point
     moves = program.moves
     standing = (moves.start_mm[:, :2] == moves.end_mm[:, :2]).all(axis=1)
     rests = np.flatnonzero(standing & (moves.extrusion_mm > 0) & moves.known[:, :2].all(axis=1))

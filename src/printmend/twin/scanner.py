@@ -92,9 +92,9 @@ def render_scan(
 ) -> Scan:
     """Draw the marks of ``plan`` where they were printed, [M, 2] mm.
 
-    ``quarter_turns`` turns the plate on the glass, ``mirrored`` shows it from below; ``stretch`` fixes the
-    scanner's own axes, for a second scan on the same one. The image is ``size_mm``, or else A4, smaller for a small
-    print and larger where the print needs it. ``line_mm`` [N, 2] is the way of the plan's lines at speed.
+    ``quarter_turns`` turns the plate on the glass, ``mirrored`` shows it from below. ``stretch`` fixes the scanner's
+    own axes, for a second scan on the same one. The image is ``size_mm``; without it A4, smaller for a small print and
+    larger for a large one. ``line_mm`` [N, 2] is the path of the plan's lines at speed.
     """
     d = degradations
     px_per_mm = dpi / MM_PER_INCH
@@ -135,10 +135,10 @@ def scan_trace(
     rng: np.random.Generator,
     quarter_turns: int = 0,
 ) -> Scan:
-    """Draw the scan of a probe whose G-code was printed on the twin; ``trace`` is what the twin printed, without noise.
+    """Draw the scan of a probe that was printed on the twin; ``trace`` is what the twin printed, without noise.
 
     Equal generators give the same dots on the same scanner, so that the plate can be turned between two scans. Raises
-    `InputError` where the trace is that of another file.
+    `InputError` if the trace is that of another file.
     """
     same = trace.commanded_mm.shape == plan.waypoints_mm.shape
     if not same or np.abs(trace.commanded_mm - plan.waypoints_mm).max() > SAME_MM:

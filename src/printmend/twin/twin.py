@@ -1,10 +1,9 @@
 """The digital twin: what a broken printer would print.
 
-`Twin.run` prints lattice controls, the paper's experiment; `Twin.follow` prints way-points in mm at micro-step
+`Twin.run` prints lattice controls, the paper's experiment. `Twin.follow` prints way-points in mm at micro-step
 resolution from the home position, for G-code. Both take two axes, or three. `Twin.seen` is what an instrument reads of
-the same way-points.
-
-Another homing of the same machine: its motors' turns, and all that repeats with them, sit elsewhere than before.
+the same way-points. `homed_again` is the same machine after another homing: all that repeats with its motors' turns
+sits elsewhere.
 """
 
 from collections.abc import Sequence
@@ -38,7 +37,7 @@ STEPS_A_TURN = 4  # full steps of an electrical turn
 
 
 def homed_again(mechanism: Mechanism, by_mm: np.ndarray) -> Mechanism:
-    """Return a machine whose motors [2] are ``by_mm`` further on, by the belt, than when it homed before."""
+    """Return a machine whose motors [2] homed ``by_mm`` of belt further on than before."""
 
     def moved(table: Transmission, by: float) -> Transmission:
         lower, upper = table.branches_mm(table.motor_mm + by)
@@ -51,15 +50,17 @@ def homed_again(mechanism: Mechanism, by_mm: np.ndarray) -> Mechanism:
 def drawn_shift_mm(
     printer: Printer, rng: np.random.Generator, *, scatter_mm: float = 0.1, wake_ups: float = 0.0
 ) -> np.ndarray:
-    """Draw the shift of both motors [2] by one homing: end stops that scatter by ``scatter_mm``, and in a share
-    ``wake_ups`` of homings a motor that stands an electrical turn aside."""
+    """Draw the shift of both motors [2] by one homing.
+
+    End stops scatter by ``scatter_mm``; in the share ``wake_ups`` of homings a motor stands an electrical turn aside.
+    """
     turns = rng.choice((-1.0, 1.0), 2) * (rng.uniform(size=2) < wake_ups)
     turn_mm = STEPS_A_TURN * np.array(printer.mm_per_step)
     return np.asarray(printer.to_motor(scatter_mm * rng.standard_normal(2)) + turn_mm * turns)
 
 
 def refitted_mm(printer: Printer, rng: np.random.Generator) -> np.ndarray:
-    """Draw the shift of both motors [2] by belts that were taken off and put back: each sits on any tooth."""
+    """Draw the shift of both motors [2] by belts that were taken off and put back on any tooth."""
     return np.array([TOOTH_MM * rng.integers(round(axis.mm_per_turn / TOOTH_MM)) for axis in printer.axes[:2]])
 
 
@@ -67,8 +68,8 @@ def refitted_mm(printer: Printer, rng: np.random.Generator) -> np.ndarray:
 class Twin:
     """A printer with a mechanism, true (from a `Fault`) or learned, and the jumps of its motors.
 
-    ``along`` are the effects that no mechanism holds: they act along the path. ``before`` are the prints that went on
-    before: what wears goes on from there.
+    ``along`` are effects that no mechanism holds: they act along the path. ``before`` is the number of earlier prints,
+    from which wear goes on.
     """
 
     mechanism: Mechanism | GainMechanism
@@ -88,19 +89,19 @@ class Twin:
         return replace(self, mechanism=with_effects(self.tables, parts), along=self.along + more)
 
     def again(self) -> "Twin":
-        """Return this printer in a print to come: no jumps, and of the effects along the path those that stay."""
+        """Return this printer in a later print: without jumps, and with the effects along the path that persist."""
         found = [(part, EFFECTS[part.effect]) for part in self.along]
         lasting = (part for part, law in found if law.of is not Of.INSTRUMENT and law.fate == STAYS)
         return Twin(self.mechanism, along=tuple(lasting), before=self.before + 1)
 
     @property
     def printed_along(self) -> tuple[Sized, ...]:
-        """The effects along the path of the print; those of its measurement are left out."""
+        """The effects along the path of the print, without those of its measurement."""
         return tuple(self._parts(printed=True))
 
     @property
     def wider_mm(self) -> float:
-        """By how much the effects of the filament push a wall out on either side [mm]."""
+        """How far the effects of the filament push a wall out on either side [mm]."""
         if not self.along:
             return 0.0
         scene, none, one = scene_of_printer(self.printer), np.zeros((1, 2)), np.ones(1)
@@ -203,13 +204,13 @@ class Twin:
         return places_mm
 
     def seen(self, waypoints_mm: np.ndarray) -> np.ndarray:
-        """Return what an instrument reads of `follow`: the same places, with the effects of the measurement."""
+        """Return what an instrument reads of the places of `follow`: with the effects of the measurement."""
         places_mm = self.follow(waypoints_mm)
         places_mm[:, :2] += self.misread_mm(waypoints_mm)
         return places_mm
 
     def misread_mm(self, waypoints_mm: np.ndarray) -> np.ndarray:
-        """Return by how much [N, 2] mm an instrument is wrong at way-points [N, ≥ 2] mm of the whole print."""
+        """Return the error [N, 2] mm of an instrument at way-points [N, ≥ 2] mm of the whole print."""
         path_mm, parts = np.asarray(waypoints_mm, float)[:, :2], self._parts(printed=False)
         if not parts:
             return np.zeros(path_mm.shape)

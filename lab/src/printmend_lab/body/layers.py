@@ -1,7 +1,4 @@
-"""G-code moves become layers of lattice controls.
-
-From millimetres to the lattice of full steps: polylines become controls in {−1, 0, 1}² a tick.
-"""
+"""G-code moves become layers of lattice controls: polylines in mm become controls in {−1, 0, 1}² a tick."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -30,10 +27,10 @@ def follow_polyline(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (start [2], controls [T, 2] int8, extruding [T]) along way-points [M + 1, 2] in steps.
 
-    ``drawing`` [M] says which segments extrude; each tick carries the flag of the segment that it follows. Every
-    visited node is within half a step (Euclidean) of that segment, consecutive nodes are 8-neighbours, and no error
-    is carried from one segment to the next: see `body.kernels.follow`. Raises GcodeError for places that no
-    printer has and where more than ``room`` ticks may be needed.
+    ``drawing`` [M] says which segments extrude; each tick carries the flag of its segment. Every visited node is within
+    half a step (Euclidean) of that segment, consecutive nodes are 8-neighbours, and no error is carried from one
+    segment to the next: see `body.kernels.follow`. Raises GcodeError for places beyond any printer, and if more than
+    ``room`` ticks may be needed.
     """
     points_steps = np.asarray(points_steps, float)
     if not (np.abs(points_steps) < _MAX_STEPS).all():
@@ -50,7 +47,7 @@ def follow_polyline(
         )  # fmt: skip
     controls, extruding = np.empty((bound, 2), np.int8), np.empty(bound, bool)
     ticks, x, y = follow(points, np.ascontiguousarray(drawing, bool), controls, extruding)
-    if ticks < 0:  # too small for the lattice: it stays where its first point rounds to
+    if ticks < 0:  # too small for the lattice: it stays at the node of its first point
         return (points[0] + UNITS // 2) // UNITS, controls[:0], extruding[:0]
     return np.array([x, y], np.int64), controls[:ticks].copy(), extruding[:ticks].copy()
 
@@ -103,7 +100,7 @@ def strokes_of(program: Program) -> tuple[Stroke, ...]:
 def layers_of(
     strokes: tuple[Stroke, ...], printer: Printer, *, shift_steps: tuple[int, int] = (0, 0), subject: object = "path"
 ) -> tuple[Layer, ...]:
-    """Return the strokes as lattice controls, moved by whole steps; layers too small for one step are left out.
+    """Return the strokes as lattice controls, shifted by whole steps; layers too small for one step are left out.
 
     Raises GcodeError above `MAX_TICKS` steps of motion.
     """
@@ -125,7 +122,7 @@ def _stroke(moves: Moves, first: int, last: int, extruding: np.ndarray, index: i
     rows = np.arange(printing[0], printing[-1] + 1)
     start, end = moves.start_mm[rows, :2], moves.end_mm[rows, :2]
     drawing = extruding[rows - first]
-    # Where a move does not begin at the last one's end (homing, a restored position) the carriage went there: a travel.
+    # A move that does not begin at the last one's end (homing, a restored position) follows a travel to its start.
     jumped = np.flatnonzero((start[1:] != end[:-1]).any(axis=1)) + 1
     points = np.insert(end, jumped, start[jumped], axis=0)
     drawing = np.insert(drawing, jumped, False)

@@ -13,7 +13,7 @@ from printmend_lab.body.layers import Stroke, layers_of, strokes_of, to_steps
 from printmend_lab.body.slicer import slice_solid, slice_to
 from printmend_lab.body.solid import MESH_SUFFIXES
 
-MIN_POINTS = 1000  # the paper, §V-C: what has fewer is an erroneous translation
+MIN_POINTS = 1000  # the paper, §V-C: a body with fewer is an erroneous translation
 
 
 def load_body(
@@ -27,9 +27,9 @@ def load_body(
     """Return the body in a mesh file (sliced with PrusaSlicer) or a G-code file as layers of lattice controls.
 
     ``unit`` (mm, cm, m, inch, foot, micron) is for meshes that name none. ``cache`` is a folder that keeps sliced
-    G-code, so that a mesh is sliced once. ``note`` is told, in one line each, what had to be changed: a repair, a
-    unit, a shift onto the bed. Raises MeshError, GcodeError or MissingToolError
-    for what cannot become a body of `MIN_POINTS` points on this printer.
+    G-code, so that a mesh is sliced once. ``note`` is called with one line about each change: a repair, a unit, a shift
+    onto the bed. Raises MeshError, GcodeError or MissingToolError for anything that cannot become a body of
+    `MIN_POINTS` points on this printer.
     """
     path = Path(path)
     source: str | bytes = str(path)
@@ -61,10 +61,10 @@ def body_of(
 def place(
     strokes: tuple[Stroke, ...], printer: Printer, *, subject: object, note: Callable[[str], None] = lambda text: None
 ) -> tuple[int, int]:
-    """Return the shift [full steps] that brings the strokes onto the bed: zero where they are on it already.
+    """Return the shift [full steps] that brings the strokes onto the bed; zero if they are on it already.
 
-    A file for another printer is moved to the middle of the bed, along the axes on which it lies off it, by
-    whole steps. Raises GcodeError where it is larger than the bed.
+    A file for another printer is moved to the middle of the bed by whole steps, along the axes on which it lies off the
+    bed. Raises GcodeError if it is larger than the bed.
     """
     low = np.min([to_steps(stroke.points_mm, printer).min(axis=0) for stroke in strokes], axis=0)
     high = np.max([to_steps(stroke.points_mm, printer).max(axis=0) for stroke in strokes], axis=0)

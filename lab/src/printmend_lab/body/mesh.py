@@ -1,7 +1,7 @@
 """Solids from mesh files: STL, OBJ, 3MF and PLY, in mm, standing on the bed, repaired where that is safe.
 
-A slicer closes small gaps by itself, so a solid is refused only where the slices would be garbage: no volume, or
-a surface that is open at most heights.
+A slicer closes small gaps by itself. So a solid is refused only if its slices would be garbage: it has no volume, or
+its surface is open at most heights.
 """
 
 import io
@@ -24,7 +24,7 @@ _UNIT_NAMES = {
 _MAX_BYTES = 256 * 2**20  # of a file
 _MAX_RATIO, _RATIO_MATTERS_BYTES = 200, 32 << 20  # a mesh as XML packs to a tenth
 _MAX_FACES = 3_000_000  # triangles
-_SMALL_MM = 10.0  # below this a body is named as one that may be in inches or metres
+_SMALL_MM = 10.0  # a smaller body may be in inches or metres, and the user is told so
 _BRIDGED_MM = 2.0  # gaps that slicers close while they chain a contour
 _MAX_OPEN = 0.75  # share of the heights at which the contour may be open
 _HEIGHTS = 200  # at which a mesh is looked at for gaps
@@ -77,7 +77,7 @@ def _parse(path: Path) -> tuple[trimesh.Trimesh, str | None]:
         unit, mesh = scene.units, scene.to_mesh()
         faces = len(mesh.faces)
     except Exception as error:
-        # Parsers of five formats meet arbitrary bytes here: whatever they raise, the file is at fault.
+        # Parsers of five formats read arbitrary bytes here: whatever they raise, the file is at fault.
         reason = "" if isinstance(error, ImportError) or not str(error) else f" ({error})"[:160]
         raise MeshError(
             path, wanted=f"an intact {suffix} mesh", came=f"a broken file{reason}", todo="export the mesh again"
@@ -99,7 +99,7 @@ def _refuse_zip_bomb(data: bytes) -> None:
 
 
 def _refuse_places(vertices_mm: np.ndarray, faces: np.ndarray, path: Path) -> None:
-    """Raise MeshError for triangles that lie nowhere, infinitely far, or all in one plane of the axes."""
+    """Raise MeshError for triangles at NaN or infinite places, and for a mesh that is flat along an axis."""
     if not ((faces >= 0) & (faces < len(vertices_mm))).all():
         raise MeshError(path, wanted="corners that exist", came="numbers beyond them", todo="export the mesh again")
     corners = vertices_mm[faces.ravel()]
@@ -134,7 +134,7 @@ def _repair(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
 
 
 def _distinct_faces(faces: np.ndarray) -> np.ndarray:
-    """Return the indices of the faces to keep: coincident faces cancel where they face each other, else one stays."""
+    """Return the indices of the faces to keep: coincident faces cancel in pairs that face each other, or one stays."""
     low, middle, high = np.sort(faces, axis=1).T
     a, b, c = faces.T
     # An even permutation of (low, middle, high) faces one way, an odd one the other.
@@ -149,7 +149,7 @@ def _distinct_faces(faces: np.ndarray) -> np.ndarray:
 
 
 def _open_edges(mesh: trimesh.Trimesh) -> np.ndarray:
-    """Return the edges [N, 2] that an odd number of faces share: there the contour of a slice has a loose end."""
+    """Return the edges [N, 2] of an odd number of faces: there the contour of a slice has a loose end."""
     edges, count = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
     return edges[count % 2 == 1]
 

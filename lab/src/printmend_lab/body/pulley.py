@@ -44,8 +44,11 @@ def timing_pulley() -> Solid:
 
 
 def toothed_outline_mm(teeth: int) -> np.ndarray:
-    """Return the outline [N, 2] of a GT2 pulley, counter-clockwise: one groove bent around the outer circle,
-    repeated ``teeth`` times. The outer radius is teeth·pitch/2π − the pitch-line offset."""
+    """Return the outline [N, 2] of a GT2 pulley, counter-clockwise: one groove on the outer circle, repeated ``teeth``
+    times.
+
+    The outer radius is teeth·pitch/2π − the pitch-line offset.
+    """
     radius = teeth * PITCH_MM / (2 * np.pi) - PITCH_LINE_OFFSET_MM
     groove = _half_groove_mm()
     groove = np.vstack([groove, groove[-2::-1] * [-1, 1]])  # from the left tip over the root to the right tip

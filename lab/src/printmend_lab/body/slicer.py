@@ -90,9 +90,9 @@ def slice_to(solid: Solid, printer: Printer, folder: Path, *, timeout_s: float =
 
 
 def slicing_of(gcode: Path) -> dict[str, str]:
-    """Return what a G-code file says of how it was sliced: the ``program``, and the settings that shape its layers.
+    """Return how a G-code file says it was sliced: the ``program``, and the settings that shape its layers.
 
-    Slic3r and its descendants write their settings as comments; what a file does not say is left out.
+    Slic3r and its descendants write their settings as comments. Settings that the file lacks are left out.
     """
     with Path(gcode).open("rb") as file:
         head = file.read(_END_BYTES)
@@ -130,7 +130,7 @@ def _arguments(solid: Solid, printer: Printer, folder: Path) -> list[str]:
 
 
 def _run(arguments: list[str], folder: Path, timeout_s: float) -> tuple[int, bytes]:
-    """Run the slicer; return its exit code and what it said on stderr. Nothing that it started outlives this call."""
+    """Run the slicer; return its exit code and its stderr. Nothing that it started outlives this call."""
     with subprocess.Popen(  # noqa: S603 (a fixed program, a list of arguments, no shell)
         arguments, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
         # HOME inside the folder: the user's own slicer settings must not leak in.
@@ -150,10 +150,10 @@ def _run(arguments: list[str], folder: Path, timeout_s: float) -> tuple[int, byt
 
 @contextlib.contextmanager
 def _steady() -> Iterator[list[str]]:
-    """Give the prefix that makes PrusaSlicer repeat itself: fixed addresses and one processor.
+    """Return the prefix that makes PrusaSlicer repeat itself: fixed addresses and one processor.
 
-    Its paths depend on the order of pointers and of threads. Where the system refuses either, slicing still
-    works, but two runs may differ in the order of equal islands.
+    Its paths depend on the order of pointers and of threads. If the system refuses either, slicing still works, but two
+    runs may differ in the order of equal islands.
     """
     prefix = []
     if (setarch := shutil.which("setarch")) and _works([setarch, "-R", "true"]):
@@ -168,7 +168,7 @@ def _steady() -> Iterator[list[str]]:
 
 @contextlib.contextmanager
 def _processor() -> Iterator[int]:
-    """Give the number of a processor on which none of this user's other slicings runs, or any where none is free."""
+    """Return the number of a processor on which no other slicing of this user runs, or any if none is free."""
     import fcntl  # there is none where there are no affinities
 
     numbers = sorted(os.sched_getaffinity(0))

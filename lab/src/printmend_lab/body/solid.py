@@ -13,8 +13,11 @@ MESH_SUFFIXES = (".stl", ".obj", ".3mf", ".ply")
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A closed surface: ``vertices_mm`` [V, 3] with the lowest at z = 0, ``faces`` [F, 3] seen from outside
-    counter-clockwise. ``notes`` say what was done to the file's own surface."""
+    """A closed surface: ``vertices_mm`` [V, 3], the lowest at z = 0, and ``faces`` [F, 3], counter-clockwise from
+    outside.
+
+    ``notes`` say how the file's own surface was changed.
+    """
 
     name: str
     vertices_mm: np.ndarray

@@ -36,8 +36,8 @@ class SpacePath:
 def space_path(body: Body, printer: Printer, *, hop_mm: float = 0.0) -> SpacePath:
     """Return the controls of a body of one layer or more, each at its ``z_mm``.
 
-    After a layer the nozzle rises to the next one's height and ``hop_mm`` above it, goes straight to where that layer
-    starts, and comes down the hop: the only place where Z turns back and its backlash shows.
+    After a layer the nozzle rises to ``hop_mm`` above the next layer, goes straight to where that layer starts, and
+    comes down the hop. Only there Z turns back and its backlash shows.
     """
     heights = [round((layer.z_mm - printer.z.min_mm) / printer.z.mm_per_step) for layer in body.layers]
     hop = round(hop_mm / printer.z.mm_per_step)

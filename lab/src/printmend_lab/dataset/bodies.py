@@ -1,6 +1,4 @@
-"""Lists of bodies: files and folders on the command line become files, in a fixed order.
-
-What is known of a body's file from beside it: its name and licence, by a list in its folder or above.
+"""Lists of bodies: files and folders on the command line become files in a fixed order, each with its name and licence.
 
 `manifest.csv` has a column `file`, a path from the list's folder, and any of `name` and `licence` (or `license`). It
 may lie in a folder above. `licences.json`, {"name without suffix": "licence", …}, lies beside the bodies
@@ -40,7 +38,7 @@ class Known:
 
 
 def known_of(path: Path) -> Known:
-    """Return what is known of a body's file; without a list it is called as its file.
+    """Return what is known of a body's file; without a list its name is the file's.
 
     Raises `InputError` for a list that cannot be read.
     """
@@ -108,11 +106,11 @@ def body_files(
     """Return the meshes and G-code files given and those below the folders given, each once, sorted within a folder.
 
     With a folder ``made``, `generated:N` stands for the first N bodies that are made from a ``seed``
-    (`body.generated`), and `thingi10k` or `thingi10k:N` for those of Thingi10K under a ``licence``; these,
-    and Thingi10K's npz files in the folders given, are written there as STL. ``left_out`` is told of an npz file that
-    is damaged, and why; without it that is a `MeshError`. Raises `InputError` for a path that does not exist and where
-    nothing is found. With a ``licence``, bodies of which a `licences.json` beside them says something else are left
-    out.
+    (`body.generated`), and `thingi10k` or `thingi10k:N` for those of Thingi10K under a ``licence``. These, and
+    Thingi10K's npz files in the folders given, are written to ``made`` as STL. ``left_out`` is called with each damaged
+    npz file and the reason; without it such a file is a `MeshError`. With a ``licence``, bodies for which a
+    `licences.json` beside them states another are left out. Raises `InputError` for a path that does not exist, and if
+    nothing is found.
     """
     found: dict[Path, None] = {}
     damaged: list[str] = []
@@ -173,7 +171,7 @@ def digest(path: Path) -> str:
 
 
 def body_rng(seed: int, identity: str, purpose: int) -> np.random.Generator:
-    """Return the generator of one body: it depends on the seed, the body and the purpose, not on the other bodies."""
+    """Return the random generator of one body: it depends on the seed, the body and the purpose, on no other body."""
     return np.random.default_rng([seed, int(identity, 16), purpose])
 
 

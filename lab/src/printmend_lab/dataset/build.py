@@ -63,10 +63,9 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Built:
-    """What a build came to: bodies that are whole, and (body, reason) of those that are not.
+    """The result of a build: bodies that are whole, and (body, reason) for those that are not.
 
-    ``mended`` are those that had been built before and were damaged; ``left`` names those that still are, since nobody
-    named their files.
+    ``mended`` had been built before and were damaged. ``left`` still are, because nobody named their source files.
     """
 
     bodies: int
@@ -106,12 +105,12 @@ def build_dataset(
     unread: Mapping[Path, str] = MappingProxyType({}),
     tick: Callable[[str], None] = lambda name: None,
 ) -> Built:
-    """Build what is missing of a data set in ``root``, or damaged; files of equal content count once.
+    """Build the missing or damaged parts of a data set in ``root``; files of equal content count once.
 
-    ``licence`` is noted for every body but those that are made here or of which a list beside says another
-    (`dataset.manifest`). A body that cannot be sliced, or whose worker dies, is a failure with its reason, as
-    is each of the ``unread`` files, whose reasons are known. Failures are not tried again, but for those for want of a
-    slicer. Raises `InputError` where ``root`` holds something else or was begun otherwise.
+    ``licence`` is noted for every body except generated ones and those for which a list beside them states another
+    (`dataset.bodies`). A body that cannot be sliced, or whose worker dies, is a failure with its reason, as is each of
+    the ``unread`` files, whose reasons are known. Failures are not tried again, unless only a slicer was missing.
+    Raises `InputError` if ``root`` holds something else or was begun with another recipe.
     """
     check_recipe(recipe)
     root = Path(root).absolute()  # workers may run elsewhere
@@ -155,7 +154,7 @@ def build_dataset(
 
 
 def _forget_passing(path: Path) -> None:
-    """Take failures off the list that say nothing of the body: a slicer was not there."""
+    """Remove failures that say nothing of the body from the list: the slicer was missing."""
     lines = read_lines(path)
     lasting = [line for line in lines if not line.get("passing")]
     if len(lasting) < len(lines):
@@ -189,7 +188,7 @@ def read_checksums(root: Path) -> dict[str, str]:
 
 
 def changed_corruptions(root: Path) -> list[str]:
-    """Return what is wrong with the descriptions of the broken printers, in words: missing, or not as written."""
+    """Return the faults of the broken printers' descriptions, in words: missing, or not as written."""
     wrong = []
     for name, known in read_checksums(root).items():
         if not (Path(root) / name).is_file():
@@ -238,7 +237,7 @@ def _drawn(recipe: Recipe, number: int) -> str:
 
 
 def _bring_back(root: Path, recipe: Recipe) -> None:
-    """Write descriptions again that are missing or changed, where what the seed draws is still what it drew then."""
+    """Write missing or changed descriptions again, if the seed still draws what it drew then."""
     for name, known in read_checksums(root).items():
         path, text = root / name, _drawn(recipe, int(Path(name).stem))
         if hashlib.sha256(text.encode()).hexdigest() == known and (not path.is_file() or digest_of(path) != known):
@@ -261,9 +260,10 @@ def _build_body(task: _Task) -> dict[str, Any]:
         return {"error": " ".join(f"{type(error).__name__}: {error}".split())}
 
 
-@lru_cache(maxsize=32)  # the next body is printed on the same
+@lru_cache(maxsize=32)  # the next body is printed on the same machines
 def _twin(corruption: str, printer: Printer) -> Twin:
-    """Return the machine of a corruption in TOML: by what it says, as another data set may come into the folder."""
+    """Return the machine of a corruption in TOML. The text is the key, because another data set may come into the
+    folder."""
     from printmend.corruption import parse_corruption
 
     return Twin.of(parse_corruption(corruption, subject="a corruption of the data set"), printer)

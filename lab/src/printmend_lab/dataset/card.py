@@ -1,5 +1,4 @@
-"""The card of a data set: Croissant's JSON-LD for machines, a README with the header that Hugging Face reads, and what
-an archive asks for before it gives a DOI."""
+"""The card of a data set: Croissant's JSON-LD for machines, a README with Hugging Face's header, and DOI metadata."""
 
 import datetime
 import json
@@ -39,11 +38,11 @@ def write_card(
     root: Path, *, name: str, url: str, creators: Sequence[str], description: str = "", doi: str = "",
     year: int | None = None,
 ) -> tuple[Path, ...]:  # fmt: skip
-    """Write croissant.json, README.md and datacite.json into a data set's folder, with what it holds; return the paths.
+    """Write croissant.json, README.md and datacite.json into a data set's folder; return their paths.
 
-    ``url`` is where it is published, ``creators`` are the names to be cited, ``doi`` is noted where there is one, and
-    ``year`` is that of its publication, this one where none is given.
-    Raises `InputError` for a folder that holds no data set, or a README that is not this one's.
+    ``url`` is where it is published, ``creators`` are the names to be cited, ``doi`` is noted if there is one, and
+    ``year`` is that of its publication, by default this one. Raises `InputError` for a folder that holds no data set,
+    or a README of someone else's.
     """
     root, found = Path(root), contents(root)
     readme = root / README
@@ -65,7 +64,7 @@ def write_card(
 def datacite(
     found: Contents, *, name: str, url: str, creators: Sequence[str], description: str, doi: str, year: int
 ) -> dict[str, Any]:
-    """Return a data set's metadata in DataCite's schema 4.5, as an archive takes them to register a DOI."""
+    """Return a data set's metadata in DataCite's schema 4.5, which archives need to register a DOI."""
     return {
         "schemaVersion": "http://datacite.org/schema/kernel-4",
         **({"doi": doi, "identifiers": [{"identifier": doi, "identifierType": "DOI"}]} if doi else {}),

@@ -24,7 +24,7 @@ class Exported:
     refused: tuple[tuple[str, str], ...]
 
 
-# Long because bodies are read while they are written: the generator within shares what was refused and named so far.
+# Long because bodies are read while they are written: the inner generator shares the names and refusals so far.
 def export_reference(
     root: Path,
     files: list[Path],
@@ -37,9 +37,9 @@ def export_reference(
 ) -> Exported:
     """Write the bodies in ``files``, each with two of ``corruptions`` random gain tables, in the published layout.
 
-    ``layers`` keeps so many evenly spaced layers a body: with 3 the published evaluation draws all of them, and its
-    result no longer hangs on its random draw. Files that cannot become bodies are left out and named in the result;
-    raises the first one's error where none can, and `InputError` where ``root`` already holds something.
+    ``layers`` keeps that many evenly spaced layers of a body. With 3 the published evaluation draws all of them, and
+    its result no longer depends on its random draw. Files that cannot become bodies are left out and named in the
+    result. If none can, the first one's error is raised; `InputError` if ``root`` already holds something.
     """
     root = Path(root)
     if root.exists() and (not root.is_dir() or any(root.iterdir())):

@@ -1,4 +1,4 @@
-"""Read what a data set's body was told and where a broken printer put it, side by side."""
+"""Read a body's commanded positions and where a broken printer put them, side by side."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 
 def joined(root: Path | str, body: str, corruption: int, *, layers: Sequence[int] | None = None) -> "pyarrow.Table":
-    """Return one body on one broken printer: a row for every position of its nozzle, of all layers or the nth ones.
+    """Return one body on one broken printer: a row for each position of its nozzle, in all layers or only the nth ones.
 
-    The columns are those of a body and then those of its print (`BODY_COLUMNS`, `PRINT_COLUMNS`), the keys `body`,
-    `layer` and `tick` once; `table.to_pandas()` and `polars.from_arrow(table)` take it on. Row by row, since row i of a
-    body is row i of each of its prints. Raises `InputError` for a printer that is not in the set, `TraceError` for
-    files that are not whole.
+    The columns are those of a body and then those of its print (`BODY_COLUMNS`, `PRINT_COLUMNS`), with the keys `body`,
+    `layer` and `tick` once. `table.to_pandas()` and `polars.from_arrow(table)` convert it. No key is compared: row i of
+    a body is row i of each of its prints. Raises `InputError` for a printer that is not in the set, `TraceError` for
+    damaged files.
     """
     root = Path(root)
     count = read_recipe(root).corruptions

@@ -49,7 +49,8 @@ PRINT_COLUMNS = {
     "y_printed": ("float32", "the same of y"),
 }
 
-# What is read back: a row group is a layer, whose number and start are in the metadata, and nominal positions are sums.
+# The columns that are read back. A row group is a layer, its number and start are in the metadata, and nominal
+# positions are sums.
 _of_body, _of_print = ("x_control", "y_control", "extruding"), ("x_printed", "y_printed")
 
 
@@ -118,7 +119,7 @@ def read_print(path: Path, rows: Sequence[int] | None = None) -> list[np.ndarray
 
 
 def _side_by_side(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return two columns [N] as one array [N, 2] that cannot be written to, so that a `Layer` need not copy it."""
+    """Return two columns [N] as one read-only array [N, 2], so that a `Layer` need not copy it."""
     both = np.empty((len(x), 2), x.dtype)
     both[:, 0], both[:, 1] = x, y
     both.setflags(write=False)
@@ -217,14 +218,14 @@ def _array(column: Any) -> np.ndarray:
     return (parts[0] if len(parts) == 1 else np.concatenate([np.empty(0, np.uint8), *parts])).view(bool)
 
 
-# Kept open, because who reads one layer mostly reads another one of the body next; each thread has its own reader.
+# Kept open, because the next layer that is read is mostly of the same body; each thread has its own reader.
 @lru_cache(maxsize=8)
 def _opened(path: Path, changed: int, size: int, thread: int) -> tuple[Any, dict[str, Any], list[int]]:
-    """Return a file that is open for reading, what it says about itself, and the rows of each of its row groups."""
+    """Return an open file, its metadata, and the rows of each of its row groups."""
     import pyarrow as arrow
     from pyarrow import parquet
 
-    # A file in memory needs no buffer to be read ahead, which threads of their own would fill.
+    # A file in memory needs no read-ahead buffer, which further threads would fill.
     file = parquet.ParquetFile(arrow.memory_map(str(path)), pre_buffer=False)
     head = file.metadata
     return file, _about(path, head.metadata), [head.row_group(group).num_rows for group in range(head.num_row_groups)]

@@ -44,7 +44,7 @@ class ReferenceBody:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """An opened data set; bodies are read when asked for, because the published one has gigabytes."""
+    """An opened data set. Bodies are read on demand, because the published set has gigabytes."""
 
     root: Path
     gains: np.ndarray

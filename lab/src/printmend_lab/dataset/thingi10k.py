@@ -34,9 +34,9 @@ def thingi10k_files(
 ) -> list[Path]:
     """Return Thingi10K's bodies in the order of their numbers as STL below ``made``, their licences beside them.
 
-    ``asked`` is `thingi10k`, or `thingi10k:N` for the first N; with a ``licence`` (other than unknown) only those whose
-    own licence has these words; ``left_out`` is as in `unpacked`. Raises `InputError` where the data set cannot be had
-    or nothing is left.
+    ``asked`` is `thingi10k`, or `thingi10k:N` for the first N. With a ``licence`` (other than unknown) only bodies
+    whose own licence contains these words are returned. ``left_out`` is as in `unpacked`. Raises `InputError` if the
+    data set cannot be had or nothing is left.
     """
     count = asked.removeprefix(NAME).removeprefix(":")
     if asked != NAME and not (count.isascii() and count.isdigit() and int(count) > 0):
@@ -62,7 +62,7 @@ def thingi10k_files(
 def unpacked(
     paths: Iterable[Path], made: Path, left_out: Callable[[Path, str], None] | None
 ) -> Iterator[tuple[Path, Path]]:
-    """Yield each npz file with its STL below ``made``; a damaged one is told to ``left_out``, or raised without it."""
+    """Yield each npz file with its STL below ``made``; a damaged one goes to ``left_out``, or is raised without it."""
     for path in paths:
         try:
             yield path, as_stl(path, made)

@@ -1,4 +1,4 @@
-"""Look at a data set that is there: what it holds, whether it is whole, and a copy of a published one."""
+"""Inspect an existing data set: its contents, whether it is whole, and a copy of a published one."""
 
 import http.client
 import shutil
@@ -104,14 +104,14 @@ def verify_dataset(root: Path, *, tick: Callable[[str], None] = lambda name: Non
 
 
 def fetch_list(source: str, root: Path) -> int:
-    """Copy what a published data set says of itself from a folder or an http(s) address; return its number of bodies.
+    """Copy the lists of a published data set from a folder or an http(s) address; return its number of bodies.
 
-    Raises `InputError` where there is none, or ``root`` holds something else.
+    Raises `InputError` if there is none, or if ``root`` holds something else.
     """
     root = Path(root)
     if root.exists() and (not root.is_dir() or (any(root.iterdir()) and not (root / BODIES).exists())):
         raise InputError(root, wanted="a new or empty folder", came="one that holds something", todo="name another")
-    for name in (BODIES, RECIPE):  # the list first: a folder that holds it may be gone on with
+    for name in (BODIES, RECIPE):  # the list first: a folder that holds it can be continued
         _fetch(source, root, name)
     return len(read_lines(root / BODIES))
 

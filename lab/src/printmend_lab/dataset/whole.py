@@ -27,7 +27,7 @@ def files_of(line: dict[str, Any], subject: object) -> dict[str, str]:
 
 
 def faults_of(root: Path, files: dict[str, str], wanted: list[str]) -> list[str]:
-    """Return what is wrong with a body's files, in words: missing, changed, or ``wanted`` and not in the list."""
+    """Return the faults of a body's files in words: missing, changed, or ``wanted`` and not in the list."""
     wrong = [f"{name}: not in the list" for name in wanted if name not in files]
     for name, digest in files.items():
         path = root / name
@@ -39,7 +39,7 @@ def faults_of(root: Path, files: dict[str, str], wanted: list[str]) -> list[str]
 
 
 def damaged_bodies(root: Path, corruptions: int, executor: Executor) -> dict[str, str]:
-    """Return the bodies of the list whose files are not as they were written: their names by their identities."""
+    """Return the bodies of the list whose files are not as written: their names by their identities."""
     looks = [_Look(str(root), line, corruptions) for line in read_lines(root / BODIES)]
     found = executor.map(_is_damaged, looks) if looks else iter(())
     return {look.line["identity"]: look.line["body"] for look, wrong in found if wrong is True}

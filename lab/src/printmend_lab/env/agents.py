@@ -1,16 +1,15 @@
-"""Agents to measure others against: random, Naive, and two that know the true machine.
+"""Agents to measure others against.
 
-Algorithm 1 (the paper's Oracle) is not the best that knowledge can do: it takes the control whose result is nearest to
-the next target, and where the play of a belt is more than one control takes up, no control changes anything, the first
-of the 49 wins, and the motor never gets through its play (physics.md §6). With loose belts that is far worse than
-commanding the path as it is. `planning_agent` knows the same machine and takes up the play ahead of the next move.
+For `Print-v0`: random, Naive, and two that know the true machine. Each is a function of observations [N, D] that
+returns actions [N, 2] for `PrintVectorEnv`; `PrintEnv` takes row 0. Algorithm 1 (the paper's Oracle) takes the control
+whose result is nearest to the next target. If the play of a belt is more than one control takes up, no control changes
+anything. Then the first of the 49 wins, and the motor never gets through its play (physics.md §6). With loose belts
+that is far worse than commanding the path as it is. `planning_agent` knows the same machine and takes up the play ahead
+of the next move.
 
-Each is a function of observations [N, D] that returns actions [N, 2] for `PrintVectorEnv`; `PrintEnv` takes row 0.
-
-Agents for the one-print environments, which know nothing but observations: Naive, and a learner with a controller.
-
-Each is a function of observations (a dictionary of arrays, a row a machine) that returns actions [N, 2], for
-`OnePrintVectorEnv`; `score_agent` lets one play.
+For the one-print environments: Naive, and a learner with a controller. Both know nothing but observations. Each is a
+function of observations (a dictionary of arrays, a row a machine) that returns actions [N, 2] for `OnePrintVectorEnv`;
+`score_agent` runs one.
 """
 
 from collections.abc import Callable
@@ -41,7 +40,7 @@ def random_agent(rng: np.random.Generator) -> Agent:
 
 
 def naive_agent(observation: np.ndarray) -> np.ndarray:
-    """Believe in a healthy machine: command what brings the nominal position to the next target."""
+    """Assume a healthy machine: command what brings the nominal position to the next target."""
     return np.clip(observation[:, 8:10], -C_MAX, C_MAX).astype(np.int64) + C_MAX
 
 
@@ -91,10 +90,10 @@ _LEAST_STEPS = 230  # of the test print along each axis: somewhat more than a mo
 
 
 def probing_controls(ticks: int, path: np.ndarray, start: np.ndarray, bed_steps: np.ndarray) -> np.ndarray:
-    """Return controls [ticks, 2] of a test print from ``start`` [2] for a ``path`` [N, 2] that is to be printed then.
+    """Return controls [ticks, 2] of a test print from ``start`` [2], for a ``path`` [N, 2] that is printed afterwards.
 
-    Each axis goes to the path by the shortest way, and then to and fro over its width, or a turn of the motor if that
-    is wider, as slowly as lets it come back once.
+    Each axis goes to the path by the shortest way. Then it goes to and fro over the path's width, or over a turn of the
+    motor if that is wider, as slowly as still brings it back once.
     """
     controls = np.zeros((ticks, 2), np.int64)
     for axis in range(2):
@@ -107,13 +106,13 @@ def probing_controls(ticks: int, path: np.ndarray, start: np.ndarray, bed_steps:
         leg = max((high - low) / speed, 1.0)
         back = np.abs((np.arange(max(ticks - there, 0)) / leg + 1) % 2 - 1)  # 0 at the near end, 1 at the far one
         places = np.concatenate([np.linspace(start[axis], near, there + 1), near + (far - near) * back])[: ticks + 1]
-        # Halves always up: rounding them to even would make steps of four out of threes.
+        # Round halves up: rounding to even would turn some steps of three into four.
         controls[:, axis] = np.clip(np.diff(np.floor(places + 0.5)), -C_MAX, C_MAX)
     return controls
 
 
 def one_naive_agent(observation: dict[str, np.ndarray]) -> np.ndarray:
-    """Believe in a healthy machine: whatever the scan says, command the path as it is."""
+    """Assume a healthy machine: whatever the scan says, command the path as it is."""
     return np.clip(observation["now"][:, 8:10], -C_MAX, C_MAX).astype(np.int64) + C_MAX
 
 
@@ -132,7 +131,8 @@ def learning_agent(learner: str, printer: Printer, *, controller: str = "optimal
 
 
 def open_loop_agent(plan: Plan, printer: Printer) -> OneAgent:
-    """Return an agent that prints `probing_controls`, and then what ``plan`` says of a path and a scan.
+    """Return an agent that prints `probing_controls`, and then the controls that ``plan`` returns for a path and a
+    scan.
 
     ``plan`` takes the path [T + 1, 2] and the scan [P + 1, 4] of an observation as float64 and returns controls [T, 2].
     """

@@ -1,4 +1,4 @@
-"""What the environments run on: pools of machines and of tasks, and the state of N prints side by side."""
+"""What the environments run on: pools of machines and tasks, and the state of N prints side by side."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple

@@ -38,7 +38,7 @@ def restart(rows, machines, tasks, fleet):
         for axis in range(2):
             m = motors[axis]
             i = m - machines.first[axis]
-            # The branches are those of a layer in the middle of the bed: a shift anchors them here.
+            # The pool's branches belong to a layer in the middle of the bed; a shift anchors them at this start.
             fleet.shift[n, axis] = anchor(machines.lower[k, axis, i] - m, machines.upper[k, axis, i] - m, 0.5)
             fleet.position[n, axis] = m
             fleet.last[n, axis] = 0

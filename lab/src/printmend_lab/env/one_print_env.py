@@ -1,7 +1,4 @@
-"""The paper's problem for one agent at a time: `OnePrintVectorEnv` with one row, and a picture of it.
-
-A picture of a print from above, for people who watch an agent; numpy alone draws it.
-"""
+"""The paper's problem for one agent at a time: `OnePrintVectorEnv` with one row, and a picture of it for people."""
 
 from typing import Any
 
@@ -20,7 +17,7 @@ _HEAD_PX = 3  # half the side of the square where the nozzle is
 def path_picture(wanted: np.ndarray, printed: np.ndarray, bed_steps: tuple[int, int]) -> np.ndarray:
     """Return a picture [400, 400, 3] of uint8 of a wanted path [N, 2] and a printed one [M, 2], full steps.
 
-    Shown is the square about both; y points up.
+    It shows the square around both; y points up.
     """
     both = np.concatenate([wanted, printed])
     low, high = (

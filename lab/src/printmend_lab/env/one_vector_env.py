@@ -1,4 +1,4 @@
-"""The paper's problem: one test print of the agent's choice, its noisy scan, then a print that nothing watches."""
+"""The paper's problem: one test print of the agent's choice, its noisy scan, then a print without feedback."""
 
 from typing import Any
 
@@ -19,21 +19,20 @@ KEPT_SEED = 20261124  # of the scenes that agents are compared on: train on othe
 TEST_PRINT, PRINT = 0, 1
 _LOOKAHEAD = 8  # of the next targets in `now`; all of them are in `path`
 _NOISE_MM = 0.05  # of a coordinate, standard deviation, as a flatbed scan or callipers have it
-_SCAN_STEPS = 600  # of a coordinate at most, that a printed point can lie beside its command in a scan's space
+_SCAN_STEPS = 600  # bound of a scan's space: how far a printed point may lie beside its command, a coordinate
 
 
 def one_print_space(printer: Printer, ticks: int, probe_ticks: int) -> gymnasium.spaces.Dict:
     """Return the space of an agent's observations, all in full steps.
 
-    `phase` is 0 during the test print and 1 during the print, `tick` [1] counts the controls of it so far. `now`
-    [24] is what `Print-v0` shows; during the test print the "next targets" are its start. `path`
-    [ticks + 1, 2] is the start and the targets of the print, known from the beginning. `scan` [probe_ticks + 1, 4] are
-    the test print's nominal x and y, and how far beside them the scan says that it was printed; zeros until the test
-    print is done.
+    `phase` is 0 during the test print and 1 during the print; `tick` [1] counts the controls of the phase so far. `now`
+    [24] is what `Print-v0` shows; during the test print its "next targets" are the start. `path` [ticks + 1, 2] is the
+    start and the targets of the print, known from the beginning. `scan` [probe_ticks + 1, 4] holds the test print's
+    nominal x and y and how far beside them the scan saw it; zeros until the test print is done.
     """
     beds = np.array(printer.bed_steps, np.float32)
     path_high = np.broadcast_to(beds, (ticks + 1, 2))
-    # Motors stop a bed's length beyond the bed; what is printed there may lie farther still, never so far.
+    # Motors stop a bed's length beyond the bed; printed points may lie farther, but never this far.
     most = np.concatenate([2 * beds, np.full(2, max(_SCAN_STEPS, 4 * beds.max()), np.float32)])
     scan_high = np.broadcast_to(most, (probe_ticks + 1, 4))
     return gymnasium.spaces.Dict(
@@ -50,18 +49,18 @@ def one_print_space(printer: Printer, ticks: int, probe_ticks: int) -> gymnasium
 class OnePrintVectorEnv(VectorEnv):
     """``num_envs`` of the paper's problem side by side, stepped in compiled code.
 
-    An episode: the machine stands in the middle of the bed; ``probe_ticks`` controls of the agent's choice are the test
-    print. Then it sees a scan of it, with normal noise of ``noise_mm`` a coordinate, the machine is put at the path's
-    start, and a control a target prints the path; nothing that is measured then is ever observed. An action is a
+    An episode begins with the machine in the middle of the bed. ``probe_ticks`` controls of the agent's choice are the
+    test print. Then the agent sees its scan, with normal noise of ``noise_mm`` a coordinate. The machine is put at the
+    path's start, and one control for each target prints the path; nothing of that is ever observed. An action is a
     control in Z², |c| ≤ 3, shifted to 0…6.
 
     The return is the score, (Naive − RMSE) / (Naive − optimum): 0 for the path commanded as it is, 1 for the best plan
-    on the true machine. It comes at the end (``reward="final"``), or as the part that each printed point has in it
-    (``"dense"``; the same sum).
+    on the true machine. It comes at the end (``reward="final"``), or as the share of each printed point (``"dense"``;
+    the same sum).
 
     ``scenes`` machines and paths of a family are drawn at a `reset` with a seed. Row n begins with scene n, so that as
     many rows as scenes see each once; later episodes draw. Follows Gymnasium's next-step autoreset. The arrays of an
-    observation cannot be written to, and stay as they are.
+    observation are read-only and do not change.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own declaration
@@ -141,7 +140,7 @@ class OnePrintVectorEnv(VectorEnv):
         return self._observe(), reward, done.copy(), np.zeros(self.num_envs, bool), self._info()
 
     def printed_steps(self) -> np.ndarray:
-        """Return where each nozzle is [N, 2], full steps: for those who watch, no agent sees it."""
+        """Return where each nozzle is [N, 2], full steps: for spectators; no agent sees it."""
         out = np.empty((self.num_envs, 2))
         kernels.where(self.fleet, out)
         return out
@@ -186,6 +185,6 @@ class OnePrintVectorEnv(VectorEnv):
         return {"phase": phase, "tick": tick, "now": now, "path": self._path, "scan": self._scan}
 
     def _info(self) -> dict[str, Any]:
-        """Return each scene's two ends of the score [full steps]."""
+        """Return each scene's RMSE for a score of 0 and of 1 [full steps]."""
         scenes = self.fleet.machine
         return {"naive_steps": self._naive[scenes], "optimum_steps": self._naive[scenes] - self._gain[scenes]}

@@ -19,14 +19,14 @@ from printmend_lab.env.fleet import mechanisms_of, random_layer
 # A scene is drawn again unless the optimum is this much better than Naive: below it the score would divide by nothing.
 # Half the published lattice's rounding, 0.02 mm on the presets.
 LEAST_GAIN_STEPS = 0.1
-_DRAWS = 300  # until a family counts as one with nothing to gain
+_DRAWS = 300  # after which a family counts as one with nothing to gain
 
 _BOTH = (
     "radius", "eccentric", "fourier", "tabulated", "published", "pulley", "pulley-play", "pulley-loose",
     "pulley-set-screw", "elastic", "smooth", "frame", "everything",
 )  # fmt: skip
-# Families with something to gain on the lattice of full steps. What else a well-kept machine has is below its rounding;
-# friction and ripple are that even when damaged, jumps cannot be foreseen, a screw moves no planar print.
+# Families with something to gain on the lattice of full steps. Other faults of a well-kept machine are below its
+# rounding, and so are friction and ripple even when damaged. Jumps cannot be foreseen; a screw moves no planar print.
 SCENES: dict[Severity, tuple[str, ...]] = {
     "damaged": (*_BOTH, "ellipse", "polygon", "flat", "play", "loose", "set-screw"),
     "realistic": _BOTH,
@@ -35,8 +35,10 @@ SCENES: dict[Severity, tuple[str, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A broken machine, the path to print on it, and the RMSE [full steps] there of the path commanded as it is and of
-    the best plan that the true machine allows: a score of 0 and of 1."""
+    """A broken machine, the path to print on it, and the RMSE [full steps] there of two plans.
+
+    The path commanded as it is scores 0, the best plan that the true machine allows scores 1.
+    """
 
     mechanism: Mechanism
     layer: Layer
@@ -45,7 +47,7 @@ class Scene:
 
     @property
     def gain_steps(self) -> float:
-        """What there is to gain."""
+        """By how much the best plan beats Naive."""
         return self.naive_steps - self.optimum_steps
 
 

@@ -1,6 +1,6 @@
-"""Characters by their codes: what the interpreter and the writer of G-code look for and write.
+"""Character codes that the interpreter and the writer of G-code look for and write.
 
-Letters are int64 values, not literals, or numba would compile the functions that take them once for each.
+Letters are int64 values, not literals: for literals numba would compile the functions that take them once for each.
 """
 
 import numpy as np

@@ -65,7 +65,7 @@ ALL_LOST = 7 * _LOST
 
 @inner
 def event(r, counts, what):
-    """Say why the place (the axes in the higher byte of ``what``) or the belts' engaged side is uncertain."""
+    """Note why the place (the axes in the higher byte of ``what``) or the engaged side of the belts is uncertain."""
     r.kind, r.event = KIND_EVENT, what % _LOST
     counts.known &= ~(what // _LOST) & 7
 
@@ -228,7 +228,7 @@ def set_mode(numbers, counts, code):
 
 @inner
 def g_command(r, numbers, counts, words, bare, unclear, values, code):
-    """Obey a G command with its words, motion G0–G3 excepted; return what it makes uncertain, for `event`, or 0."""
+    """Obey a G command other than G0–G3; return what it makes uncertain, for `event`, or 0."""
     if code == 280:
         axes = ((words | bare | unclear) >> 23) & 7
         flavour = counts.flavour
@@ -299,9 +299,10 @@ def _g10(r, numbers, counts, words, values, code):
 
 @inner
 def tool_change(numbers, counts, tool):
-    """T: the macro behind it leaves the head where the file thinks it is, or an extruding line after it would be lost.
+    """Obey T: its macro is taken to leave the head where the file thinks it is.
 
-    With increments, or where the tools' offsets differ, it is unknown; but a file's first T0 names the tool at hand.
+    Otherwise every extruding line after it would be lost. In increments, or if the tools' offsets differ, the place is
+    unknown. A file's first T0 names the tool at hand.
     """
     old = counts.tool
     same = counts.relative == 0 or (old < 0 and tool == 0)

@@ -165,7 +165,7 @@ def edit_statement(buf, r, piece, before, writer, out, at):
 
 @inner
 def is_plain_edit(r, piece, writer):
-    """Say whether `edit_plain` is enough: for a plain line, absolute, whose unnamed axes stay and whose feed holds."""
+    """Say whether `edit_plain` is enough: for a plain, absolute line whose unnamed axes stay and whose feed holds."""
     if not r.flags & FLAG_PLAIN or r.flags & (FLAG_RELATIVE | FLAG_CHECKSUM) or piece.kind != PIECE_LINE:
         return False
     if (piece.feed > 0 and piece.feed != r.feed) or (not r.words & WORD_F and r.feed != writer.feed):

@@ -2,11 +2,11 @@
 """The writer: statements and the pieces that replace their motion in, text out, byte for byte where nothing changed.
 
 The writer follows the machine that will read the output (`writer`, a record of WRITER): where it is after what was
-written, how far G92 on a mended place shifted its coordinates, its modal feed and motion. So rounding never adds up:
-a relative move is written as the difference to where the machine is.
+written, how far G92 on a mended place shifted its coordinates, its modal feed and motion. So rounding never adds up: a
+relative move is written as the difference to where the machine is.
 
-In files with N words the output is an intermediate text that `renumber` finishes: a new line begins with `N+`, and a
-line whose checksum has to be computed again ends in `*+`.
+In files with N words the output is an intermediate text that `renumber` finishes. In it a new line begins with `N+`,
+and a line whose checksum must be computed again ends in `*+`.
 """
 
 import numpy as np
@@ -62,7 +62,7 @@ def _follow(r, writer):
 
 @inner
 def _goes_on(records, i, n, first, pieces):
-    """Say whether the line after record i begins with a piece that has the acceleration of its last one."""
+    """Say whether the line after record i begins with a piece of the same acceleration as the last one."""
     if i + 1 >= n or records[i + 1].begin != records[i].next or first[i + 2] == first[i + 1]:
         return False
     return pieces[first[i + 1]].accel == pieces[first[i + 1] - 1].accel
@@ -73,10 +73,10 @@ def _goes_on(records, i, n, first, pieces):
 def emit(buf, begin, records, n, first, pieces, writer, out):
     """Write buf[begin:] up to the end of record n − 1, with the pieces in place; return (records done, read, written).
 
-    ``first`` int64 [n + 1]: record i is replaced by pieces[first[i]:first[i + 1]]; with none it is copied, and so is
-    one marked FLAG_OPAQUE or that is no motion. It stops before a record that may not fit into ``out``: hand the
-    output on and call again with the remaining records and ``begin`` = read. What follows the last record
-    (comments, other commands) is the caller's to copy, unless another record follows it.
+    ``first`` int64 [n + 1]: record i is replaced by pieces[first[i]:first[i + 1]]. A record without pieces is copied,
+    and so is one that is marked FLAG_OPAQUE or is no motion. It stops before a record that may not fit into ``out``:
+    pass the output on and call again with the remaining records and ``begin`` = read. The caller copies what follows
+    the last record (comments, other commands), unless another record follows it.
     """
     at, p = np.int64(0), begin
     room = len(out)

@@ -156,10 +156,10 @@ def _obey(buf, stop, s, r, values, numbers, counts):
 def interpret(buf, begin, end, numbers, counts, records, notes):
     """Interpret the whole lines buf[begin:end]; return (records filled, where it stopped).
 
-    ``buf`` uint8, ``numbers`` float64 [NUMBERS] and ``counts`` int64 [COUNTS] are the machine's state and are
-    advanced; ``records`` is an array of RECORD. It stops before a line whose statements may not fit in ``records``
-    (see `most_records`) or whose notes may not fit in ``notes``, an array of NOTE: call again with the rest.
-    ``counts.noted`` says how many notes there are; without room for any nothing is noted.
+    ``buf`` is uint8. ``numbers`` and ``counts`` are the machine's state, records of NUMBERS and COUNTS, and are
+    advanced. ``records`` is an array of RECORD. It stops before a line whose statements may not fit in ``records`` (see
+    `most_records`), or whose notes may not fit in ``notes``, an array of NOTE: call again with the rest.
+    ``counts.noted`` is the number of notes; without room for any, nothing is noted.
     """
     counts.noted = 0
     values = np.zeros(26)

@@ -59,7 +59,7 @@ def put_extra(buf, r, out, at):
 
 @inner
 def put_eol(buf, r, writer, out, at):
-    """End a line as its statement's line ends, plainly where that has more than three bytes: it may have any number."""
+    """End a line as its statement's line ends; with a plain line end if that has more than three bytes."""
     if 0 < r.next - r.end <= 3:
         return copy_bytes(buf, r.end, r.next, out, at)
     if writer.crlf:
@@ -71,7 +71,7 @@ def put_eol(buf, r, writer, out, at):
 
 @inner
 def put_accel(r, accel, writer, out, at):
-    """Tell the machine an acceleration [mm/s²], or with 0 the file's own again, as the file tells it."""
+    """Write the acceleration [mm/s²] for the machine, or with 0 the file's own again, by the file's own word."""
     for byte in (LETTER_M, ZERO + 2, ZERO, ZERO + 4, SPACE):
         out[at] = byte
         at += 1

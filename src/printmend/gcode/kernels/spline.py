@@ -23,8 +23,8 @@ _CONTROLS = WORD_I | WORD_J | WORD_P | WORD_Q
 def most_records(buf, p, stop):
     """Return how many records the line buf[p:stop] may become: one for two bytes, and `MOST_CHORDS` for each curve.
 
-    Every way to write a number that is read as 5 (`G05`, `G+5.0`, `G4.96`) has 4 or 5 as its first digit but zeros. A
-    comment holds no statements; but after a remark or a text, which may hold any sign, all is counted.
+    Every spelling of a number that is read as 5 (`G05`, `G+5.0`, `G4.96`) has 4 or 5 as its first digit other than 0. A
+    comment holds no statements. After a remark or a quoted text, which may hold any character, everything is counted.
     """
     begin, found, inside = p, 0, False
     while p < stop:

@@ -92,7 +92,7 @@ def _after_remark(buf, p, stop):
 
 @inner
 def _sign(s, counts, byte):
-    """End a statement at a character that is no letter: a checksum, a comment, a value to be filled in, or unknown."""
+    """End a statement at a character that is no letter: a checksum, a comment, a placeholder, or an unknown one."""
     s.over = 1
     if byte == STAR:
         s.flags |= FLAG_CHECKSUM
@@ -107,7 +107,7 @@ def _sign(s, counts, byte):
 
 @inner
 def _is_filled_in(byte):
-    """Say whether a character begins a value that someone else fills in."""
+    """Say whether a character begins a placeholder, which someone else fills in."""
     return byte in (BRACE, BRACKET, HASH)
 
 
@@ -167,7 +167,7 @@ def _command(s, numbers, counts, byte, tenths, p, q, small):
 
 @inner
 def _word_without_number(buf, p, q, stop, s, values, bit, byte, style):
-    """Take the letter at p, which no number follows at once: at q stands something else. Return where it ends."""
+    """Take the letter at p, which is not followed by a number but by what stands at q. Return where it ends."""
     while q < stop and is_blank(buf[q]):
         q += 1
     if q < stop and (is_digit(buf[q]) or buf[q] == PLUS or buf[q] == MINUS or buf[q] == POINT):  # `X 10`

@@ -108,7 +108,7 @@ def scaled_axis(r, writer, target, axis):
 
 @inner
 def reached(r, writer, scaled, axis):
-    """Return where the machine goes [mm] when it reads that number."""
+    """Return where the machine goes [mm] when it reads the number ``scaled``."""
     unit = 25.4 if r.flags & FLAG_INCH else 1.0
     value = scaled * unit / POWERS[decimals(r)]
     if r.flags & FLAG_G53:
@@ -180,7 +180,7 @@ def put_feed(out, at, r, feed, writer):
 
 @inner
 def scaled_feed(r, feed):
-    """Return F in the file's unit as a fixed-point number, and its decimals: more where three would make it nought."""
+    """Return F in the file's unit as a fixed-point number, and its decimals: more than three if it would be 0."""
     value = feed / (25.4 if r.flags & FLAG_INCH else 1.0)
     decimals = DECIMALS_3 if value >= 1.0 else DECIMALS_9
     return to_fixed(value, decimals), decimals
@@ -194,7 +194,7 @@ def e_letter(r):
 
 @inner
 def letter_of(byte, r):
-    """Return the letter, a capital, as which a word counts: A for E and E for A where A drives the extruder."""
+    """Return the capital letter that a word counts as: where A drives the extruder, A counts as E and E as A."""
     letter = np.int64(upper(byte))
     if r.flags & FLAG_E_IS_A and letter in (LETTER_A, LETTER_E):
         return LETTER_A + LETTER_E - letter
@@ -218,7 +218,7 @@ def e_scaled(r, cumulated):
 
 @inner
 def e_rest(r, before, writer):
-    """Return the last part of a relative E, and carry on what rounding took: the sum over all lines is exact."""
+    """Return the last part of a relative E and carry on what rounding took, so that the sum over all lines is exact."""
     exact = (r.e1 - r.e0) / (25.4 if r.flags & FLAG_INCH else 1.0) * POWERS[e_decimals(r)] + writer.e_debt
     total = np.int64(np.floor(min(max(exact, -9e14), 9e14) + 0.5))
     writer.e_debt = exact - total

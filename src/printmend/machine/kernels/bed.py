@@ -1,7 +1,7 @@
 """How the belts of two motors reach the bed: CoreXY mixing, then a crooked frame (physics.md eq. 13 and 14).
 
-What is needed for it is a record of BED, which `Frame.bed_map` and `lattice_bed` make. The unit is the caller's: mm, or
-full steps.
+A record of BED, made by `Frame.bed_map` or `lattice_bed`, holds all parameters. The unit is the caller's: mm, or full
+steps.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from printmend.jit import inner
 MOST_WAVES = 192  # of one frame
 WAVE = np.dtype(
     [
-        ("rate", "f8", 2),  # its angle a unit of the divided place along x and along y [rad]
+        ("rate", "f8", 2),  # its angle per unit of the scaled place along x and along y [rad]
         ("x", "f8", 2),  # what its cosine and its sine add to x
         ("y", "f8", 2),  # and to y
     ]
@@ -29,8 +29,8 @@ BED = np.dtype(
     ],
     align=True,
 )
-# Newton's method stops at a distance of this in x and y together, in the caller's unit, or after so many steps: as it
-# doubles the digits with each, a few do on any frame near to square.
+# Newton's method stops once x and y together are off by less than this, in the caller's unit, or after so many steps.
+# Each step doubles the digits, so that a few do on any frame near to square.
 _REACHED, _STEPS = 1e-10, 20
 
 
@@ -163,7 +163,7 @@ def wanted(way, x, y):
 
 @inner(error_model="numpy", _nrt=False)
 def anchor(way, x, y):
-    """Move the frame's constant terms so that it leaves the place (x, y), where a layer starts, where it is."""
+    """Shift the frame's constant terms so that the place (x, y), where a layer starts, stays where it is."""
     if way.framed != 0.0:
         bed_x, bed_y = onto_bed(way, x, y)
         way.terms[0, 0] += x - bed_x

@@ -28,7 +28,7 @@ def contact(position, lower, upper):
 
 @inner(error_model="numpy", _nrt=False)
 def rest(lower, upper, share):
-    """Return where a belt rests that nothing has moved yet: at ``share`` of its play, 0 pushed, 1 pulled."""
+    """Return where a belt that nothing has moved yet rests: at ``share`` of its play, 0 pushed, 1 pulled."""
     return (1 - share) * lower + share * upper
 
 
@@ -40,8 +40,9 @@ def fine(steps):
 
 @inner(error_model="numpy", _nrt=False)
 def anchor(lower, upper, share):
-    """Return what to add to both branches so that the belt, at rest between them, is at its nominal position.
+    """Return what to add to both branches so that a belt at rest between them is at its nominal position.
 
-    ``lower`` and ``upper`` are the branches at the start, less that position, in full steps of that resolution.
+    ``lower`` and ``upper`` are the branches at the start less the nominal position, in full steps of the lattice's
+    resolution.
     """
-    return -fine(2 * rest(lower, upper, share)) / 2  # the middle of two multiples is none, but half of one
+    return -fine(2 * rest(lower, upper, share)) / 2  # the middle of two multiples is half of a multiple

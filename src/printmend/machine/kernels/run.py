@@ -31,10 +31,10 @@ def follow(position, lower, upper, out):
 
 @entry
 def contacts(position, lower, upper, at, side, out):
-    """Do as `follow`, and say which contact gave the belt its place.
+    """Follow a belt as `follow` does, and say which contact gave it its place.
 
-    Fills, for each row, ``at`` (the row of the last contact, −1 where the belt still is where it started) and ``side``
-    (the branch touched there, `play.PUSHED` or `play.PULLED`, or `play.FREE`).
+    Fills, for each row, ``at`` (the row of the last contact, −1 while the belt is where it started) and ``side`` (the
+    branch touched there: `play.PUSHED`, `play.PULLED` or `play.FREE`).
     """
     row, branch = -1, play.FREE
     for t in range(lower.shape[0]):
@@ -98,7 +98,7 @@ def slopes_each(way, belts, out):
 
 @entry
 def anchor(way, x, y):
-    """Move a frame's constant terms so that it leaves the place (x, y) where it is."""
+    """Shift a frame's constant terms so that the place (x, y) stays where it is."""
     bed.anchor(way, x, y)
 
 

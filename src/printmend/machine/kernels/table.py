@@ -1,6 +1,7 @@
-"""Look-ups in the tables of a transmission and of a screw, which lie in a flat array ``values`` from ``table`` on.
+"""Look-ups in the tables of a transmission and of a screw.
 
-Entry i stands for motor position ``first`` + i / ``rate``; ``last`` is the index of the last entry, as a float.
+All tables lie in one flat array ``values``; one begins at index ``table``. Its entry i stands for motor position
+``first`` + i / ``rate``; ``last`` is the index of its last entry, as a float.
 """
 
 import numpy as np
@@ -10,7 +11,7 @@ from printmend.jit import inner
 
 @inner(error_model="numpy", _nrt=False)
 def branch_at(values, table, first, rate, last, m):
-    """Return a branch of a transmission at motor position m; beyond the table it goes on with slope 1."""
+    """Return a branch of a transmission at motor position m; beyond the table it continues with slope 1."""
     place = (m - first) * rate
     if not place > 0.0:
         return values[table] + (m - first)
@@ -23,7 +24,7 @@ def branch_at(values, table, first, rate, last, m):
 
 @inner(error_model="numpy", _nrt=False)
 def push_at(values, table, first, rate, last, m):
-    """Return where a screw pushes the nozzle along one axis at motor position m; beyond the table that stays."""
+    """Return where a screw pushes the nozzle along one axis at motor position m; beyond the table that is constant."""
     place = (m - first) * rate
     if not place > 0.0:
         return values[table]

@@ -15,7 +15,7 @@ from printmend.plan.kernels.state import command, followed, middle, motor_along
 
 _TRIALS = 5  # of a length, each half of the one before
 _LOOKS_A_RAD = 16.0
-_SWEEP_SHARE = 0.2  # by which share the sweep may differ from the wanted one: more is another way round
+_SWEEP_SHARE = 0.2  # by which the sweep may differ from the wanted one; beyond it the circle goes the other way round
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -80,7 +80,7 @@ def arc(model, curve, state, mode0, mode1, t, stop, u0, u1, record, quantum):
 
 @inner(error_model="numpy", _nrt=False)
 def _score(model, curve, state, mode0, mode1, t, step, from_x, from_y, to_x, to_y, start_error):
-    """Return the largest error of the arc in hand, from t on, by what is allowed."""
+    """Return the largest error of the arc in hand, from t on, in units of what is allowed."""
     looks = np.int64(
         4.0 + _LOOKS_A_RAD * step * abs(curve.sweep) + min(step * curve.length, 4096.0) / model.head.sample
     )

@@ -31,14 +31,14 @@ from printmend.plan.kernels.state import followed, middle, motor_along
 
 SHORT_MM = 0.4  # chords below this may bulge twice as far; on a radius of 4 mm all are shorter
 LOOK_AHEAD_MM = 8.0  # how far along a line its curvature is looked up at once
-LOOKS_A_CHORD, CLOSEST_LOOK_MM = 10.0, 0.01  # at how many places of a chord, and how densely it is looked at most
-UNEVEN = 0.03  # by which share a wall may be wider or thinner somewhere along a chord: some 1 % RMS
+LOOKS_A_CHORD, CLOSEST_LOOK_MM = 10.0, 0.01  # places of a chord that are checked, and the least distance between two
+UNEVEN = 0.03  # share by which a wall's width may vary along a chord: some 1 % RMS
 SHORTEST_EVEN_MM = 0.1  # chords that are to keep a wall's width: a quarter of a line's
 SHORT_EVEN_MM = 0.3  # chords below this follow waves of less than a line's width, which no wall shows
 ALONG_AN_AXIS = 0.26  # the tangent of a wall's angle to it, at most
-GENTLY = 0.1  # mm of slack a mm of path, at most: a motor that crosses faster turns the command aside
-LEAST_KEPT = 0.1  # share of a wave that a shaper keeps, from which on the command makes up for the rest
-MOST_SCORE = 1.1  # that such a chord may have: the exact command's distances are nearly those on the bed
+GENTLY = 0.1  # mm of slack a mm of path: a motor that crosses faster turns the command aside
+LEAST_KEPT = 0.1  # share of a wave that a shaper must keep before the command makes up for the rest
+MOST_SCORE = 1.1  # of a chord found by the exact command, whose distances are nearly those on the bed
 REST_SHARE = 0.5  # of a chord: before a shorter rest it is cut in the middle
 _FAR_MM = 12.0  # for how much of a motor's way the curvature of its tables is looked up
 
@@ -67,10 +67,10 @@ def _exactly(model, curve, k, mode, t):
 
 @inner(error_model="numpy", _nrt=False)
 def _made_up(model, curve, k, mode, t):
-    """Return by how much further on than exactly motor k has to be at t, for a shaper takes a share of its ripple.
+    """Return how far motor k must lead its exact position at t, because an input shaper takes a share of its ripple.
 
-    The shaper keeps Σ a cos ω t of a wave. To command more in return is a filter's inverse, held in bounds where little
-    is kept (Wiener); what is not kept at all is not commanded.
+    The shaper keeps the share Σ a cos ω t of a wave. The command is the shaper's inverse, bounded where little is kept
+    (Wiener); a wave that is not kept at all is not commanded.
     """
     h = model.head
     if mode == 0 or not h.ripple[k] > 0.0:
@@ -92,15 +92,16 @@ def _made_up(model, curve, k, mode, t):
 # These kernels take many parameters: the curve, the motors and their modes, and what may be spared.
 @inner(error_model="numpy", _nrt=False)
 def _score(model, curve, state, mode0, mode1, t, end, m0, m1, spare_aside, spare_along):
-    """Return the largest error of the chord from t to ``end``, where the motors are at (m0, m1), by what is allowed.
+    """Return the largest error of the chord from t to ``end`` in units of what is allowed; the motors end at (m0, m1).
 
-    At t so much may be spared, less and less towards the end.
+    At t the error may be larger by ``spare_aside`` and ``spare_along``; both shrink to nothing at ``end``.
     """
     samples = max(3, np.int64(np.ceil(min((end - t) * curve.length, 4096.0) / model.head.sample)))
     from0, from1 = state.mended.m[0], state.mended.m[1]
     now0, now1 = middle(state, 0), middle(state, 1)
     held = (1 if mode0 == 0 else 0) + (1 if mode1 == 0 else 0)
-    aside_most = _bulge(model, (end - t) * curve.length) + held * model.head.chord  # one that stands is off by as much
+    # a motor that stands is off by a further chord's tolerance
+    aside_most = _bulge(model, (end - t) * curve.length) + held * model.head.chord
     worst = 0.0
     for i in range(1, samples + 1):
         s = i / (samples + 1)
@@ -144,7 +145,7 @@ def _longest(model, curve, state, mode0, mode1, t, whole, bound, shortest):
 
 @inner(error_model="numpy", _nrt=False)
 def _look_mm(model, way0, way1, m0, m1, most, even):
-    """Return how densely a line must be looked at from motors (m0, m1) on, whose way a mm of path is (way0, way1)."""
+    """Return the distance [mm] between two checks of a line from motors (m0, m1); they go (way0, way1) a mm of path."""
     bend0 = sharpest(model, 0, m0, m0 + LOOK_AHEAD_MM * way0) * way0 * way0
     bend1 = sharpest(model, 1, m1, m1 + LOOK_AHEAD_MM * way1) * way1 * way1
     bend = norm(bend0, bend1)
@@ -155,17 +156,17 @@ def _look_mm(model, way0, way1, m0, m1, most, even):
     return min(max(look, CLOSEST_LOOK_MM), LOOK_AHEAD_MM)
 
 
-# Long, for its looks along the line are one loop; its many parameters are the line, where the motors are on it, and
-# how far the command may stray.
+# Long because its checks along the line are one loop. Its many parameters are the line, where the motors are on it,
+# and how far the command may stray.
 @inner(error_model="numpy", _nrt=False)
 def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most, even):
     """Return (end, m0, m1): where the longest straight command from t ends that stays near a line's exact command.
 
-    The exact command at each place leaves an interval of directions to the one that may pass it at ``aside_most``; the
-    command is as long as these have a direction in common. So its ends lie on the outer side of a bend and its middle
-    on the inner one, and it goes straight through ripples that are smaller. Along the line its ends are exact. Where it
-    is to be ``even``, the exact command is nowhere much faster or slower. It ends at ``stop`` exactly, where the belts
-    are wanted at (u0, u1), or at ``limit`` at the latest.
+    The command must pass the exact command at each place within ``aside_most``, which leaves it an interval of
+    directions. It goes on for as long as these intervals share a direction. So its ends lie on the outer side of a
+    bend, its middle on the inner side, and it goes straight through smaller ripples. Along the line its ends are exact.
+    If ``even``, the exact command is nowhere much faster or slower. The command ends exactly at ``stop``, where the
+    belts are wanted at (u0, u1), or at ``limit`` at the latest.
     """
     length = curve.length
     to0, to1 = motor_along(model, state, 0, mode0, u0, stop), motor_along(model, state, 1, mode1, u1, stop)
@@ -198,7 +199,7 @@ def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most
         a, p, q = x * tx + y * ty, tx * y - ty * x, at - t
         room = 0.0 if at == stop else aside_most
         from_p, to_p = max(p - room, low * q), min(p + room, high * q)
-        if even:  # what one command draws with one speed must not differ much in its wanted speed
+        if even:  # one command has one speed, so the wanted speeds along it must be nearly equal
             pace = (a - last) / (at - before)
             slowest, fastest = max(slowest, pace - UNEVEN * length), min(fastest, pace + UNEVEN * length)
             last = a
@@ -235,7 +236,7 @@ def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most
 
 @inner(error_model="numpy", _nrt=False)
 def _is_even(model, curve):
-    """Say whether a line's width shows, and goes with the speed of one axis: an outer wall along an axis."""
+    """Say whether a line's width shows and follows the speed of one axis, as on an outer wall along an axis."""
     x, y = abs(curve.x1 - curve.x0), abs(curve.y1 - curve.y0)
     return model.head.even != 0.0 and min(x, y) <= ALONG_AN_AXIS * max(x, y)
 
@@ -243,9 +244,9 @@ def _is_even(model, curve):
 # As `_reach`.
 @inner(error_model="numpy", _nrt=False)
 def _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest):
-    """Return (end, m0, m1): where the longest admissible chord of a line ends; t where that is a short one.
+    """Return (end, m0, m1): where the longest admissible chord of a line ends; t if that would be a short one.
 
-    Belts that lag, or that are not yet driven, do not follow the exact command: then the chord is none.
+    Belts that lag, or that are not yet driven, do not follow the exact command. Then the chord is refused.
     """
     most, even = model.head.chord, _is_even(model, curve)
     end, m0, m1 = _reach(model, curve, state, mode0, mode1, t, stop, stop, u0, u1, most, even)

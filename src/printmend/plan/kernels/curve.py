@@ -20,7 +20,7 @@ CURVE = np.dtype(
         ("r1", "f8"),
         ("plane", "f8"),  # 0 XY, 1 ZX, 2 YZ
         ("length", "f8"),  # [mm]
-        ("share", "f8"),  # the part of its statement's E that it stands for
+        ("share", "f8"),  # the share of its statement's E
         ("least", "f8"),  # the shortest piece that it may be cut into [mm]
     ],
     align=True,
@@ -32,7 +32,7 @@ _LOOKS = 24  # places of an arc at which it is asked whether it leaves the bed
 
 @inner(error_model="numpy", _nrt=False)
 def norm(x, y):
-    """Return √(x² + y²), without the care that `hypot` takes of huge numbers, and so faster."""
+    """Return √(x² + y²) without `hypot`'s care for huge numbers, and so faster."""
     return np.sqrt(x * x + y * y)
 
 

@@ -77,7 +77,7 @@ def put(pieces, n, kind, x, y, z, share, feed):
 
 @inner(error_model="numpy", _nrt=False)
 def _feed(state, record, ratio):
-    """Return the F for a command ``ratio`` times as long as its path; a change that nobody can see is not written."""
+    """Return the F for a command ``ratio`` times as long as its path; a change too small to see keeps the last F."""
     feed = record.feed * min(max(ratio, 0.2), 5.0)
     if abs(feed - record.feed) <= SAME_FEED * record.feed:
         feed = record.feed
@@ -91,10 +91,10 @@ def _feed(state, record, ratio):
 
 @inner(error_model="numpy", _nrt=False)
 def _crossing_accel(model, counts, record, d0, d1, loose0, loose1):
-    """Return the acceleration [mm/s²] of a command by (d0, d1) mm of the motors, 0 where it is the file's own.
+    """Return the acceleration [mm/s²] of a command by (d0, d1) mm of the motors; 0 keeps the file's own.
 
-    A motor that is ``loose`` drives nothing: it may speed up as its owner allows. The other one speeds up no more than
-    the file lets it.
+    A ``loose`` motor drives nothing, so it may accelerate as the printer's owner allows. The other one keeps to the
+    file's acceleration.
     """
     if not model.head.crossing > record.accel or not record.accel > 0.0:
         return 0.0
@@ -119,9 +119,9 @@ def _crossing_accel(model, counts, record, d0, d1, loose0, loose1):
 # From here on the many parameters are the arrays of one file's way through `mend`, the record in hand, a piece's end.
 @inner(error_model="numpy", _nrt=False)
 def _dead_move(model, state, counts, pieces, n, record, m0, m1, z, quantum, loose):
-    """Write a move that extrudes nothing and for which the nozzle stands still (or is put in its place).
+    """Write a move that extrudes nothing and during which the nozzle stands still, or comes to its place.
 
-    ``loose`` says that no motor drives anything on it.
+    ``loose`` says that no motor drives its belt on this move.
     """
     if m0 == state.mended.m[0] and m1 == state.mended.m[1]:
         return n
@@ -216,7 +216,7 @@ def _next_turn_place(run, k, s):
 
 @inner(error_model="numpy", _nrt=False)
 def _overshoot(run, k, s):
-    """Return by how much motor k's belt goes too far at s of the run, where its next turn begins."""
+    """Return how far motor k's belt must overshoot at s of the run, where its next turn begins."""
     turn = run.turns[k, run.turn[k]]
     return turn.tip if abs(turn.begin - s) <= NEAR_MM else 0.0
 
@@ -250,7 +250,7 @@ def _engage(model, state, counts, run, k, start, end, s, stop, begin, span):
             at, m_at = corner, m_corner
         else:
             to, m_to = corner, m_corner
-    # What is near is here: further on at that pace the motor would go too far.
+    # A place nearly here counts as here: a crossing stretched to reach it would send the motor too far.
     at, to = s if abs(at - s) <= NEAR_MM else at, stop if abs(to - stop) <= NEAR_MM else to
     slope = (m_to - m_at) / (to - at)
     state.cross[k] = m_at + slope * (begin - at)
@@ -317,7 +317,7 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
             loose0, loose1 = state.crossing[0] != 0.0, state.crossing[1] != 0.0
             if loose0 or loose1:
                 pieces[n - 1].accel = _crossing_accel(model, counts, record, d0, d1, loose0, loose1)
-            # Where the way to its start was held back already, only the error tells.
+            # If the edge of the bed held back the way to its start already, only the error shows it.
             if clamp > CLAMP_MM or state.error > max(ASTRAY_MM, ASTRAY_PER_CHORD * model.head.chord):
                 counts.clamped += 1
                 counts.clamped_extruding += 1

@@ -1,4 +1,4 @@
-"""Compiled following of what is no planned motion: homing, events, lost places, moves that stay as they are."""
+"""Compiled tracking of all that is not planned: homing, events, lost places, and moves that stay as they are."""
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from printmend.plan.kernels.state import (
 
 @inner(error_model="numpy", _nrt=False)
 def event(model, state, counts, r):
-    """Follow homing, events and lost places: what is known of the belts afterwards."""
+    """Update what is known of the belts after homing, an event or a lost place."""
     known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
     if r.kind == KIND_HOME:
         if r.axes & 3 == 0:
@@ -67,7 +67,7 @@ def event(model, state, counts, r):
     elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET:
         counts.splines += r.event == EVENT_SPLINE
         if r.x0 != r.x1 or r.y0 != r.y1:
-            known = False  # the firmware went back to a place of the file as it is written now
+            known = False  # the firmware went back to a place of the mended file
         counts.known = counts.known and known
         if counts.known:
             open_interval(model, state.mended)
@@ -76,7 +76,7 @@ def event(model, state, counts, r):
 
 @inner(error_model="numpy", _nrt=False)
 def follow_copied(model, state, counts, r, known):
-    """Follow a move that is written as it is: its place is not known, or not all of it can be read."""
+    """Follow a move that is written as it is, because its place is unknown or not all of it can be read."""
     counts.copied += 1
     if counts.known and known:
         m0, m1 = to_motors(model, r.x1, r.y1)

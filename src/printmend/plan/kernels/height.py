@@ -89,7 +89,7 @@ def _loosen_nut(model, belts):
 
 @inner(error_model="numpy", _nrt=False)
 def find(model, state, counts, record, quantum):
-    """Make the height known again, where a move names it: return the motor position for the move's end."""
+    """Find the height again at a move that names it; return the motor position at the move's end."""
     z = record.z1
     if counts.height != 0:
         return commanded(model, record, travel_motor(model, state, ZED, record.z0, z), quantum)
@@ -116,7 +116,7 @@ def _settle_home(model, belts, z):
 
 @inner(error_model="numpy", _nrt=False)
 def height_event(model, state, counts, r):
-    """Follow homing, events and lost heights: what is known of Z afterwards."""
+    """Update what is known of Z after homing, an event or a lost height."""
     known = (r.flags & FLAG_KNOWN_Z1) != 0
     if r.kind == KIND_HOME:
         if r.axes & 4 == 0:
@@ -138,7 +138,7 @@ def height_event(model, state, counts, r):
         else:
             counts.height = 0
     elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET:
-        # where the firmware went to a height of the file as it is written now, ours is another
+        # the firmware went to a height of the mended file, so that of the file as it is is another
         counts.height = counts.height and known and r.z0 == r.z1
         if counts.height:
             _loosen_nut(model, state.mended)
@@ -156,13 +156,13 @@ def follow_copied_height(model, state, counts, r):
 
 @inner(error_model="numpy", _nrt=False)
 def is_flat(curve):
-    """Say whether a curve stays at its height, so that the push on its way is one."""
+    """Say whether a curve stays at one height, so that the push is constant along it."""
     return curve.plane == 0.0 and curve.z0 == curve.z1
 
 
 @inner(error_model="numpy", _nrt=False)
 def parts_of(model, curve):
-    """Return into how many straight parts a curve that rises has to be cut, so that the push is linear on each."""
+    """Return into how many straight parts a rising curve must be cut for the push to be linear on each."""
     if is_flat(curve):
         return 1
     rise, chords = abs(curve.z1 - curve.z0), 0.0
@@ -176,13 +176,14 @@ def parts_of(model, curve):
 
 @inner(error_model="numpy", _nrt=False)
 def is_too_long(model, curve):
-    """Say whether a rising curve is beyond what can be cut: hundreds of turns in one command."""
+    """Say whether a rising curve has more parts than can be cut, as hundreds of turns in one command would."""
     return parts_of(model, curve) > MOST_PARTS
 
 
 @inner(error_model="numpy", _nrt=False)
 def aim(model, curve, moved, m0, m1):
-    """Fill ``moved`` with where the belts must go for a curve, the motor of Z going from m0 to m1; its Z is m."""
+    """Fill ``moved`` with where the belts must go for a curve; Z's motor goes from m0 to m1, and the z of ``moved`` is
+    m."""
     copy_curve(curve, moved)
     x0, y0 = push(model, m0)
     x1, y1 = push(model, m1)

@@ -13,12 +13,12 @@ ARRIVED_MM = 0.001  # a belt that ends this near to where it is wanted is there
 CLAMP_MM = 0.02  # a command held back at the edge of the bed by less is not counted
 # Only the edge of the bed keeps an extruding command that far from its line, whatever the tolerance allows.
 ASTRAY_MM, ASTRAY_PER_CHORD = 0.05, 10.0
-FASTER_CROSSING = 1.25  # as a multiple of the file's acceleration: one that is faster by less is not told
+FASTER_CROSSING = 1.25  # as a multiple of the file's acceleration: a smaller gain is not written
 SAME_FEED = 0.005  # speeds that differ by a smaller share are written as one
 CHORDS_A_RECORD = 8192  # into which one move is cut, at most, were it straight
 LONGEST_ARC_RAD = 1.6  # of a commanded arc: a quarter of a circle, and what rounding adds
-LEAST_ARC_RAD = 0.1  # of one: a chord does as well
-PIECES_A_RECORD = 32768  # that it may become: a rest and two dead moves at each turn and each part of a rise, too
+LEAST_ARC_RAD = 0.1  # of one: below it a chord does as well
+PIECES_A_RECORD = 32768  # that one move may become: also a rest and two dead moves at each turn and each part of a rise
 FILAMENT_AREA_MM2 = 2.405  # of filament of 1.75 mm
 MAX_AREA_MM2 = 0.63  # of a line's cross-section: Klipper's max_extrude_cross_section is 0.64 for a nozzle of 0.4 mm
 TINY_ADVANCE_MM = 0.1  # of filament: Klipper lets a shorter extrusion pass, whatever its cross-section
@@ -113,7 +113,7 @@ SAMPLES = np.dtype(
     ],
     align=True,
 )
-# A place where a motor turns back, and the stretch of path on which its slack is crossed: none where both ends are one.
+# A place where a motor turns back, and the stretch of path on which its slack is crossed; empty if both ends are equal.
 TURN = np.dtype(
     [
         (
@@ -122,10 +122,10 @@ TURN = np.dtype(
         ),  # where the stretch begins and ends, as a length of the path [mm]; behind the last turn infinity
         ("end", "f8"),
         ("trend", "f8"),  # as in RUN, after the turn
-        ("rise", "f8"),  # by how much the belt is wanted higher at the end of the stretch than at its beginning [mm]
+        ("rise", "f8"),  # how much higher the belt is wanted at the end of the stretch than at its beginning [mm]
         ("motor_begin", "f8"),  # where the motor is at both ends [mm]; NaN until the nozzle is there
         ("motor_end", "f8"),
-        # by how much the belt rises further beforehand than it is to, below 0 at a corner whose tip it does not reach
+        # how far the belt overshoots before the stretch, below 0 at a corner whose tip it does not reach
         ("tip", "f8"),
         ("corner", "f8"),  # where the corner is, as a length of the path [mm]; infinity for a turn that is none
         ("share", "f8"),  # of the slack that is crossed before the corner

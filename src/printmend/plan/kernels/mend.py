@@ -106,10 +106,10 @@ LOOKS_FROM_HOME = 256  # places of a line from home that are looked at: 1.2 mm a
 # which `Planner` allocates once, and the record in hand.
 @inner(error_model="numpy", _nrt=False)
 def _come_from_unknown(model, state, counts, pieces, n, record, e0, e1, z, quantum):
-    """Come from an unknown place to one short of belt positions (e0, e1): return (n, m0, m1), how to go on from there.
+    """Come from an unknown place to just before belts (e0, e1); return (n, m0, m1), the motors to go on from.
 
-    Then both belts are engaged before anything is extruded, were it only a prime on the spot. Each motor comes from the
-    side on which the bed has room; where neither has, its belt is at least known.
+    Then both belts are engaged before anything is extruded, even before a prime on the spot. Each motor comes from the
+    side on which the bed has room. If neither side has, the belt is at least known.
     """
     x = y = m0 = m1 = to0 = to1 = 0.0
     least = np.inf
@@ -133,9 +133,10 @@ def _come_from_unknown(model, state, counts, pieces, n, record, e0, e1, z, quant
 
 @inner(error_model="numpy", _nrt=False)
 def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum, to0, to1):
-    """Write a move that draws nothing, of which only the end must be right.
+    """Write a move that draws nothing, so that only its end must be right.
 
-    ``to0`` and ``to1`` are where the motors go on a leg of a planned travel, else NaN: as far as their belts have to.
+    On a leg of a planned travel the motors go to ``to0`` and ``to1``. Elsewhere these are NaN, and the motors go as far
+    as their belts need.
     """
     x, y, _ = place(curve, t)
     s0, s1 = wanted(model, x, y)
@@ -162,7 +163,7 @@ def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum, to0
 
 @inner(error_model="numpy", _nrt=False)
 def _name_place_again(model, state, pieces, n, record, quantum):
-    """Write a move that names the place where the head is, as the number that it has on the mended machine."""
+    """Write a move that names the place where the head is by its number on the mended machine."""
     x, y, m0, m1, _ = command(model, state.mended.m[0], state.mended.m[1], record, quantum)
     arrive(model, state, m0, m1)
     state.feed = record.feed
@@ -171,9 +172,9 @@ def _name_place_again(model, state, pieces, n, record, quantum):
 
 @inner(error_model="numpy", _nrt=False)
 def _move_z(model, state, counts, pieces, n, record, kind, x, y, m, quantum, free):
-    """Write a move that draws nothing: the motor of Z goes to m, and the nozzle to (x, y) whatever the screw pushes.
+    """Write a move that draws nothing: the motor of Z goes to m, the nozzle to (x, y) against the screw's push.
 
-    Where it is ``free`` to be elsewhere, because a travel follows, x and y stand.
+    If it is ``free``, because a travel follows, the commanded x and y stay.
     """
     m = commanded(model, record, m, quantum)
     extent = abs(m - state.mended.m[ZED])
@@ -203,7 +204,7 @@ def _move_z(model, state, counts, pieces, n, record, kind, x, y, m, quantum, fre
 
 @inner(error_model="numpy", _nrt=False)
 def _raise(model, state, counts, pieces, n, records, count, i, quantum):
-    """Write a move that stands still in x and y, or names Z alone: the belts go against the push of the new height."""
+    """Write a move that names Z alone or stands still in x and y: the belts move against the push of the new height."""
     record = records[i]
     if not record.flags & FLAG_KNOWN_Z1:
         counts.height = 0
@@ -221,7 +222,7 @@ def _raise(model, state, counts, pieces, n, records, count, i, quantum):
 
 @inner(error_model="numpy", _nrt=False)
 def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row, layers, errors, quantum, run):
-    """Write an extruding move of a machine with a bad screw: a curve that rises is cut where the push bends."""
+    """Write an extruding move of a machine with a bad screw: a rising curve is cut where the push bends."""
     if not record.flags & FLAG_KNOWN_Z1:
         counts.height = 0
         begin, span = run.begin, curve.length
@@ -257,7 +258,7 @@ def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row
 
 @inner(error_model="numpy", _nrt=False)
 def _note_copied(model, curve, state, counts, pieces, n, record, records, count, i, layers, errors, samples):
-    """Predict a line that is written as it is, because not all of it can be read: it is off as much as before."""
+    """Predict a line that is copied because not all of it can be read: it is off as much as before mending."""
     drawn = record.flags & FLAG_EXTRUDING != 0
     row = layer_of(state, counts, layers, record) if drawn else 0
     predict_raw(model, curve, state, counts, records, count, i, drawn, row, layers, errors, samples, None)
@@ -278,9 +279,9 @@ def _extend(low, high, x, y):
 
 @inner(error_model="numpy", _nrt=False)
 def _from_home(model, record, m0, m1):
-    """Return how far a straight command to motors (m0, m1) may be off its line [mm], which begins nobody knows where.
+    """Return how far a straight command to motors (m0, m1) may stray from its line [mm] if its start is unknown.
 
-    It is taken to come from home, its belts anywhere in their play.
+    It is assumed to come from home with belts anywhere in their play.
     """
     home_x, home_y = model.head.home[0], model.head.home[1]
     from0, from1 = to_motors(model, home_x, home_y)
@@ -297,13 +298,13 @@ def _from_home(model, record, m0, m1):
 
 @inner(error_model="numpy", _nrt=False)
 def _count_left(counts, record, extruding):
-    """Count an extruding move that stays as it is, or has an unknown start, and keep the lines of the first."""
+    """Count an extruding move that stays as it is or has an unknown start, and keep the lines of the first few."""
     if extruding and counts.unknown < UNKNOWN_LINES:
         counts.unknown_at[counts.unknown] = record.line + 1
     counts.unknown += extruding
 
 
-# Long because each kind of record is let through here by its own exit, in the order in which it has to be asked.
+# Long because each kind of record leaves the loop by its own exit, in the order in which the kinds must be checked.
 @entry(error_model="numpy", _nrt=False)
 def mend(
     model, records, begin, count, state, counts, curve, moved, first, pieces, layers, errors, quantum, samples, run
@@ -372,7 +373,7 @@ def mend(
             follow_copied(model, state, counts, r, known)
             if moved is not None:
                 follow_copied_height(model, state, counts, r)
-            if r.flags & FLAG_CURVE:  # a curve is written as lines, or not at all
+            if r.flags & FLAG_CURVE:  # a G5 curve is written as lines, or not at all
                 x, y = r.x1, r.y1
                 if counts.known != 0 and r.flags & FLAG_RELATIVE:
                     x, y = from_motors(model, state.mended.m[0], state.mended.m[1])
@@ -442,7 +443,7 @@ def mend(
         if not sure:
             # From here on the place is certain; the file as it is starts with the same uncertainty.
             open_interval(model, state.raw)
-            if extruding:  # on its way there both are as wrong as the printer
+            if extruding:  # on its way there both machines err as the printer does
                 m0, m1 = to_motors(model, r.x1, r.y1)
                 note(layers, row, errors, 0, _from_home(model, r, m0, m1), 0.0)
                 note(layers, row, errors, 1, _from_home(model, r, state.mended.m[0], state.mended.m[1]), 0.0)

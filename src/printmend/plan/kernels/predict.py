@@ -39,7 +39,7 @@ def note(layers, row, errors, which, error, weight):
 
 @inner(error_model="numpy", _nrt=False)
 def with_doubt(belts, error):
-    """Add to an error [mm] that belts which may be anywhere between ``low`` and ``high`` have a standard deviation."""
+    """Add to an error [mm] the standard deviation of belts that may be anywhere between ``low`` and ``high``."""
     wide0, wide1 = belts.high[0] - belts.low[0], belts.high[1] - belts.low[1]
     if wide0 + wide1 <= 0.0:
         return error
@@ -48,7 +48,7 @@ def with_doubt(belts, error):
 
 @inner(error_model="numpy", _nrt=False)
 def _nearest(records, count, i, curve, x, y):
-    """Return the distance of a printed place to the wanted path around record i: it may be ahead or behind on it."""
+    """Return the distance of a printed place to the wanted path around record i, ahead of it or behind."""
     best, t = distance(curve, x, y)
     if 0.0 <= t <= 1.0:
         return best
@@ -79,9 +79,9 @@ def follow_raw(model, state, x, y):
 
 @inner(error_model="numpy", _nrt=False)
 def keep(samples, state, curve, s, length, x, y, row):
-    """Keep a place of the extruded path, if the last kept lies far enough back: the curve at ``s``, printed at (x, y).
+    """Keep a place of the extruded path, the curve at ``s`` printed at (x, y), if the last kept one is far enough back.
 
-    Where there is no more room every other place goes, and the distance doubles.
+    When there is no room left, every other place is dropped and the distance doubles.
     """
     samples.since += length
     if samples.since < samples.gap:

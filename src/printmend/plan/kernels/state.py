@@ -16,7 +16,7 @@ from printmend.plan.kernels.lookup import (
     wanted,
 )
 
-LAG_PER_TOLERANCE = 4.0  # how far a belt may be off behind a turn while it is pushed the way it is going, per tolerance
+LAG_PER_TOLERANCE = 4.0  # how far a belt may lag behind a turn while it is pushed in its direction, per tolerance
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -108,7 +108,7 @@ def command(model, m0, m1, record, quantum):
     low_y, high_y = min(model.head.bed[2], record.y0, record.y1), max(model.head.bed[3], record.y0, record.y1)
     inside_x, inside_y = min(max(x, low_x), high_x), min(max(y, low_y), high_y)
     clamp = max(abs(inside_x - x), abs(inside_y - y))
-    # What is written unchanged must be the same number: the writer then leaves it as it is.
+    # An unchanged coordinate must stay the same number, so that the writer leaves it as it is.
     x = record.x1 if abs(inside_x - record.x1) <= quantum / 2 else np.rint(inside_x / quantum) * quantum
     y = record.y1 if abs(inside_y - record.y1) <= quantum / 2 else np.rint(inside_y / quantum) * quantum
     m0, m1 = to_motors(model, x, y)
@@ -119,9 +119,10 @@ def command(model, m0, m1, record, quantum):
 def prepare(model, state, k, start, end, anywhere, trend, hold):
     """Choose how motor k goes from belt position ``start`` to ``end``, on a path along which the belt has a ``trend``.
 
-    Returns (mode, first, second): mode 1 pushes (lower), −1 pulls (upper), 2 does both, without play, 0 stands still;
-    ``first`` and ``second`` are the motor positions of two dead moves that make the belt engaged, equal to where it is
-    when none is needed. None is made for a way of at most ``hold`` [mm]. The trend is 0 where unknown.
+    Returns (mode, first, second). Mode 1 pushes (lower branch), −1 pulls (upper), 2 is a taut belt, 0 stands still.
+    ``first`` and ``second`` are the motor positions of two dead moves that engage the belt; both are the motor's
+    position if none is needed. No dead move is made for a way of at most ``hold`` [mm]. The trend is 0 where it is
+    unknown.
     """
     m = state.mended.m[k]
     if is_taut(model, k) and is_sure(state, k) and abs(middle(state, k) - start) <= 1.5 * hold and not anywhere:
@@ -168,7 +169,7 @@ def prepare(model, state, k, start, end, anywhere, trend, hold):
 
 @inner(error_model="numpy", _nrt=False)
 def motor_at(model, state, k, mode, u):
-    """Return the motor position that brings the belt of motor k to u, moving only in the sense of ``mode``."""
+    """Return the motor position that brings the belt of motor k to u if the motor moves only as ``mode`` says."""
     if mode == 2:
         return backward(model, k, LOWER, u)
     if mode > 0:
@@ -180,7 +181,7 @@ def motor_at(model, state, k, mode, u):
 
 @inner(error_model="numpy", _nrt=False)
 def motor_along(model, state, k, mode, u, t):
-    """Return the motor position at t of the curve: as `motor_at`, or on its way through its slack."""
+    """Return the motor position at t of the curve: as `motor_at`, or on its way through the slack."""
     if mode == 0:
         return state.cross[k] + t * state.crossing[k]
     return motor_at(model, state, k, mode, u)
@@ -188,7 +189,7 @@ def motor_along(model, state, k, mode, u, t):
 
 @inner(error_model="numpy", _nrt=False)
 def followed(model, k, mode, now, m):
-    """Return where the belt of motor k will be when the motor has gone to m from a place where it was at ``now``."""
+    """Return where the belt of motor k will be once the motor is at m, if the belt is at ``now``."""
     if mode == 2:
         return forward(model, k, LOWER, m)
     if mode > 0:

@@ -1,11 +1,11 @@
-"""Compiled planning of travels of several legs: what draws nothing is followed only as far as to arrive right.
+"""Compiled planning of travels of several legs: nothing is drawn, so that only the arrival must be right.
 
-At a corner of a travel a loose motor need not cross its slack: its belt may lag there. Each motor goes as the path
-does, whatever its belt is doing, and crosses the slack once at most: on the longest leg after which the belt still
-ends where it is wanted, and to the side on which the line behind the travel will push it.
+At a corner of a travel a loose motor need not cross its slack: its belt may lag. Each motor goes as the path does,
+whatever its belt is doing, and crosses the slack at most once. It crosses on the longest leg after which the belt still
+ends where it is wanted, to the side on which the line behind the travel will push it.
 
-A bad Z screw pushes the nozzle otherwise at each height. Of a travel that rises and comes down only the end has to be
-right: all of it is planned with the push of the height at which the next line is drawn.
+A bad Z screw pushes the nozzle differently at each height. Only the end of a travel that rises and comes down must be
+right, so all of it is planned with the push at the height of the next line.
 """
 
 import numpy as np
@@ -42,8 +42,11 @@ RECORDS_AHEAD = 256  # among which the end of a travel is looked for
 
 @inner(error_model="numpy", _nrt=False)
 def arrival(model, records, count, i):
-    """Return (seen, moves, z, way) of the travel to which record i belongs: whether its end is seen, whether it goes on
-    in x or y from there, at which height the next line is drawn, and the sign of the way in Z to there, 0 for none."""
+    """Return (seen, moves, z, way) of the end of the travel of record i.
+
+    ``seen`` says whether that end is among the records, ``moves`` whether it goes on in x or y from there. ``z`` is the
+    height of the next line, ``way`` the sign of the way in Z to it, 0 for none.
+    """
     moves, way = False, 0.0
     for j in range(i, min(count, i + RECORDS_AHEAD)):
         r = records[j]
@@ -62,7 +65,7 @@ def arrival(model, records, count, i):
 
 @inner(error_model="numpy", _nrt=False)
 def arriving_push(model, state, z, way):
-    """Return where the screw will push the nozzle at height z, come to on a ``way`` up or down, or where it is now."""
+    """Return the screw's push at height z, reached on a ``way`` up or down; for way 0 the present push."""
     if way == 0.0:
         return push(model, state.mended.m[ZED])
     return push(model, backward(model, ZED, LOWER if way > 0.0 else UPPER, z))
@@ -72,8 +75,8 @@ def arriving_push(model, state, z, way):
 def plan_travel(model, state, records, count, i, run, across, along):
     """Fill ``run`` with the legs of the travel that record i begins, and where the motors go at the end of each.
 
-    The belts have to go to the path less (``across``, ``along``), as in `turns.survey`. A motor's place is NaN where it
-    is to go as far as its belt has to.
+    The belts go to the path less the screw's push (``across``, ``along``), as in `turns.survey`. A motor's place is NaN
+    if it goes as far as its belt needs.
     """
     n, j = 0, i
     while j < count and n < LEGS:
@@ -120,9 +123,9 @@ def _is_still(r):
 
 @inner(error_model="numpy", _nrt=False)
 def _choose_leg(model, state, run, k, n, ahead):
-    """Choose on which leg motor k crosses, to the side on which it drives its belt along the line behind the travel.
+    """Choose the leg on which motor k crosses its slack, to the side on which it drives its belt along the next line.
 
-    ``ahead`` is how far [mm] the belt goes along that line; where no leg serves, the other side is tried.
+    ``ahead`` is how far [mm] the belt goes along that line. If no leg serves, the other side is tried.
     """
     m, now = state.mended.m[k], middle(state, k)
     pushed, pulled = backward(model, k, LOWER, now), backward(model, k, UPPER, now)
@@ -150,7 +153,7 @@ def _choose_leg(model, state, run, k, n, ahead):
 def _cross_on_leg(model, run, k, n, m, belt, lag, side, crossed):
     """Write where motor k goes if it crosses to ``side`` on a leg; return where its belt, now at ``belt``, will end.
 
-    ``lag`` is where in its slack the motor is until then, from −1 where it pulls to 1 where it pushes.
+    ``lag`` is where in its slack the motor is until then, from −1 (it pulls) to 1 (it pushes).
     """
     end = run.legs[n - 1].belt[k]
     slack = abs(backward(model, k, LOWER, end) - backward(model, k, UPPER, end))
@@ -161,7 +164,7 @@ def _cross_on_leg(model, run, k, n, m, belt, lag, side, crossed):
             to = (pushed + pulled + lag * (pushed - pulled)) / 2.0
         else:
             if 0.0 < side * (u - end) <= slack:
-                u = end  # beyond it the belt would only have to come back
+                u = end  # beyond it the belt would have to come back
             to = backward(model, k, LOWER if side > 0.0 else UPPER, u)
         belt = max(belt, forward(model, k, LOWER, to)) if to > m else min(belt, forward(model, k, UPPER, to))
         run.legs[leg].motor[k] = m = to

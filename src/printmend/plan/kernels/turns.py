@@ -1,11 +1,13 @@
 """Compiled survey of an extruded path: where each motor turns back, and on which stretch its slack is crossed.
 
-Near a reversal a motor's belt hardly moves: for as long as it may stand still within the tolerance, its motor crosses
-the slack while the nozzle prints on. Where a curve of radius R turns, that is 2 √(2 R ε) of path for an error ε. A
-sharp corner has ε / sin α on either side of it, α being the side's angle to the other axis: there the firmware is slow
-anyway, and the slack is crossed around the corner, whose tip is cut off, or in one move that begins or ends there. The
-firmware brakes for the angle between two commands: so the crossing bends towards the path behind the corner, and the
-other motor leaves some slack of its own for it. Where there is no room, it is taken up while the nozzle stands still.
+Near a reversal a motor's belt hardly moves. While it may stand still within the tolerance, its motor crosses the slack
+and the nozzle prints on. Around a turn of radius R that is 2 √(2 R ε) of path for an error ε. A sharp corner has ε /
+sin α on either side, α being the side's angle to the other axis. There the firmware is slow anyway: the slack is
+crossed around the corner, whose tip is cut off, or in one move that begins or ends there.
+
+The firmware brakes for the angle between two commands. So the crossing bends towards the path behind the corner, and
+the other motor leaves some of its own slack for it. If there is no room, slack is taken up while the nozzle stands
+still.
 """
 
 import numpy as np
@@ -37,23 +39,23 @@ from printmend.plan.kernels.state import is_sure, middle
 FLAT_MM = 2e-4  # a belt that moves less stands still
 # How fast a motor may cross its slack, as a multiple of the nozzle's speed:
 FLAT_CROSSING = 0.5  # on the stretch where the belt stands still anyway
-GENTLE_CROSSING = 0.5  # on one where it stays within half the tolerance
-UNCUT_CROSSING = 0.75  # on one that begins or ends with a move, which is then not cut
+GENTLE_CROSSING = 0.5  # on a stretch where it stays within half the tolerance
+UNCUT_CROSSING = 0.75  # on a stretch that begins or ends with a move, so that no move is cut
 FASTEST_ON_CURVE = 8.0  # around a turn that is no corner
-FASTEST_AT_CORNER = 16.0  # at a corner: faster, and the nozzle all but stands, then it may as well
-SHORTEST_STRETCH_MM = 0.02  # of path on which slack is crossed: on less the nozzle stands
+FASTEST_AT_CORNER = 16.0  # at a corner: any faster, and the nozzle all but stands, so that it may as well stand
+SHORTEST_STRETCH_MM = 0.02  # shortest path on which slack is crossed; on less the nozzle stands
 SIDEWAYS_MM = 0.01  # the least that the other motor moves before a corner that is gone around
-CORNER_SLOPE = 0.5  # a corner: on both sides the belt falls by so many mm a mm of path, or more …
-UPRIGHT_SLOPE = 0.8  # … or on one of them by so many: there a motor that crosses its slack goes back on the path
+CORNER_SLOPE = 0.5  # at a corner the belt falls by at least so many mm a mm of path on both sides …
+UPRIGHT_SLOPE = 0.8  # … or by so many on one side: there a motor that crosses its slack goes back on the path
 TOGETHER_MM = 0.02  # of path behind a corner on which both motors cross their slack: the nozzle does not quite stand
 STRAIGHT_BACK_COSINE = 0.98  # of the angle between crossing and path: above it the firmware stops, as for a reversal
-LEAST_WAIT_SHARE = 0.3  # of that bit of path, the least on which one motor crosses alone
+LEAST_WAIT_SHARE = 0.3  # of TOGETHER_MM: the least on which one motor crosses alone
 LEAST_FALL_PER_TOLERANCE = 4.0  # a belt that moves less towards a tip does not stop before it
-BEND_SHARE = 0.6  # of the angle between motor and path behind a corner: by how much the command has turned half-way
-AHEAD_SHARE = 0.8  # of how far a belt lags behind a corner: how far ahead of the path it stops before that
+BEND_SHARE = 0.6  # share of the angle between motor and path behind a corner by which the command has turned half-way
+AHEAD_SHARE = 0.8  # share of a belt's lag behind a corner by which it stops ahead of the path before the corner
 ASLANT_PER_TOLERANCE = 1.5  # how far a belt may be off where that is aslant to the path
 NODE_SAGITTA_MM = 0.002  # how far the straight lines between the nodes of a curve lie inside it
-MOST_NODES_A_CURVE = 256  # that one curve adds to a path
+MOST_NODES_A_CURVE = 256  # that one curve may add to a path
 
 
 # Its many parameters are the arrays of one file's way through `mend`, and how the Z screw pushes the path aside.
@@ -61,9 +63,8 @@ MOST_NODES_A_CURVE = 256  # that one curve adds to a path
 def survey(model, state, counts, records, count, i, curve, run, across, along, rising):
     """Fill ``run`` with the turns of the path that record i begins: extruding moves, each from where the last ended.
 
-    The belts have to go to the path less (``across``, ``along``), which the Z screw pushes the nozzle by; where not
-    ``rising``, the path ends before a record that rises. It ends, too, where lines may be off by another distance.
-    ``curve`` is scratch.
+    The belts go to the path less (``across``, ``along``), by which the Z screw pushes the nozzle. Unless ``rising``,
+    the path ends before a record that rises. It also ends where lines have another tolerance. ``curve`` is scratch.
     """
     run.begin = 0.0
     n = 1
@@ -102,7 +103,7 @@ def survey(model, state, counts, records, count, i, curve, run, across, along, r
 
 @inner(error_model="numpy", _nrt=False)
 def _cross_together(run, n):
-    """Let both motors cross their slack together on the first bit of path behind a corner where it goes back."""
+    """Let both motors cross their slack together on the first bit of path behind a corner, where the path goes back."""
     turns0, turns1 = run.turns[0], run.turns[1]
     b = 0
     for a in range(TURNS):
@@ -131,8 +132,8 @@ def _cross_together(run, n):
 def _waited_shares(run, at, slack0, slack1):
     """Return for which share of the bit of path behind node ``at`` each motor waits while the other crosses alone.
 
-    Where both together would go straight back on the path, which the firmware has to stop for, the one that has more to
-    cross begins, until what is left goes as the path behind the corner.
+    Both together might go straight back on the path, for which the firmware has to stop. Then the motor with more to
+    cross begins, until what is left goes in the direction of the path behind the corner.
     """
     before, here, after = run.nodes[at - 1].belt, run.nodes[at].belt, run.nodes[at + 1].belt
     in0, in1 = abs(here[0] - before[0]), abs(here[1] - before[1])
@@ -147,10 +148,11 @@ def _waited_shares(run, at, slack0, slack1):
 
 @inner(error_model="numpy", _nrt=False)
 def _cross_along_path(run, k, n):
-    """Where motor k crosses its slack behind a corner, let the other, whose belt stood until there, do so, too.
+    """Where motor k crosses its slack behind a corner, let the other motor, whose belt stood until there, cross as
+    well.
 
-    It leaves so much of its own slack for that stretch that the command goes in the path's direction: then the
-    firmware has no second bend to brake for.
+    The other motor leaves enough of its own slack for that stretch that the command goes in the path's direction. Then
+    the firmware has no second bend to brake for.
     """
     other = 1 - k
     mine, others = run.turns[k], run.turns[other]
@@ -211,7 +213,7 @@ def _put_node(model, node, s, x, y, ends_move):
 
 @inner(error_model="numpy", _nrt=False)
 def _turns(model, state, counts, run, k, n):
-    """Find the turns of motor k: reversals of more than twice the tolerance; smaller ones its belt does not follow."""
+    """Find the reversals of motor k that exceed twice the tolerance; its belt does not follow smaller ones."""
     turns, turn = run.turns[k], 0
     run.turn[k], run.trend[k] = 0, 0.0
     _close(turns[0])
@@ -251,13 +253,13 @@ def _turns(model, state, counts, run, k, n):
 
 @inner(error_model="numpy", _nrt=False)
 def _close(turn):
-    """Put behind the last turn of a motor one at infinity, which is never reached."""
+    """Put a turn at infinity, which is never reached, behind the last turn of a motor."""
     turn.begin = turn.end = turn.corner = np.inf
 
 
 @inner(error_model="numpy", _nrt=False)
 def _slack_at_start(model, state, counts, k, start, trend):
-    """Return how far motor k is from where it will push its belt, which is where it should be; 0 where it is not."""
+    """Return how far motor k is from where it will push its belt; 0 if the belt is not where it should be."""
     if counts.anywhere != 0 or not is_sure(state, k) or state.mended.side[k] == trend:
         return 0.0
     now = middle(state, k)
@@ -275,9 +277,9 @@ def _put_turn(turn, begin, end, trend, rise, tip, corner):
 
 @inner(error_model="numpy", _nrt=False)
 def _cross(model, run, turn, k, at, q, trend, slack, floor):
-    """Fill the turn at node ``at`` if its slack can be crossed while printing on; return 1 then, else 0.
+    """Fill the turn at node ``at`` if its slack can be crossed while printing on; return 1 then, otherwise 0.
 
-    ``trend`` is that before the turn; at node ``q`` the belt has fallen by more than twice the tolerance. No stretch
+    ``trend`` is that before the turn. At node ``q`` the belt has fallen by more than twice the tolerance. No stretch
     begins before ``floor``, where the last one ended.
     """
     n = q + 1
@@ -334,7 +336,7 @@ def _is_sharp(run, k, at):
 
 @inner(error_model="numpy", _nrt=False)
 def _is_corner(run, k, at, n):
-    """Say whether belt k turns back at node ``at`` at once, not along a curve."""
+    """Say whether belt k turns back at node ``at`` abruptly, not along a curve."""
     if at == 0 or at == n - 1:
         return False
     return _is_sharp(run, k, at) or _is_steep(run, k, at - 1, UPRIGHT_SLOPE) or _is_steep(run, k, at, UPRIGHT_SLOPE)
@@ -342,11 +344,11 @@ def _is_corner(run, k, at, n):
 
 @inner(error_model="numpy", _nrt=False)
 def _stretch_around_corner(model, run, k, at, n, slack, floor):
-    """Return the stretch from before node ``at`` to behind it on which belt k may stand, its tip cut off.
+    """Return the stretch around node ``at`` on which belt k may stand, the corner's tip cut off.
 
-    The third is which share of the slack is crossed before the node, 0 where there is no such stretch: the other motor
-    has to move on both sides. Behind the node the command then turns half-way to the path, so that the firmware takes
-    both bends faster than one. The fourth is how far ahead of the path the belt is where it stops.
+    The third value is the share of the slack that is crossed before the node, 0 if there is no such stretch, because
+    the other motor has to move on both sides. Behind the node the command turns half-way to the path, so that the
+    firmware takes two small bends faster than one. The fourth is how far ahead of the path the belt stops.
     """
     corner = run.nodes[at].s
     if at == 0 or at == n - 1 or not run.nodes[at].ends_move:
@@ -378,9 +380,9 @@ def _stretch_around_corner(model, run, k, at, n, slack, floor):
 
 @inner(error_model="numpy", _nrt=False)
 def _stretch_beside_corner(model, run, k, at, n, trend, floor):
-    """Return the stretch before or after node ``at`` on which the other motor goes furthest, an empty one at worst.
+    """Return the stretch before or after node ``at`` on which the other motor goes furthest, possibly an empty one.
 
-    The third is by how much the belt is too far where the stretch begins: ahead of the path before the corner, or short
+    The third value is how far the belt is off where the stretch begins: ahead of the path before the corner, or short
     of its tip. Either way it may stand for twice as long.
     """
     corner = run.nodes[at].s
@@ -391,12 +393,12 @@ def _stretch_beside_corner(model, run, k, at, n, trend, floor):
             continue
         hold = drop = 2.0 * model.head.chord
         fall = abs(run.nodes[b].belt[k] - run.nodes[at].belt[k])
-        while 0 <= b + way < n and fall <= ASLANT_PER_TOLERANCE * hold:  # moves too short to be the path's direction
+        while 0 <= b + way < n and fall <= ASLANT_PER_TOLERANCE * hold:  # too short to show the path's direction
             b += way
             fall = abs(run.nodes[b].belt[k] - run.nodes[at].belt[k])
         across = abs(run.nodes[b].belt[1 - k] - run.nodes[at].belt[1 - k])
         aslant = hold * min(ASLANT_PER_TOLERANCE, norm(fall, across) / max(across, 1e-9))
-        if fall > aslant and b == at + way:  # else the path may bend within the stretch
+        if fall > aslant and b == at + way:  # otherwise the path may bend within the stretch
             drop = aslant
         cut = hold if corner > floor and fall > drop + hold else 0.0
         if cut > 0.0 and abs(run.nodes[at - 1].belt[k] - run.nodes[at].belt[k]) <= LEAST_FALL_PER_TOLERANCE * hold:
@@ -416,7 +418,7 @@ def _stretch_beside_corner(model, run, k, at, n, trend, floor):
 def _stretch(run, k, at, n, trend, drop, floor):
     """Return the stretch [mm of path] around node ``at`` on which belt k lies no more than ``drop`` below its peak.
 
-    It begins on no move that goes upright to the peak: there the motor would go back on the path.
+    It begins on no move that goes steeply to the peak: there the motor would go back on the path.
     """
     peak = run.nodes[at].belt[k]
     a = at
