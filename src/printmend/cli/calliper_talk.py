@@ -1,6 +1,6 @@
 """Ask for distances by callipers, the most informative next, and check every reading at once.
 
-A map of the plate that shows which dots to measure across with callipers.
+A map of the plate shows which dots to measure across.
 """
 
 from collections.abc import Callable

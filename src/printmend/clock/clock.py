@@ -1,7 +1,4 @@
-"""The clock: how long a printer takes for a file, by a model of its firmware's planner.
-
-How long a whole file takes, as it is.
-"""
+"""The clock: how long a printer takes for a file, mended or as it is, by a model of its firmware's planner."""
 
 from dataclasses import dataclass, field, replace
 from functools import partial

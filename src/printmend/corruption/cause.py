@@ -3,9 +3,7 @@
     racking:on=x,size_mm=0.3            splice:at_mm=120,size_mm=0.7,on=y            wear
 
 The motors are x and y, or a and b on a CoreXY, where x and y are the axes of the bed. Every effect of `EFFECTS` can be
-made so, also those of other packages.
-
-The effects that a corruption can name, each with a line about it and an example.
+made so, also those of other packages. `listing` names them all, each with a line about it and an example.
 """
 
 import inspect

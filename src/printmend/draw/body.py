@@ -1,6 +1,6 @@
 """Whole bodies, from above and as a solid seen from the side: the paper's Fig. 5 and Fig. 1.
 
-Paths of beads, coloured by how far each point is from where it belongs.
+Their paths are beads, coloured by how far each point is from where it belongs.
 """
 
 from collections.abc import Callable, Sequence

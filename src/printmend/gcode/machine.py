@@ -1,6 +1,6 @@
-"""The modal state of a machine that reads G-code, as a value that chunks pass on.
+"""The modal state of a machine that reads G-code, as a value that chunks pass on, and the word of its extruder.
 
-Which word drives the extruder: E, or A as slicers write it for Mach3 and Machinekit.
+The extruder's word is E, or A as slicers write it for Mach3 and Machinekit.
 """
 
 import enum

@@ -1,12 +1,9 @@
-"""The reference sheet in an image: scale of a scan, perspective and lens of a photo.
+"""The reference sheet, an A4 frame of AprilTags around or beside a print, and how it is found in an image.
 
-A photo is modelled as a plane seen through a lens with radial distortion around the middle of the picture:
+On a flatbed it gives the scale; in a photo it gives the perspective and the lens. Its window is cut out; `probe.tags`
+draws it. A photo is modelled as a plane seen through a lens with radial distortion around the middle of the picture:
 
     u = c + (p − c)(1 + k₁ρ² + k₂ρ⁴),  ρ = |p − c| / half the diagonal;   mm = H·u, a homography.
-
-The reference sheet: an A4 frame of AprilTags to lay around or beside a print; `probe.tags` draws it.
-
-On a flatbed it gives the scale; on a photo it gives the perspective and the lens. The window is cut out.
 """
 
 from dataclasses import dataclass

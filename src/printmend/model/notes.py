@@ -1,8 +1,7 @@
-"""The notes of a saved model about its measurement, and the values that each may have: one table, one check.
+"""The notes of a saved model about its measurement, and its findings about what it does not fit.
 
-Findings about what the model does not fit: their words, their weight, and their place in the saved model.
-
-The section ``misfit`` of a model holds ``found``, a list of these findings.
+Each note and the values that it may have are in one table, checked in one place. The section ``misfit`` holds
+``found``, a list of findings with their words and their weight.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,6 +1,7 @@
-"""The section of a saved model for Z: a learned screw as its series, another as tables on the printer's micro-steps.
+"""The section of a saved model for Z.
 
-A learned Z screw in few numbers: what is kept of it in a saved model (physics.md eq. 15).
+A learned screw is kept as its series of few numbers (physics.md eq. 15), another one as tables on the printer's
+micro-steps.
 """
 
 from dataclasses import dataclass, replace

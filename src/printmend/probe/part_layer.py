@@ -1,10 +1,10 @@
-"""The paper's test print: the longest layer of a part, with marks along its way.
+"""A part's layer as a test print: the paper's, its longest layer with marks along the way, or its first layer alone.
 
-The nozzle follows the layer's path without extruding. Marks lie on a lattice as in every probe, or a scanner could not
-tell them apart; where the path passes a site, the nozzle goes there, leaves the dot, comes back and goes on.
+On the longest layer the nozzle follows the path without extruding. Marks lie on a lattice as in every probe, so that a
+scanner can tell them apart. Where the path passes a site, the nozzle goes there, leaves the dot, comes back and goes
+on.
 
-The first layer of a part as a print of its own. It takes minutes and grams, and a scan of it is enough to learn
-from.
+The first layer takes minutes and grams, and a scan of it is enough to learn from.
 """
 
 import re

@@ -1,8 +1,7 @@
 """Every effect as the play screen offers it: its title, where it can be, and a slider for each of its numbers.
 
-An effect of another package is among them as soon as it is registered; its title is the first line written over it.
-
-How far the sliders of the play screen go: faults large enough to be seen at once.
+An effect of another package is among them as soon as it is registered; its title is the first line of its docstring.
+The sliders reach faults that are large enough to be seen at once.
 """
 
 import math

@@ -1,6 +1,6 @@
 """`printmend dataset`: bodies and their prints on broken printers as Parquet; exchange with the published code.
 
-`printmend dataset episodes`: an agent's episodes for offline learning, in Minari's format or LeRobot's.
+`printmend dataset episodes` records an agent's episodes for offline learning, in Minari's format or LeRobot's.
 """
 
 import json

@@ -1,7 +1,4 @@
-"""A table on stdout: drawn on a terminal, plain text in a pipe.
-
-Where a command's work runs: the options --workers and --cluster become an executor.
-"""
+"""What the lab's commands share: a table on stdout, and the executor of the options --workers and --cluster."""
 
 import functools
 import sys

@@ -1,10 +1,9 @@
 """A broken printer prints its own timing pulley, runs on it, prints the next: as it is, and with printmend.
 
-After R. Caballero and E. Feron, physics.md [C22]. The printed contour comes out of the twin: the nozzle's way, a bead
+After R. Caballero and E. Feron, physics.md [C22]. The printed contour comes out of the twin: the nozzle's path, a bead
 around it, shrinkage, a rough edge. The belt feels its convex hull about the printed bore, and the next generation is
-printed with that. Teeth are taken to mesh whatever the pulley's size; nothing but the pulleys changes.
-
-What came of self-repair: a table, the outlines beside the errors, and which damages converge at all.
+printed with that. Teeth are taken to mesh whatever the pulley's size; nothing but the pulleys changes. The report has a
+table, the outlines beside the errors, and the damages that converge.
 """
 
 from collections.abc import Callable, Sequence
