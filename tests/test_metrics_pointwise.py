@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from printmend.errors import TraceError
-from printmend.metrics import abrmse, aligned, aligned_rmse, rmse
+from printmend.metrics import aligned, aligned_rmse, rmse
 
 paths = arrays(float, (7, 2), elements=st.floats(-100, 100, width=32))
 
@@ -53,12 +53,6 @@ def test_alignment_is_the_best_of_all_rotations(rng: np.random.Generator) -> Non
 def test_alignment_does_not_reflect() -> None:
     letter = np.array([[0, 0], [0, 3], [2, 3], [0, 2], [1, 1]], float)
     assert aligned_rmse(letter, letter * [-1, 1]) > 0.5
-
-
-def test_abrmse_is_the_mean_of_bodies_whatever_their_size() -> None:
-    assert abrmse([1.0, 2.0, 6.0]) == 3.0
-    with pytest.raises(TraceError, match="at least one body"):
-        abrmse([])
 
 
 @pytest.mark.parametrize(

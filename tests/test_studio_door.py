@@ -61,7 +61,7 @@ def test_a_folder_of_devices_holds_no_token_and_is_its_owners_alone(folder: Path
     kept = folder / "devices.json"
     assert token not in kept.read_text()
     assert kept.stat().st_mode & 0o077 == 0
-    assert Devices(folder).knows(token)  # after a restart
+    assert Devices(folder).user_of(token) is not None  # after a restart
     Devices(folder).add(" tv\n")  # blanks around a name are not part of it
     assert [one.name for one in Devices(folder).known()] == ["phone", "tv"]
     for call, name, words in (
@@ -116,7 +116,7 @@ def test_devices_are_let_in_and_revoked_by_name(folder: Path) -> None:
 
     address = say("--device", "phone", "--host", "workshop", "--port", "9000")
     assert address.startswith("phone: http://workshop:9000/?token=")
-    assert Devices(folder).knows(address.strip().partition("token=")[2])
+    assert Devices(folder).user_of(address.strip().partition("token=")[2]) is not None
     assert say("--devices").startswith("phone, since 20")
     say("--revoke", "phone")
     assert say("--devices") == ""
@@ -264,10 +264,10 @@ def test_a_device_is_let_in_by_a_code(folder: Path) -> None:
         fresh = client.post("/api/devices", json={"name": "phone"}).json()
         assert fresh["address"].startswith(f"{HERE}/?token=")
         assert fresh["qr"].startswith("data:image/svg+xml")
-        assert devices.knows(fresh["address"].partition("token=")[2])
+        assert devices.user_of(fresh["address"].partition("token=")[2]) is not None
         assert client.post("/api/devices", json={"name": "phone"}).status_code == 400
         assert client.delete("/api/devices/phone").status_code == 204
-        assert not devices.knows(fresh["address"].partition("token=")[2])
+        assert devices.user_of(fresh["address"].partition("token=")[2]) is None
 
 
 @pytest.mark.parametrize("platform", ["linux", "darwin", "win32"])

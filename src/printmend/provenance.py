@@ -28,7 +28,7 @@ HEAD_BYTES = 1 << 20  # in which the mark stands
 TAIL_BYTES = 1 << 18  # in which the seal stands: some slicers add their settings as comments below it
 CHUNK_BYTES = 1 << 20
 
-CURRENT, STALE, FOREIGN, FORGED, UNMENDED = STATES = ("current", "stale", "foreign", "forged", "unmended")
+CURRENT, STALE, FOREIGN, FORGED, UNMENDED = ("current", "stale", "foreign", "forged", "unmended")
 TEST_PRINT_KEY = "printmend test print"  # of the seals of test prints, which belong to no model
 TEST_PRINT = "test print"  # printed as it is: mended, it would measure the mended printer
 CHOICES = {STALE: ("mend", "hold", "print"), FOREIGN: ("hold", "print"), FORGED: ("hold", "print"),

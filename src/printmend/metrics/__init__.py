@@ -4,6 +4,6 @@
 one place that needs shapely. Every metric is in the unit of its inputs (full steps or mm).
 """
 
-from printmend.metrics.pointwise import abrmse, aligned, aligned_rmse, rmse
+from printmend.metrics.pointwise import aligned, aligned_rmse, rmse
 
-__all__ = ["abrmse", "aligned", "aligned_rmse", "rmse"]
+__all__ = ["aligned", "aligned_rmse", "rmse"]

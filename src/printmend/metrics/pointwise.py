@@ -1,7 +1,5 @@
 """Metrics of paired points: point t of the print against point t of the target."""
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from printmend.errors import TraceError
@@ -19,14 +17,6 @@ def rmse(target: np.ndarray, printed: np.ndarray) -> float:
     """
     target, printed = paired(target, printed)
     return float(np.sqrt(np.mean(np.sum((printed - target) ** 2, axis=1))))
-
-
-def abrmse(body_rmses: Iterable[float]) -> float:
-    """Return the paper's Average Body RMSE: the plain mean of the bodies' RMSE, whatever their size."""
-    values = np.asarray(list(body_rmses), float)
-    if not len(values):
-        raise TraceError("ABRMSE", wanted=say("least-body"), came=say("none"), todo=say("give-results"))
-    return float(values.mean())
 
 
 def aligned(target: np.ndarray, printed: np.ndarray) -> np.ndarray:

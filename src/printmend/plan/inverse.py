@@ -15,6 +15,7 @@ from printmend.plan.kernels import lookup as look
 from printmend.plan.kernels.curve import CURVE
 from printmend.plan.kernels.mend import mend
 
+_QUANTUM_MM = 0.001  # the grid of the numbers that are written
 _PIECES = 49152  # planned at once, beside those of the last record
 _SAME_MM = 1e-7  # tables that differ by less are the same: saved ones are rounded to 1e-9 mm
 _RISE_LOOK_MM = 0.05  # a screw's curvature is measured over this distance
@@ -137,7 +138,6 @@ class Planner:
     """
 
     model: look.Model
-    quantum_mm: float
     state: np.record
     counts: np.record
     errors: np.ndarray
@@ -196,22 +196,22 @@ class Planner:
         moved = self._moved if self.has_screw else None
         end = mend(
             self.model, records, begin, len(records), self.state, self.counts, self._curve, moved, first, pieces,
-            self.layers, self.errors, self.quantum_mm, self.samples, self._run,
+            self.layers, self.errors, _QUANTUM_MM, self.samples, self._run,
         )  # fmt: skip
         return end, first, pieces
 
 
-def start(mechanism: Mechanism, *, quantum_mm: float = 0.001, tolerance_mm: float = k.TOLERANCE_MM) -> Planner:
+def start(mechanism: Mechanism, *, tolerance_mm: float = k.TOLERANCE_MM) -> Planner:
     """Return a planner for ``mechanism`` at the beginning of a file, nothing known of where the machine is.
 
-    ``quantum_mm`` is the grid of the numbers that will be written, ``tolerance_mm`` how far the path may be off.
+    ``tolerance_mm`` is how far the path may be off.
     """
     state, counts = record(k.STATE), record(k.COUNTS)
     state.low[:] = state.print_low[:] = np.inf
     state.high[:] = state.print_high[:] = -np.inf
     counts.layer = counts.mark = -1
     return Planner(
-        lookup(mechanism, tolerance_mm), quantum_mm, state, counts, np.zeros((2, k.ERROR_BINS)),
+        lookup(mechanism, tolerance_mm), state, counts, np.zeros((2, k.ERROR_BINS)),
         np.zeros(256, k.LAYER), record(k.SAMPLES),
         [(np.zeros(1 << 14, np.int64), np.empty(_PIECES + k.PIECES_A_RECORD, PIECE)) for _ in range(PLANS_AT_ONCE + 1)],
     )  # fmt: skip

@@ -60,7 +60,7 @@ class Devices:
             raise InputError(name, wanted=say("device-not-known-yet"), came=say("name-2"),
                              todo=say("terminal-take-another-name-revoke-first"))  # fmt: skip
         token = secrets.token_urlsafe(24)
-        self._write((*self.known(), Device(name, _hash(token), time.time(), user)))
+        self._write((*self.known(), Device(name, hash_of(token), time.time(), user)))
         return token
 
     def revoke(self, name: str) -> None:
@@ -71,13 +71,9 @@ class Devices:
             raise InputError(name, wanted=say("device-studio"), came=came, todo=say("terminal-see-devices"))
         self._write(left)
 
-    def knows(self, token: str) -> bool:
-        """Say whether a token is that of a device."""
-        return self.user_of(token) is not None
-
     def user_of(self, token: str) -> str | None:
         """Return whose device has this token, an empty name where it is everybody's; None where no device has it."""
-        given, found = _hash(token), None
+        given, found = hash_of(token), None
         for one in self.known():  # each time all of them
             if hmac.compare_digest(one.sha256, given):
                 found = one.user
@@ -101,5 +97,6 @@ def _read(path: Path) -> tuple[Device, ...]:
                          todo=say("terminal-remove-let-devices-again-device")) from None  # fmt: skip
 
 
-def _hash(token: str) -> str:
+def hash_of(token: str) -> str:
+    """Return what is kept of a token."""
     return hashlib.sha256(token.encode()).hexdigest()

@@ -4,7 +4,6 @@ A code is good for ten minutes and one host. After a few wrong ones all codes ar
 paired host has a token that opens nothing but its printer's model; only its hash is kept, in the printer's folder.
 """
 
-import hashlib
 import hmac
 import json
 import secrets
@@ -16,6 +15,7 @@ from pathlib import Path
 from printmend.errors import InputError
 from printmend.files import replacing
 from printmend.messages import say
+from printmend.studio.devices import hash_of
 
 CODE_S, MOST_WRONG, MOST_CODES = 600.0, 5, 20
 FILE = "pairs.json"
@@ -76,7 +76,7 @@ def pair(folder: Path, key: str, name: str) -> str:
     """Let a host fetch a printer's model; return its token. A host of the same name is replaced."""
     token = f"{key}.{secrets.token_urlsafe(24)}"
     others = [one for one in pairs(folder) if one.name != name]
-    _write(folder, [*others, Pair(name, _hash(token), time.time())])
+    _write(folder, [*others, Pair(name, hash_of(token), time.time())])
     return token
 
 
@@ -91,7 +91,7 @@ def part(folder: Path, name: str) -> None:
 
 def may_fetch(folder: Path, token: str) -> bool:
     """Say whether a token is that of a host which is paired with the printer of this folder."""
-    given = _hash(token)
+    given = hash_of(token)
     return any([hmac.compare_digest(one.sha256, given) for one in pairs(folder)])  # noqa: C419 — each time all of them
 
 
@@ -99,7 +99,3 @@ def _write(folder: Path, hosts: list[Pair]) -> None:
     (folder / FILE).touch(mode=0o600)
     with replacing(folder / FILE) as file:
         json.dump([asdict(one) for one in hosts], file, indent=1)
-
-
-def _hash(token: str) -> str:
-    return hashlib.sha256(token.encode()).hexdigest()

@@ -7,7 +7,7 @@ import numpy as np
 
 from printmend.measure.fiducials import NODE_PX, TAG_MM, Lens, between_nodes, tag_cells, tag_centres_mm
 from printmend.measure.plan import ProbePlan
-from printmend.twin.scanner import DEFAULT, Degradations, render_scan
+from printmend.twin.scanner import DEFAULT, render_scan
 from printmend.units import A4_MM, MM_PER_INCH
 
 FLAT_DPI = 400.0  # of the page that is photographed
@@ -17,11 +17,9 @@ LENS_K1_SD, LENS_K2_SD = 0.04, 0.01  # of the lens' radial distortion
 NOISE_SD = 3.0  # of a pixel, of 255
 
 
-def render_photo(
-    printed_mm: np.ndarray, plan: ProbePlan, *, degradations: Degradations = DEFAULT, rng: np.random.Generator
-) -> np.ndarray:
+def render_photo(printed_mm: np.ndarray, plan: ProbePlan, *, rng: np.random.Generator) -> np.ndarray:
     """Return a photo [4000, 3000, 3] of the marks [M, 2] mm inside the sheet's frame."""
-    still = replace(degradations, stretch=0.0, wave_mm=0.0, noise=0.0, jpeg_quality=None)
+    still = replace(DEFAULT, stretch=0.0, wave_mm=0.0, noise=0.0, jpeg_quality=None)
     flat = render_scan(printed_mm, plan, dpi=FLAT_DPI, degradations=still, rng=rng, size_mm=A4_MM).image
     _lay_sheet(flat)
     lens = _camera(rng)

@@ -324,19 +324,18 @@ def render_layer(
     dpi: float = 600.0,
     degradations: Degradations = DEFAULT,
     rng: np.random.Generator,
-    below: bool = True,
     quarter_turns: int = 0,
 ) -> np.ndarray:
-    """Draw what a flatbed sees of a printed layer, [H, W, 3]: its strokes ([K × [N, 2]] mm on the bed) as beads.
+    """Draw what a flatbed sees of a printed first layer from below, [H, W, 3]: its strokes as beads.
 
-    ``below`` shows the side that lay on the bed; ``quarter_turns`` turns it on the glass.
+    The strokes are [K × [N, 2]] mm on the bed; ``quarter_turns`` turns the part on the glass.
     """
     d = degradations
     px_per_mm = dpi / MM_PER_INCH
     angle = np.deg2rad(90.0 * quarter_turns + rng.normal(0.0, d.angle_deg))
     stretch = np.clip(rng.normal(0.0, d.stretch, 2), -2 * d.stretch, 2 * d.stretch)
     c, s = np.cos(angle), np.sin(angle)
-    flip = np.array([-1.0 if below else 1.0, -1.0])
+    flip = np.array([-1.0, -1.0])
     laid = [(stroke * flip) @ np.array([[c, s], [-s, c]]) * (1.0 + stretch) for stroke in strokes_mm]
     low = np.vstack(laid).min(axis=0) - 3 * MARGIN_MM
     width, height = np.ceil((np.vstack(laid).max(axis=0) + 3 * MARGIN_MM - low) * px_per_mm).astype(int)

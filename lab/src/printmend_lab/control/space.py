@@ -15,6 +15,8 @@ from printmend_lab.control.kernels.lookahead import next_different
 from printmend_lab.control.lookahead import plan_motor
 from printmend_lab.control.optimal import always_nearest, solve
 
+C_MAX = 3  # steps of a motor in a tick, as in Algorithm 1
+
 
 @dataclass(frozen=True, eq=False)
 class SpacePlan:
@@ -24,9 +26,7 @@ class SpacePlan:
     imagined_steps: np.ndarray = field(repr=False)
 
 
-def plan_space(
-    planner: Controller, model: SpaceModel, targets_steps: np.ndarray, start_steps: np.ndarray, *, c_max: int = 3
-) -> SpacePlan:
+def plan_space(planner: Controller, model: SpaceModel, targets_steps: np.ndarray, start_steps: np.ndarray) -> SpacePlan:
     """Choose controls [T, 3] for targets [T, 3] from ``start_steps`` [3].
 
     ``planner`` plans x and y; Z is planned as `Optimal` does, whoever plans the rest. Raise `InputError` for arrays of
@@ -38,8 +38,8 @@ def plan_space(
             "plan", wanted="finite targets [T, 3] and start [3]", came=f"{targets.shape} and {start.shape}",
             todo="reshape them",
         )  # fmt: skip
-    z_controls, height, push = _plan_height(model, np.ascontiguousarray(targets[:, 2]), int(start[2]), c_max)
-    plan = planner.plan(model.planar, targets[:, :2] - push[1:], start[:2], c_max=c_max)
+    z_controls, height, push = _plan_height(model, np.ascontiguousarray(targets[:, 2]), int(start[2]), C_MAX)
+    plan = planner.plan(model.planar, targets[:, :2] - push[1:], start[:2], c_max=C_MAX)
     return SpacePlan(
         np.column_stack([plan.controls, z_controls]), np.column_stack([plan.imagined_steps + push, height])
     )

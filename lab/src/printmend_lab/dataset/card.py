@@ -36,12 +36,11 @@ _SIZES = ((1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K"), (1e6, "100K<n<1
 
 def write_card(
     root: Path, *, name: str, url: str, creators: Sequence[str], description: str = "", doi: str = "",
-    year: int | None = None,
 ) -> tuple[Path, ...]:  # fmt: skip
     """Write croissant.json, README.md and datacite.json into a data set's folder; return their paths.
 
-    ``url`` is where it is published, ``creators`` are the names to be cited, ``doi`` is noted if there is one, and
-    ``year`` is that of its publication, by default this one. Raises `InputError` for a folder that holds no data set,
+    ``url`` is where it is published, ``creators`` are the names to be cited, ``doi`` is noted if there is one. The
+    year of publication is this one. Raises `InputError` for a folder that holds no data set,
     or a README of someone else's.
     """
     root, found = Path(root), contents(root)
@@ -50,7 +49,7 @@ def write_card(
         raise InputError(readme, wanted="none, or a card of before", came="another README", todo="move it away first")
     said = description or _describe(found)
     with replacing(root / CROISSANT) as file:
-        when = year or datetime.date.today().year
+        when = datetime.date.today().year
         card = croissant(found, name=name, url=url, creators=creators, description=said, doi=doi, year=when)
         file.write(json.dumps(card, indent=1, ensure_ascii=False) + "\n")
     with replacing(readme) as file:

@@ -116,7 +116,7 @@ def one_naive_agent(observation: dict[str, np.ndarray]) -> np.ndarray:
     return np.clip(observation["now"][:, 8:10], -C_MAX, C_MAX).astype(np.int64) + C_MAX
 
 
-def learning_agent(learner: str, printer: Printer, *, controller: str = "optimal", seed: int = 0) -> OneAgent:
+def learning_agent(learner: str, printer: Printer, *, controller: str = "optimal") -> OneAgent:
     """Return an agent that prints `probing_controls`, learns from the scan, plans the path and follows the plan."""
     learns, plans = learner_of(learner), controller_of(controller)
     low_mm, pitch_mm = np.array([printer.x.min_mm, printer.y.min_mm]), np.array(printer.mm_per_step)
@@ -124,7 +124,7 @@ def learning_agent(learner: str, printer: Printer, *, controller: str = "optimal
     def plan(path: np.ndarray, scan: np.ndarray) -> np.ndarray:
         commanded, beside = np.split(scan, 2, axis=1)
         trace = Trace(low_mm + commanded * pitch_mm, low_mm + (commanded + beside) * pitch_mm)
-        model = fitted(learns, trace, printer, rng=np.random.default_rng(seed))
+        model = fitted(learns, trace, printer, rng=np.random.default_rng(0))
         return plans.plan(model, path[1:], path[0].astype(int), c_max=C_MAX).controls
 
     return open_loop_agent(plan, printer)
