@@ -3,8 +3,10 @@
 import ast
 import json
 import os
+import re
 from pathlib import Path
 
+import polib
 import pytest
 
 from printmend import provenance
@@ -215,3 +217,18 @@ def test_hosts_can_load_it_alone_and_old_python_can_read_it() -> None:
     assert names == {"__future__", "collections.abc", "hashlib", "hmac", "json", "os", "re", "typing"}
     copy = Path(__file__).parents[1] / "integrations/octoprint/octoprint_printmend/provenance.py"
     assert copy.read_text() == text, "cp src/printmend/provenance.py integrations/octoprint/octoprint_printmend/"
+
+
+def test_octoprints_page_has_a_german_for_each_of_its_words() -> None:
+    """Its page reads messages.po, its server messages.mo, which `polib.pofile(…).save_as_mofile(…)` makes of it."""
+    plugin = Path(__file__).parents[1] / "integrations/octoprint/octoprint_printmend"
+    page = (plugin / "static/js/printmend.js").read_text(encoding="utf-8")
+    settings = (plugin / "templates/printmend_settings.jinja2").read_text(encoding="utf-8")
+    asked = {*re.findall(r'gettext\("([^"]*)"\)', page), *re.findall(r"_\('([^']*)'\)", settings)}
+    words, compiled = (
+        {entry.msgid: entry.msgstr for entry in read(str(plugin / f"translations/de/LC_MESSAGES/messages.{kind}"))}
+        for read, kind in ((polib.pofile, "po"), (polib.mofile, "mo"))
+    )
+    assert words.keys() == asked
+    assert all(words.values())
+    assert compiled == words

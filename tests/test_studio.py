@@ -573,8 +573,8 @@ _REFUSING = """studio.api studio.api_printers studio.host studio.jobs studio.sto
 measure.dots measure.join measure.plan measure.scan measure.table measure.image measure.page measure.ruler
 mend.meant mend.mend mend.update mend.verify gcode.arcs gcode.bgcode gcode.container gcode.read gcode.threemf
 printer.convert printer.klipper printer.slicer printer.toml probe.layout probe.start probe.tower measure.callipers
-measure.follows model.model files learn.order measure.whose filament.material
-mend.filament mend.part fit.estimate measure.lie measure.walls measure.width measure.silhouette"""
+measure.checks model.model files learn.order filament
+mend.filament mend.part fit.estimate measure.lie measure.walls measure.silhouette"""
 
 
 def test_why_something_did_not_work_is_said_in_the_pages_own_words() -> None:
