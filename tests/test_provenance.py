@@ -184,7 +184,7 @@ def test_a_file_that_only_says_it_is_a_test_print_is_forged(host, models) -> Non
 
 
 def test_the_owner_chooses_once_and_nonsense_is_no_choice() -> None:
-    defaults = {state: provenance.action(state, {}) for state in provenance.STATES}
+    defaults = {state: provenance.action(state, {}) for state in ("current", *provenance.CHOICES)}
     assert defaults == {"current": "print", "stale": "mend", "foreign": "hold", "forged": "hold", "unmended": "mend"}
     assert provenance.action("foreign", {"foreign": "print"}) == "print"
     assert (
