@@ -32,7 +32,7 @@ from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
 from printmend_lab.body.generated import LICENCE
 from printmend_lab.dataset.bodies import digest, known_of
-from printmend_lab.dataset.parquet import READ, SCHEMA, digest_of, write_body, write_print
+from printmend_lab.dataset.parquet import READ, SCHEMA, damaged_bodies, digest_of, write_body, write_print
 from printmend_lab.dataset.places import (
     BODIES,
     FAILURES,
@@ -43,7 +43,6 @@ from printmend_lab.dataset.places import (
     read_lines,
     rewrite_lines,
 )
-from printmend_lab.dataset.whole import damaged_bodies
 
 MAX_CORRUPTIONS = 9999  # their numbers have four digits
 

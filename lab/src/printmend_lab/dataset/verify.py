@@ -14,7 +14,15 @@ import numpy as np
 from printmend.errors import InputError, TraceError
 from printmend.files import replacing
 from printmend_lab.dataset.build import Recipe, changed_corruptions, read_checksums, read_recipe
-from printmend_lab.dataset.parquet import BODY_COLUMNS, PRINT_COLUMNS, digest_of, read_body, read_print
+from printmend_lab.dataset.parquet import (
+    BODY_COLUMNS,
+    PRINT_COLUMNS,
+    digest_of,
+    faults_of,
+    files_of,
+    read_body,
+    read_print,
+)
 from printmend_lab.dataset.places import (
     BODIES,
     FAILURES,
@@ -25,7 +33,6 @@ from printmend_lab.dataset.places import (
     print_file,
     read_lines,
 )
-from printmend_lab.dataset.whole import faults_of, files_of
 
 REPLAYED = 8  # prints that `verify_dataset` makes again on the twin
 
