@@ -18,7 +18,7 @@ from starlette.types import ASGIApp
 from printmend import __version__
 from printmend.errors import InputError, PrintmendError, RefusedError
 from printmend.messages import messages_of, page_messages, say
-from printmend.studio import api, api_devices, api_pair, api_printers, api_storage
+from printmend.studio import api, api_devices, api_printers, api_storage
 from printmend.studio.devices import Devices
 from printmend.studio.guard import LOOPBACK, Guard, TooLargeError
 from printmend.studio.jobs import Jobs, StudioState
@@ -75,7 +75,7 @@ def create_app(
     app.add_exception_handler(RequestValidationError, _misfit)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(TooLargeError, _too_large)
-    for router in (api.router, api_printers.router, api_storage.router, api_devices.router, api_pair.router):
+    for router in (api.router, api_printers.router, api_storage.router, api_devices.router, api_devices.pairs_router):
         _name_operations(router)
         app.include_router(router)
     app.add_api_route("/messages.json", page_messages, include_in_schema=False, response_class=JSONResponse)
