@@ -11,10 +11,10 @@ and a line whose checksum must be computed again ends in `*+`.
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.edit import copy_tail, edit_plain, edit_statement, is_plain_edit
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.row import PLAIN_WORDS, put_accel, put_eol, put_line_start, put_row
+from printmend.gcode.kernels.text import *
 from printmend.gcode.kernels.words import axis_end, cased, copy_bytes, own_motion, put_feed
 from printmend.jit import entry, inner
 

@@ -3,7 +3,6 @@
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.commands import (
     ALL_LOST,
     add_offsets,
@@ -22,6 +21,7 @@ from printmend.gcode.kernels.plain import plain_move
 from printmend.gcode.kernels.roles import role_of
 from printmend.gcode.kernels.spline import CURVES_A_LINE, chords_of, most_records, put_chords
 from printmend.gcode.kernels.statement import EXTENDED, LAST_MOVE, STATEMENT, read_statement
+from printmend.gcode.kernels.text import *
 from printmend.gcode.kernels.text import is_blank, is_digit, starts_with, upper
 from printmend.jit import entry, inner
 

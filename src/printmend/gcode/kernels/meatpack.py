@@ -6,7 +6,7 @@ place is E's. Two 0xFF bytes and a command switch packing and that mode.
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import LETTER_E, LF, SEMICOLON, SPACE
+from printmend.gcode.kernels.text import LETTER_E, LF, SEMICOLON, SPACE
 from printmend.jit import entry, inner
 
 _TABLE = np.frombuffer(b"0123456789. \nGX", np.uint8)

@@ -4,9 +4,9 @@ themselves."""
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.statement import EXTENDED
+from printmend.gcode.kernels.text import *
 from printmend.gcode.kernels.text import (
     CAPITAL,
     SPACED,

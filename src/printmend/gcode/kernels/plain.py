@@ -6,8 +6,8 @@ It does what the general way in `interpret` does to such a line, in half the tim
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.layout import *
+from printmend.gcode.kernels.text import *
 from printmend.gcode.kernels.text import POWERS, digit_of
 from printmend.jit import inner
 

@@ -2,8 +2,22 @@
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import CR, LETTER_G, LETTER_M, LETTER_N, LF, ONE, PLUS, SEMICOLON, STAR, ZERO
-from printmend.gcode.kernels.text import digit_of, is_blank, is_digit, upper
+from printmend.gcode.kernels.text import (
+    CR,
+    LETTER_G,
+    LETTER_M,
+    LETTER_N,
+    LF,
+    ONE,
+    PLUS,
+    SEMICOLON,
+    STAR,
+    ZERO,
+    digit_of,
+    is_blank,
+    is_digit,
+    upper,
+)
 from printmend.jit import entry, inner
 
 _NUMBERS = 10**12  # of lines: a longer one is cut to its last digits

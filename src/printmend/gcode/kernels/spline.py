@@ -7,9 +7,9 @@ P and Q from P3 to P2; filament and height go with t (Marlin's `cubic_b_spline`)
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.commands import begin_record, finish_record
 from printmend.gcode.kernels.layout import *
+from printmend.gcode.kernels.text import *
 from printmend.gcode.kernels.text import upper
 from printmend.jit import inner
 

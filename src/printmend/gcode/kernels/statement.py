@@ -6,9 +6,9 @@ Letters are read one after the other; `Y-2.4e-5`, `X 10`, `X[next]`, `(remark)` 
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.commands import set_mode
 from printmend.gcode.kernels.layout import *
+from printmend.gcode.kernels.text import *
 from printmend.gcode.kernels.text import (
     CAPITAL,
     SPACED,

@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.layout import *
+from printmend.gcode.kernels.text import *
 from printmend.gcode.kernels.text import POWERS, is_digit, upper
 from printmend.jit import inner
 
