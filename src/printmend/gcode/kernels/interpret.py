@@ -16,9 +16,8 @@ from printmend.gcode.kernels.commands import (
 )
 from printmend.gcode.kernels.klipper import long_command
 from printmend.gcode.kernels.layout import *
-from printmend.gcode.kernels.notes import has_room, note_comment, note_statement
+from printmend.gcode.kernels.notes import has_room, note_comment, note_statement, role_of
 from printmend.gcode.kernels.plain import plain_move
-from printmend.gcode.kernels.roles import role_of
 from printmend.gcode.kernels.spline import CURVES_A_LINE, chords_of, most_records, put_chords
 from printmend.gcode.kernels.statement import EXTENDED, LAST_MOVE, STATEMENT, read_statement
 from printmend.gcode.kernels.text import *
