@@ -5,14 +5,6 @@ import numpy as np
 
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import *
-from printmend.gcode.kernels.text import (
-    CAPITAL,
-    SPACED,
-    is_blank,
-    is_digit,
-    is_letter,
-    parse_number,
-)
 from printmend.gcode.kernels.words import (
     DECIMALS_3,
     FIRST,

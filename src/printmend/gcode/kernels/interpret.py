@@ -21,7 +21,6 @@ from printmend.gcode.kernels.plain import plain_move
 from printmend.gcode.kernels.spline import CURVES_A_LINE, chords_of, most_records, put_chords
 from printmend.gcode.kernels.statement import EXTENDED, LAST_MOVE, STATEMENT, read_statement
 from printmend.gcode.kernels.text import *
-from printmend.gcode.kernels.text import is_blank, is_digit, starts_with, upper
 from printmend.jit import entry, inner
 
 _LAYER_CHANGE = np.frombuffer(b"LAYER_CHANGE", np.uint8)

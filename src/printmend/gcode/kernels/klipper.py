@@ -6,7 +6,6 @@ import numpy as np
 from printmend.gcode.kernels.commands import ALL_LOST
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import *
-from printmend.gcode.kernels.text import CAPITAL, SPACED, among, is_letter, name_hash, parse_number, word_hash
 from printmend.jit import inner
 
 _SAVE, _RESTORE = name_hash("SAVE_GCODE_STATE"), name_hash("RESTORE_GCODE_STATE")

@@ -1,3 +1,4 @@
+# ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
 """Notes beside the records: what a text says of time, of the machine's limits, and of what lines are printed for.
 
 None of it moves anything by itself. Slicers write `;TYPE:External perimeter`, `;TYPE:WALL-OUTER`,
@@ -9,20 +10,7 @@ import numpy as np
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.statement import EXTENDED
 from printmend.gcode.kernels.text import *
-from printmend.gcode.kernels.text import (
-    CAPITAL,
-    SPACED,
-    is_letter,
-    name_hash,
-    parse_number,
-    starts_with,
-    upper,
-    word_hash,
-)
 from printmend.jit import inner
-
-# ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
-
 
 _TYPE, _FEATURE = np.frombuffer(b"TYPE:", np.uint8), np.frombuffer(b"FEATURE", np.uint8)
 # In this order: a word of the first that a comment has says what it names.
@@ -62,9 +50,6 @@ def _has_one(buf, p, stop, words):
                     return True
             first = last + 1
     return False
-
-
-# ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
 
 
 _TIMES = (

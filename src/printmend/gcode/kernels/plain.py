@@ -8,7 +8,6 @@ import numpy as np
 
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import *
-from printmend.gcode.kernels.text import POWERS, digit_of
 from printmend.jit import inner
 
 

@@ -5,7 +5,6 @@ import numpy as np
 
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import *
-from printmend.gcode.kernels.text import is_blank, is_letter
 from printmend.gcode.kernels.words import (
     axis_value,
     cased,

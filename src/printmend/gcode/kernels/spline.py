@@ -1,9 +1,8 @@
-"""G5, Marlin's cubic curve, as chords: records of straight moves, so that whoever reads records need not know it.
+# ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
+"""Curves as chords: arcs, and G5, Marlin's cubic curve, as records of straight moves that any reader understands.
 
-It goes from P0 to P3 by (1 − t)³ P0 + 3 (1 − t)² t P1 + 3 (1 − t) t² P2 + t³ P3, where I and J lead from P0 to P1,
+A G5 goes from P0 to P3 by (1 − t)³ P0 + 3 (1 − t)² t P1 + 3 (1 − t) t² P2 + t³ P3, where I and J lead from P0 to P1,
 P and Q from P3 to P2; filament and height go with t (Marlin's `cubic_b_spline`).
-
-Arcs as chords.
 """
 
 import numpy as np
@@ -11,7 +10,6 @@ import numpy as np
 from printmend.gcode.kernels.commands import begin_record, finish_record
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import *
-from printmend.gcode.kernels.text import upper
 from printmend.jit import entry, inner
 
 
@@ -59,9 +57,6 @@ def arc_chords(x0, y0, z0, x1, y1, z1, c0, c1, plane, clockwise, turns, toleranc
         else:
             points[i, 1], points[i, 2], points[i, 0] = a, b, h
     return count
-
-
-# ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
 
 
 CHORD_OFF_MM = 0.005  # how far a chord may be off the curve: half of the tolerance of mending

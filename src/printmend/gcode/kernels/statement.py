@@ -9,16 +9,6 @@ import numpy as np
 from printmend.gcode.kernels.commands import set_mode
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import *
-from printmend.gcode.kernels.text import (
-    CAPITAL,
-    SPACED,
-    among,
-    is_blank,
-    is_digit,
-    is_letter,
-    parse_number,
-    upper,
-)
 from printmend.jit import inner
 
 EXTENDED, FILLED_IN = 1, 2  # stand in for a command's letter: SET_PIN, and {…} that someone else fills in

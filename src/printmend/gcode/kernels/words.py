@@ -5,7 +5,6 @@ import numpy as np
 
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import *
-from printmend.gcode.kernels.text import POWERS, is_digit, upper
 from printmend.jit import inner
 
 # As int64 values, not literals, or numba would compile the functions that take them once for each.
