@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from printmend.jit import record
-from printmend.machine import BedMap
+from printmend.machine import BedMap, share_behind
 from printmend.machine.kernels import bed, play, table
+from printmend.path import last_way
 from tests import naive_law
 
 PLACES = st.floats(-2000.0, 2000.0)
@@ -69,3 +70,15 @@ def test_tables_are_straight_between_their_entries(begin: int, rng: np.random.Ge
         assert ours == pytest.approx(naive_law.branch_at(entries, 2.0, 0.5, m), abs=1e-12)
         push = table.push_at(values, begin, 2.0, 2.0, 8.0, m)
         assert push == pytest.approx(np.interp(m, 2.0 + 0.5 * np.arange(9), entries), abs=1e-12)
+
+
+def test_what_has_play_follows_within_it(rng: np.random.Generator) -> None:
+    drive_mm, play_mm = np.cumsum(rng.normal(0, 0.2, 500)), 0.7
+    follows_mm, expected = drive_mm[0], []
+    for place_mm in drive_mm:
+        follows_mm = min(max(follows_mm, place_mm - play_mm / 2), place_mm + play_mm / 2)
+        expected.append((place_mm - follows_mm) / (play_mm / 2))
+    share = share_behind(drive_mm, play_mm)
+    assert share == pytest.approx(np.array(expected), abs=1e-12)
+    assert (np.abs(share) < 0.99).any()
+    assert np.array_equal(share_behind(10 * drive_mm, 1e-6).round()[1:], last_way(drive_mm)[1:])

@@ -1,4 +1,4 @@
-"""A head that has play in its guides, whichever motor turns."""
+"""A head that has play in its guides, whichever motor turns: it lags within that play, as a belt does in its own."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

@@ -9,7 +9,7 @@ import numpy as np
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.effect import MOST_LAYERS
 from printmend.errors import ConfigError
-from printmend.machine import Frame, Mechanism, ScrewDrive, Transmission, z_grid_mm
+from printmend.machine import Frame, Mechanism, ScrewDrive, Transmission, share_behind, z_grid_mm
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
 from printmend.messages import say
 from printmend.path import FLATBED
@@ -180,3 +180,13 @@ def _framed(frame: Frame, printer: Printer, parts: list[Sized]) -> Frame:
     coefficients, home = frame.coefficients_mm + more.coefficients_mm, np.array([printer.home_mm], float)
     coefficients[:, Frame.exponents.index((0, 0))] -= (more.apply(home) - home)[0]  # the end stops put it right
     return Frame(coefficients, frame.scale_mm, few_waves(np.concatenate([frame.waves, more.waves])))
+
+
+def guided(places: Places, path_mm: np.ndarray, parts: Sequence[Sized]) -> Places:
+    """Return the places of a path [N, 2] whose ways are those of the head: where a guide has play, a short move back
+    does not turn its way round."""
+    ways = places.ways.copy()
+    for part in parts:
+        if part.effect == "lag" and part.sizes_mm[0] > 0:
+            ways[:, part.where] = share_behind(path_mm[:, part.where], float(part.sizes_mm[0]))
+    return replace(places, ways=ways)

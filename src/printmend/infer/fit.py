@@ -8,7 +8,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Places, Scene, Term, columns_of, places_of
 from printmend.effects.effect import SCALE_MM, TIMES_FINER
-from printmend.effects.sized import Sized
+from printmend.effects.sized import Sized, guided
 from printmend.infer.gram import (
     Block,
     Dictionary,
@@ -110,7 +110,7 @@ def fitted(
     blocks = blocks_of(scene, kept)
     for _ in range(PASSES):
         trace = turned_back(whole, turned_rad, scene)
-        contacts, places, rows = looked(trace, scene, mechanism, most, is_first=fit is None)
+        contacts, places, rows = looked(trace, scene, mechanism, most, fit.parts() if fit else (), is_first=fit is None)
         rows = _with_turn(rows, places, turned_rad, scene)
         if fit is not None and len(rows.mark) < MOST_LOST_SHARE * len(fit.rows.mark):
             break  # with that play hardly a belt would ever touch
@@ -139,13 +139,14 @@ def fitted(
 
 
 def looked(
-    trace: Trace, scene: Scene, mechanism: Mechanism, most: int = MOST_MARKS, *, is_first: bool
-) -> tuple[Contacts, Places, Rows]:
-    """Return where the belts of a machine touch along a trace, and its rows as places and as numbers; a ``first`` look
-    takes the places on the bed as they were measured."""
+    trace: Trace, scene: Scene, mechanism: Mechanism, most: int = MOST_MARKS, parts: Sequence[Sized] = (), *,
+    is_first: bool,
+) -> tuple[Contacts, Places, Rows]:  # fmt: skip
+    """Return where the belts of a machine with these parts touch along a trace, and its rows as places and as numbers;
+    a ``first`` look takes the places on the bed as they were measured."""
     contacts = contacts_of(mechanism, scene.printer.to_motor(trace.commanded_mm))
     bed_mm = first_places_mm(trace) if is_first else scene.printer.from_motor(contacts.belt_mm)
-    places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
+    places = guided(places_of(trace, scene, contacts.row, contacts.side, bed_mm), trace.commanded_mm, parts)
     return contacts, places, rows_of(trace, contacts, places, scene, most)
 
 

@@ -118,7 +118,7 @@ def searched_model(
         promise["seen"] = seen_scales(fit.scene, posterior.parts)
     told = (
         *told,
-        *another_printers(left_mm, trace, fit.scene.printer),
+        *another_printers(fit, trace),
         *misfits_of(posterior.parts, fit.scene, posterior.nats),
         *said_of_rows(posterior, trace, left_mm),
     )

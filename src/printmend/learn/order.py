@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from printmend.effects import scene_of
 from printmend.errors import TraceError
 from printmend.infer.first import among
-from printmend.infer.fit import fitted
+from printmend.infer.fit import Fit, fitted
 from printmend.machine import healthy_mechanism
 from printmend.measure.checks import AXES_TODO, FARTHEST_MM, wrong_axes
 from printmend.measure.table import AT_HOME_MM
@@ -84,16 +84,14 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
         return InOrder(trace)
     if _goes_backwards(trace, printer):
         again = _turned_round(trace, printer)
-        if learned_roughly(again, printer).left_mm < BETTER_SHARE * (
-            left_mm := learned_roughly(trace, printer).left_mm
-        ):
+        if _left_mm(again, printer) < BETTER_SHARE * (left_mm := _left_mm(trace, printer)):
             return _put_right(again, say("rows-reversed-order"), left_mm, kind="rows-reversed")
     plain = _map(commanded, measured)
     plain_mm = _missed_mm(plain, commanded, measured)
     backwards = _map(commanded, measured[::-1])
     if _missed_mm(backwards, commanded, measured[::-1]) < BETTER_SHARE * plain_mm:
         again = _with(trace, seen, measured[::-1])
-        if learned_roughly(again, printer).left_mm < BETTER_SHARE * learned_roughly(trace, printer).left_mm:
+        if _left_mm(again, printer) < BETTER_SHARE * _left_mm(trace, printer):
             return _put_right(again, say("measured-rows-reversed-order"), plain_mm, kind="rows-reversed")
     shifted = _shifted(trace, seen, printer, _mapped(plain, trace.commanded_mm))
     if shifted is not None:
@@ -170,14 +168,13 @@ def _shifted(trace: Trace, seen: np.ndarray, printer: Printer, places_mm: np.nda
     for _ in range(HISTORY_ROUNDS):
         learned = None
         for again, words in _undone(trace, seen, places_mm):
-            one = learned_roughly(again, printer)
             if not np.isfinite(least_mm):
-                least_mm = BETTER_SHARE * learned_roughly(trace, printer).left_mm
-            if one.left_mm < least_mm:
-                best, least_mm, learned = (again, words), one.left_mm, one
+                least_mm = BETTER_SHARE * _left_mm(trace, printer)
+            if (left_mm := _left_mm(again, printer)) < least_mm:
+                best, least_mm, learned = (again, words), left_mm, again
         if learned is None:
             break
-        places_mm = learned.places_mm
+        places_mm = roughly(replace(learned, homed=False), printer).places_mm()
     return best
 
 
@@ -243,25 +240,17 @@ def _history_words(seen: np.ndarray, history: np.ndarray) -> str:
     return say("measured-cells-stood", together(", ", [*parts, *(["…"] if len(starts) > 3 else [])]))
 
 
-@dataclass(frozen=True, eq=False)
-class RoughlyLearned:
-    """Roughly learned drives: the mean distance that they leave, ``left_mm``, where they print every row [N, 2], and
-    each one's play [2]."""
-
-    left_mm: float
-    places_mm: np.ndarray
-    play_mm: np.ndarray
-
-
-def learned_roughly(trace: Trace, printer: Printer) -> RoughlyLearned:
-    """Return the drives' main parts alone, as some rows show them; whose home the trace begins at nobody knows yet."""
-    scene = scene_of(replace(trace, homed=False), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+def roughly(trace: Trace, printer: Printer) -> Fit:
+    """Return the drives' main parts alone, as some rows show them."""
+    scene = scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
     with threadpool_limits(1, user_api="blas"):
-        fit = fitted(trace, scene, healthy_mechanism(printer), kept=among(ROUGH), quick=True)
-        left_mm = fit.left_by_mark_mm(trace)
-    play_mm = [sum(part.sizes_mm[0] for part in fit.parts() if (part.effect, part.where) == ("play", motor))
-               for motor in range(2)]  # fmt: skip
-    return RoughlyLearned(float(np.nanmean(np.abs(left_mm)) * 2), fit.places_mm(), np.array(play_mm, float))
+        return fitted(trace, scene, healthy_mechanism(printer), kept=among(ROUGH), quick=True)
+
+
+def _left_mm(trace: Trace, printer: Printer) -> float:
+    """Return the mean distance of places from where drives that were learned roughly have them; whose home the trace
+    begins at nobody knows yet."""
+    return float(np.nanmean(np.abs(roughly(replace(trace, homed=False), printer).left_by_mark_mm(trace))) * 2)
 
 
 def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:

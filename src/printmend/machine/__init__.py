@@ -34,6 +34,7 @@ from printmend.machine.printing import (
     print_from_home,
     print_path,
     reach_bed,
+    share_behind,
 )
 
 __all__ = [
@@ -60,5 +61,6 @@ __all__ = [
     "reach_bed",
     "run_motors",
     "run_screw",
+    "share_behind",
     "z_grid_mm",
 ]

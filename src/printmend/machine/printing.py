@@ -95,6 +95,14 @@ def contacts_from(mechanism: Mechanism, motor_mm: np.ndarray, ways: Sequence[int
     return Contacts(np.stack(rows, axis=1), np.stack(sides, axis=1), np.stack(belts, axis=1))
 
 
+def share_behind(places_mm: np.ndarray, play_mm: float) -> np.ndarray:
+    """Return how far behind what has that play is at each place [N] of its drive, as a share of half the play: 1 where
+    it is pushed forwards, −1 where it is pulled back. It begins in mid-play."""
+    half_mm = play_mm / 2
+    _, _, follows_mm = _followed(float(places_mm[0]), places_mm - half_mm, places_mm + half_mm)
+    return (places_mm - follows_mm) / half_mm
+
+
 def _followed(start_mm: float, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     count = len(lower)
     at, side, belt = np.empty(count, np.int64), np.empty(count, np.int8), np.empty(count)

@@ -23,6 +23,17 @@ def weights_of(left_mm: np.ndarray, scale_mm: float) -> np.ndarray:
     return np.asarray((DEGREES + 1) / np.maximum(DEGREES + 1, (left_mm / scale_mm) ** 2))
 
 
+def log_likelihood(left_mm: np.ndarray, least_mm: float) -> float:
+    """Return the log likelihood of residuals, but for a constant, for the noise that `weights_of` is of, with the scale
+    that makes it largest."""
+    scale, inside = scale_of(left_mm, least_mm), DEGREES + 1
+    for _ in range(ROUNDS):
+        scale = max(float(np.sqrt(np.mean(weights_of(left_mm, scale) * left_mm**2))), least_mm)
+    square = np.square(left_mm / scale)
+    costs = np.minimum(square, inside) / 2 + inside / 2 * np.log(np.maximum(square / inside, 1.0))
+    return -float(left_mm.size * np.log(scale) + costs.sum())
+
+
 def ridge(
     columns: np.ndarray, wanted_mm: np.ndarray, sds: np.ndarray, *, first_mm: float, least_mm: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

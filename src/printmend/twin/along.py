@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from printmend.effects import Scene, columns_of, places_of
-from printmend.effects.sized import Sized, scene_of_printer
+from printmend.effects.sized import Sized, guided, scene_of_printer
 from printmend.machine import Contacts, Mechanism, contacts_from
 from printmend.path import Trace
 
@@ -15,7 +15,7 @@ def added_mm(parts: Sequence[Sized], trace: Trace, scene: Scene, contacts: Conta
     """Return what effects add [N, 2] mm to the rows of a print with these contacts, after ``before`` prints."""
     bed_mm = scene.printer.from_motor(contacts.belt_mm)
     places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
-    places = replace(places, done=places.done + before)
+    places = guided(replace(places, done=places.done + before), trace.commanded_mm, parts)
     moved = np.zeros((len(trace), 2))
     for part in parts:
         moved = moved + columns_of(part.effect, places, part.where, part.shape, scene) @ part.sizes_mm
