@@ -110,6 +110,26 @@ def test_the_words_of_every_error_have_an_id() -> None:
             raise AssertionError(f"{path.relative_to(SOURCES)}:{found.lineno} says {ast.unparse(found)} without an id")
 
 
+def test_what_an_error_is_about_has_an_id_or_is_a_file_an_option_or_a_format() -> None:
+    for path in SOURCES.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id.endswith("Error")):
+                continue
+            if {"wanted", "came", "todo"} <= {word.arg for word in node.keywords} and node.args:
+                about = node.args[0]
+                words = (
+                    "".join(
+                        part.value
+                        for part in ast.walk(about)
+                        if isinstance(part, ast.Constant) and isinstance(part.value, str)
+                    )
+                    if isinstance(about, ast.JoinedStr | ast.Constant)
+                    else ""
+                )
+                known = re.match(r"--|printmend |bgcode$|G-code$", words)
+                assert known or not re.search("[a-z]{3}", words), f"{path.name}:{node.lineno} is about {words!r}"
+
+
 @pytest.mark.parametrize("words", ['"a file"', 'f"{n} files"', '"none" if n else say("none")', "came"])
 def test_words_without_an_id_are_seen(words: str) -> None:
     source = f'came = "some words"\nraise InputError(path, wanted={words}, came=say("none"), todo=say("rename"))'

@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-from printmend.messages import said, say
+from printmend.messages import is_one_of, said, say
 
 # An error as a message: its id, and its English with the subject, what was expected, what was found, what to do.
 WHY = "why", "{}: expected {}, found {}; {}"
@@ -39,8 +39,9 @@ class PrintmendError(Exception):
     frame = WHY
 
     def __init__(self, subject: object, *, wanted: str, came: str, todo: str) -> None:
-        self.subject, self.wanted, self.came, self.todo = str(subject), wanted, came, todo
-        parts = (subject if isinstance(subject, str) else str(subject), wanted, came, todo)
+        self.subject = subject if isinstance(subject, str) else str(subject)
+        self.wanted, self.came, self.todo = wanted, came, todo
+        parts = (self.subject, wanted, came, todo)
         a, b, c, d = map(_line, parts)
         name, english = self.frame
         self.message = said(name, {"a": a, "b": b, "c": c, "d": d}, english.format(a, b, c, d))
@@ -116,6 +117,6 @@ def of_file(path: object) -> Iterator[None]:
     try:
         yield
     except TraceError as error:
-        if error.subject not in ("trace", "the measurement"):
+        if not is_one_of(error.subject, ("trace", "measurement-2")):
             raise
         raise TraceError(path, wanted=error.wanted, came=error.came, todo=error.todo) from error

@@ -49,7 +49,7 @@ class Cause:
         if self.effect not in EFFECTS:
             near = get_close_matches(self.effect, EFFECTS, 3)
             raise ConfigError(
-                f"effect {self.effect!r}", wanted=say("name-effect"), came=say("no-such-name"),
+                say("subject-effect", repr(self.effect)), wanted=say("name-effect"), came=say("no-such-name"),
                 todo=say("did-you-mean-else", ', '.join(near), _TODO) if near else _TODO,
             )  # fmt: skip
         if self.on is not None and not (isinstance(self.on, str) and self.on in _MOTORS):
@@ -117,7 +117,7 @@ class Cause:
         return found
 
     def _refuse(self, wanted: str, came: str) -> NoReturn:
-        raise ConfigError(f"effect {self.effect!r}", wanted=wanted, came=came, todo=_TODO)
+        raise ConfigError(say("subject-effect", repr(self.effect)), wanted=wanted, came=came, todo=_TODO)
 
     def table(self) -> dict[str, Any]:
         """Return it as a plain table, of what was said alone."""

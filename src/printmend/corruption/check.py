@@ -10,7 +10,7 @@ from printmend.messages import say
 def refuse(value: object, wanted: str, came: str) -> NoReturn:
     """Raise a `ConfigError` that names the corruption's kind."""
     kind = getattr(value, "kind", type(value).__name__)
-    raise ConfigError(f"corruption {kind!r}", wanted=wanted, came=came, todo=say("correct-value"))
+    raise ConfigError(say("subject-corruption", repr(kind)), wanted=wanted, came=came, todo=say("correct-value"))
 
 
 def in_range(value: object, **limits: tuple[float, float]) -> None:

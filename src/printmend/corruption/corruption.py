@@ -73,7 +73,7 @@ class Drive:
 def _rising(branch_mm: np.ndarray) -> np.ndarray:
     if np.diff(branch_mm).min() < -1e-9:
         raise ConfigError(
-            "corruption 'warp'", wanted=say("warp-under-which-drive-still-moves"),
+            say("subject-corruption", "'warp'"), wanted=say("warp-under-which-drive-still-moves"),
             came=say("turns-back"), todo=say("make-bumps-smaller-wider"),
         )  # fmt: skip
     return np.maximum.accumulate(branch_mm)
@@ -122,7 +122,7 @@ class Corruption:
         others = self.frame is not None or self.screw is not None or bool(self.causes)
         if not all(tables) or mixed or others:
             raise ConfigError(
-                "corruption 'gain-table'",
+                say("subject-corruption", "'gain-table'"),
                 wanted=say("gain-tables-both-axes-nothing-else"),
                 came=say("mixture"),
                 todo=say("remove-other-sections-gain-tables"),

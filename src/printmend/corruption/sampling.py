@@ -273,7 +273,9 @@ def check_family(family: str) -> None:
         return
     if not is_plugin(CORRUPTIONS, family):
         known = ", ".join(dict.fromkeys((*families(), *plugin_names(CORRUPTIONS), *EFFECTS)))
-        raise ConfigError("family", wanted=say("module-name", known), came=repr(family), todo=say("correct"))
+        raise ConfigError(
+            say("subject-family"), wanted=say("module-name", known), came=repr(family), todo=say("correct")
+        )
     _foreign(family)
 
 
@@ -304,7 +306,9 @@ def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged"
     Raise `ConfigError` for a family or severity that does not exist.
     """
     if severity not in SEVERITIES:
-        raise ConfigError("severity", wanted=say("damaged-realistic-paper"), came=repr(severity), todo=say("correct"))
+        raise ConfigError(
+            say("subject-severity"), wanted=say("damaged-realistic-paper"), came=repr(severity), todo=say("correct")
+        )
     if family == "frame":
         return Corruption(frame=_frame(rng, severity))
     if family == "screw":
@@ -315,5 +319,7 @@ def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged"
         mildness: Literal["damaged", "realistic"] = "realistic" if severity == "realistic" else "damaged"
         return Corruption(causes=(Cause(family, seed=int(rng.integers(2**32)), severity=mildness),))
     if family not in _DRIVES:
-        raise ConfigError("family", wanted=say("effect", ", ".join(families())), came=repr(family), todo=say("correct"))
+        raise ConfigError(
+            say("subject-family"), wanted=say("effect", ", ".join(families())), came=repr(family), todo=say("correct")
+        )
     return Corruption((_DRIVES[family](rng, severity), _DRIVES[family](rng, severity)))

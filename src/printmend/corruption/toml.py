@@ -36,7 +36,7 @@ from printmend.corruption.screw import Screw
 from printmend.corruption.transmission import BELTS, Friction, GainTable, Ripple, SetScrew, Warp
 from printmend.errors import ConfigError
 from printmend.files import read_text
-from printmend.messages import say
+from printmend.messages import say, together
 from printmend.printer.toml import refuse_unknown
 
 SECTIONS: dict[str, tuple[type, ...]] = {
@@ -111,7 +111,7 @@ def _causes(tables: Any, subject: str) -> tuple[Cause, ...]:
             causes.append(cause_from(name, {key: value for key, value in table.items() if key != "name"}))
         except ConfigError as error:
             raise ConfigError(
-                f"{subject}, {error.subject}", wanted=error.wanted, came=error.came, todo=error.todo
+                together(", ", [subject, error.subject]), wanted=error.wanted, came=error.came, todo=error.todo
             ) from None
     return tuple(causes)
 
@@ -143,7 +143,9 @@ def _value(table: Any, types: tuple[type, ...], section: str, subject: str) -> A
     try:
         return kinds[kind](**{name: value for name, value in table.items() if name != "kind"})
     except ConfigError as error:
-        raise ConfigError(f"{subject} {section}", wanted=error.wanted, came=error.came, todo=error.todo) from None
+        raise ConfigError(
+            together(" ", [subject, section]), wanted=error.wanted, came=error.came, todo=error.todo
+        ) from None
 
 
 def corruption_toml(corruption: Corruption) -> str:

@@ -165,7 +165,7 @@ def _beside(table: Transmission, printer: Printer, motor: int, parts: list[Sized
     lower, upper = np.where(lower > upper, middle, lower), np.where(lower > upper, middle, upper)
     if min(np.diff(lower).min(), np.diff(upper).min()) < -1e-9:
         raise ConfigError(
-            f"effects of motor {printer.motors[motor]}", wanted=say("effects-under-which-drive-still-moves"),
+            say("subject-effects-of-motor", printer.motors[motor]), wanted=say("effects-under-which-drive-still-moves"),
             came=say("some-turn-back-together"), todo=say("make-them-smaller"),
         )  # fmt: skip
     return replace(table, lower_mm=np.maximum.accumulate(lower), upper_mm=np.maximum.accumulate(upper))

@@ -42,7 +42,7 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
     """
     if said := refusals(model.document):
         raise RefusedError(
-            "export", wanted=say("model-fits-own-measurement"), came=said[0], todo=say("measure-again-learn")
+            "printmend export", wanted=say("model-fits-own-measurement"), came=said[0], todo=say("measure-again-learn")
         )
     mechanism, belief = model.mechanism, parse_belief(model)
     make, every = EXPORTS[firmware], _settings(model, belief)

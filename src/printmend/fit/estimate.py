@@ -169,7 +169,9 @@ def _block(layer: Layer, printer: Printer, mechanism: Mechanism | None) -> _Bloc
     walls, outline = layer.walls, layer.outline
     seen = np.flatnonzero(np.isfinite(layer.stands_mm) & (outline.group != NOWHERE))
     if len(seen) < 20:
-        raise ScanError("the scan", wanted=say("walls-part"), came=say("places", len(seen)), todo=say("scan-600-dpi-2"))
+        raise ScanError(
+            say("subject-scan"), wanted=say("walls-part"), came=say("places", len(seen)), todo=say("scan-600-dpi-2")
+        )
     n, group = walls.normal[seen], outline.group[seen]
     x, y = ((outline.edge_mm[seen] - outline.edge_mm[seen].mean(axis=0)) / SHARE_MM).T
     motor = printer.to_motor(walls.commanded_mm)

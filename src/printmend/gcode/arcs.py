@@ -34,7 +34,7 @@ def straightened(moves: Moves, tolerance_mm: float) -> Moves:
         room -= len(chord_points)
         if room < 0:
             raise GcodeError(
-                "arcs", wanted=say("most-chords", _MAX_CHORDS), came=say("arcs-need-more"),
+                say("subject-arcs"), wanted=say("most-chords", _MAX_CHORDS), came=say("arcs-need-more"),
                 todo=say("check-file-s-radii-turns"),
             )  # fmt: skip
     source = np.repeat(np.arange(len(moves)), counts)

@@ -40,7 +40,9 @@ def learner(name: str) -> Learner:
         found = load_plugin(LEARNERS, name, wanted=say("learner-name-fit"), has=("name", "fit"))
     else:
         known = ", ".join(learner_names())
-        raise ConfigError("learner", wanted=say("module-name", known), came=repr(name), todo=say("correct-name"))
+        raise ConfigError(
+            say("subject-learner"), wanted=say("module-name", known), came=repr(name), todo=say("correct-name")
+        )
     return found
 
 
@@ -77,7 +79,7 @@ def fitted(chosen: Learner, trace: Trace, printer: Printer, *, rng: np.random.Ge
     model = chosen.fit(trace, printer, rng=rng)
     if not isinstance(model, WorldModel):
         raise ModelError(
-            f"learner {chosen.name}", wanted=say("model-printer-start-advance-tabulate"),
+            say("subject-learner-named", chosen.name), wanted=say("model-printer-start-advance-tabulate"),
             came=type(model).__name__, todo=say("return-from-fit-see-printmend-protocols"),
         )  # fmt: skip
     return model

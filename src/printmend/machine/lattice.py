@@ -52,7 +52,7 @@ class LatticeMotor:
     def left(self) -> InputError:
         """Return the error of a motor that leaves its tables."""
         return InputError(
-            f"motor {self.name}",
+            say("subject-motor", self.name),
             wanted=say("controls-stay-within-bed-length-bed") if self.name != "z" else say("heights-axis"),
             came=say("controls-leave"),
             todo=say("check-start-controls"),

@@ -53,7 +53,7 @@ def measurable_pairs(plan: ProbePlan) -> np.ndarray:
     pairs = pairs[(length >= SHORTEST_MM) & (length <= LONGEST_MM)]
     if len(pairs) < MOST_DISTANCES:
         raise TraceError(
-            "the probe",
+            say("subject-probe"),
             wanted=say("pairs-large-dots-mm-apart", MOST_DISTANCES, f"{SHORTEST_MM:.0f}", f"{LONGEST_MM:.0f}"),
             came=f"{len(pairs)}",
             todo=say("print-larger-probe"),

@@ -67,13 +67,17 @@ def donation(
     pictures = [path for path in (*scans, *checks) if path.suffix.lower() != ".csv"]
     if len(pictures) > MOST_PICTURES:
         todo = say("choose-those-measure-takes")
-        raise InputError("donation", wanted=say("most-pictures", MOST_PICTURES), came=str(len(pictures)), todo=todo)
+        raise InputError(
+            say("subject-donation"), wanted=say("most-pictures", MOST_PICTURES), came=str(len(pictures)), todo=todo
+        )
     parts: list[Part] = []
     for part in _parts(plan, scans, trace, model, checks):
         parts.append(part)
         if (size := sum(len(part.data) for part in parts)) > MOST_BYTES:
             came, todo = say("mb-more", f"{size / 1000000.0:.0f}"), say("crop-scans-give-fewer")
-            raise InputError("donation", wanted=say("most-mb", f"{MOST_BYTES / 1e6:.0f}"), came=came, todo=todo)
+            raise InputError(
+                say("subject-donation"), wanted=say("most-mb", f"{MOST_BYTES / 1e6:.0f}"), came=came, todo=todo
+            )
     return tuple(parts)
 
 

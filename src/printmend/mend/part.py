@@ -201,7 +201,10 @@ def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer, p
         edges = _look(silhouette, walls, pose, printed, swell, capture_mm, eye)
         if np.isfinite(edges.offset_mm).sum() < LEAST_WALLS:
             raise ScanError(
-                "the scan", wanted=say("edges-along-part-walls"), came=say("hardly-any"), todo=say("scan-again-600-dpi")
+                say("subject-scan"),
+                wanted=say("edges-along-part-walls"),
+                came=say("hardly-any"),
+                todo=say("scan-again-600-dpi"),
             )
         trace = walls.trace(edges.offset_mm, np.full(len(walls.row), EDGE_SIGMA_MM))
         fit = fit_walls(trace, printer)

@@ -43,14 +43,14 @@ def paired(target: np.ndarray, printed: np.ndarray) -> tuple[np.ndarray, np.ndar
     target, printed = np.asarray(target, float), np.asarray(printed, float)
     if target.shape != printed.shape or target.ndim != 2 or target.shape[1:] != (2,) or not len(target):
         raise TraceError(
-            "a metric of paired points",
+            say("subject-paired-points"),
             wanted=say("two-equal-shapes-t-2-t"),
             came=say("and", target.shape, printed.shape),
             todo=say("compare-print-own-target"),
         )
     if not (np.isfinite(target).all() and np.isfinite(printed).all()):
         raise TraceError(
-            "a metric of paired points",
+            say("subject-paired-points"),
             wanted=say("finite-points"),
             came=say("nan-infinity"),
             todo=say("drop-unmeasured-rows"),

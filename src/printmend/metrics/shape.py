@@ -59,7 +59,9 @@ def _filled(contours: Sequence[np.ndarray]) -> shapely.Geometry:
 
 def _beads(strokes: Sequence[np.ndarray], width: float) -> shapely.Geometry:
     if not width > 0:
-        raise TraceError("bead width", wanted=say("width-above-0"), came=f"{width}", todo=say("give-nozzle-line-width"))
+        raise TraceError(
+            say("subject-bead-width"), wanted=say("width-above-0"), came=f"{width}", todo=say("give-nozzle-line-width")
+        )
     lines = [shapely.LineString(_points(stroke)) for stroke in strokes]
     return shapely.unary_union([shapely.buffer(line, width / 2) for line in lines])
 
@@ -93,7 +95,9 @@ def _points(points: np.ndarray) -> np.ndarray:
     points = np.asarray(points, float)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
         came = f"{points.shape}" if np.isfinite(points).all() else say("nan-infinity-2", points.shape)
-        raise TraceError("a metric of shapes", wanted=say("finite-points-n-2-n-2"), came=came, todo=say("correct-path"))
+        raise TraceError(
+            say("subject-shapes"), wanted=say("finite-points-n-2-n-2"), came=came, todo=say("correct-path")
+        )
     return points
 
 

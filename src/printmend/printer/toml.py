@@ -38,7 +38,9 @@ def preset_names() -> tuple[str, ...]:
 def check_preset(name: str) -> None:
     """Raise `InputError` for a name that is not in `preset_names`."""
     if name not in preset_names():
-        raise InputError("printer", wanted=say("one", ", ".join(preset_names())), came=repr(name), todo=say("correct"))
+        raise InputError(
+            say("subject-printer"), wanted=say("one", ", ".join(preset_names())), came=repr(name), todo=say("correct")
+        )
 
 
 def preset_text(name: str) -> str:

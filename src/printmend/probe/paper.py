@@ -164,7 +164,8 @@ def _paper(plan: ProbePlan, printer: Printer, paper_mm: tuple[float, float]) -> 
     ways = [np.array(way) for way in (paper_mm, paper_mm[::-1]) if (needed <= way).all()]
     if not ways:
         raise ConfigError(
-            "the paper", wanted=say("sheet-dots-over-mm", f"{last[0] - first[0]:.0f}", f"{last[1] - first[1]:.0f}"),
+            say("subject-paper"),
+            wanted=say("sheet-dots-over-mm", f"{last[0] - first[0]:.0f}", f"{last[1] - first[1]:.0f}"),
             came=say("mm", f"{paper_mm[0]:g}", f"{paper_mm[1]:g}"),
             todo=say("terminal-make-size-smaller-name-larger-scanner"),
         )  # fmt: skip

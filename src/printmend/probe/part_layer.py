@@ -96,7 +96,7 @@ def _marked(printer: Printer, path_mm: np.ndarray, marks: int) -> ProbePlan:
 
 def _too_small(marks: int) -> GcodeError:
     return GcodeError(
-        "the longest layer",
+        say("subject-longest-layer"),
         wanted=say("room-marks-along", LEAST_MARKS),
         came=say("room", marks),
         todo=say("terminal-use-design-optimal-fixed-which-go"),

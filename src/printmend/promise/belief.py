@@ -132,7 +132,7 @@ def belief_of(model: SavedModel) -> Belief:
 def says_nothing() -> ModelError:
     """Return the refusal of a model that cannot be brought up to date."""
     return ModelError(
-        "the model", wanted=say("one-says-what-does-not-know"), came=say("one-older-printmend-learner"),
+        say("subject-model"), wanted=say("one-says-what-does-not-know"), came=say("one-older-printmend-learner"),
         todo=say("learn-again-from-trace"),
     )  # fmt: skip
 

@@ -118,7 +118,7 @@ def _hold(here: StudioState, more_bytes: int) -> None:
     """Raise `InputError` if ``more_bytes`` would exceed the limit of the folder."""
     if (held := bytes_in(here.store.folder)) + more_bytes > here.most_bytes:
         raise InputError(
-            "the studio", wanted=say("most-gb-folder", f"{here.most_bytes / 1e9:g}"),
+            say("subject-studio"), wanted=say("most-gb-folder", f"{here.most_bytes / 1e9:g}"),
             came=say("gb", f"{held / 1e9:.1f}"), todo=say("free-some-under-storage"),
         )  # fmt: skip
 

@@ -54,7 +54,7 @@ class Devices:
         name = name.strip()
         user = user.strip()
         if not name or max(len(name), len(user)) > LONGEST_NAME or not (name + user).isprintable():
-            raise InputError("the device", wanted=say("name-1-characters", LONGEST_NAME), came=repr(name),
+            raise InputError(say("subject-device"), wanted=say("name-1-characters", LONGEST_NAME), came=repr(name),
                              todo=say("name-after-what-phone-laptop"))  # fmt: skip
         if any(one.name.casefold() == name.casefold() for one in self.known()):
             raise InputError(name, wanted=say("device-not-known-yet"), came=say("name-2"),

@@ -60,7 +60,7 @@ class Codes:
             self._wrong += 1
             if self._wrong >= MOST_WRONG:
                 self._waiting = {}
-        raise InputError("the code", wanted=say("six-digits-studio-shows"), came=say("others-old-ones"),
+        raise InputError(say("subject-code"), wanted=say("six-digits-studio-shows"), came=say("others-old-ones"),
                          todo=say("ask-studio-new-code"))  # fmt: skip
 
 

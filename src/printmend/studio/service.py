@@ -67,7 +67,7 @@ def service(options: Sequence[str], *, platform: str = sys.platform, home: Path 
     home = home or Path.home()
     command = [sys.executable, "-m", "printmend", "studio", "--no-browser", *options]
     if any(character in word for word in command for character in '\n\r"'):
-        raise InputError("the service", wanted=say("options-without-quotes-line-ends"), came=say("them"),
+        raise InputError(say("subject-service"), wanted=say("options-without-quotes-line-ends"), came=say("them"),
                          todo=say("choose-other-names"))  # fmt: skip
     if platform == "darwin":
         path = home / "Library/LaunchAgents" / f"{_LABEL}.plist"

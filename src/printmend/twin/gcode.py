@@ -137,7 +137,7 @@ def print_dots(program: Program, twin: Twin, plan: ProbePlan) -> np.ndarray:
         rests, path = rests[: len(plan)], path[: len(plan)]
     if len(path) != len(plan) or np.abs(path - plan.marks_mm).max() > _MENDED_MM:
         raise InputError(
-            "the printed file", wanted=say("probe-plan-dots-what-mend-made", len(plan)),
+            say("subject-printed-file"), wanted=say("probe-plan-dots-what-mend-made", len(plan)),
             came=say("file-dots-others", len(path)),
             todo=say("terminal-print-g-code-was-written-together"),
         )  # fmt: skip

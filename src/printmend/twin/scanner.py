@@ -143,7 +143,7 @@ def scan_trace(
     same = trace.commanded_mm.shape == plan.waypoints_mm.shape
     if not same or np.abs(trace.commanded_mm - plan.waypoints_mm).max() > SAME_MM:
         raise InputError(
-            "the printed file",
+            say("subject-printed-file"),
             wanted=say("probe-plan-way-points", len(plan.waypoints_mm)),
             came=say("file-other-way-points", len(trace)),
             todo=say("terminal-print-g-code-was-written-together"),

@@ -127,7 +127,7 @@ class Twin:
         start = np.asarray(start, np.int64)
         if controls.ndim != 2 or controls.shape[1] not in (2, 3) or start.shape != controls.shape[1:]:
             raise InputError(
-                "controls",
+                say("subject-controls"),
                 wanted=say("controls-t-2-start-2-controls"),
                 came=say("and", controls.shape, start.shape),
                 todo=say("reshape-them"),
@@ -229,7 +229,7 @@ class Twin:
         """The machine as its tables. Raises `InputError` for a gain table, which has none."""
         if isinstance(self.mechanism, GainMechanism):
             raise InputError(
-                "corruption 'gain-table'",
+                say("subject-corruption", "'gain-table'"),
                 wanted=say("conservative-corruption-g-code"),
                 came=say("published-lattice-simulator"),
                 todo=say("terminal-use-bench-table1-protocol-paper-gain"),
