@@ -18,8 +18,7 @@ from printmend.effects.sized import Sized
 from printmend.files import replacing
 from printmend.gcode import kernels as k
 from printmend.gcode.container import Part, open_gcode
-from printmend.gcode.layers import layers_of
-from printmend.gcode.read import starting_state
+from printmend.gcode.read import layers_of, starting_state
 from printmend.gcode.write import Plan, follow
 from printmend.machine import Mechanism
 from printmend.machine.printing import print_from_home
