@@ -60,7 +60,7 @@ def identify(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> 
     if len(dots_mm) < LEAST_DOTS:
         return None
     pitch = lattice_pitch(dots_mm)
-    cells = _grow(dots_mm, diameters_mm, pitch)
+    cells = _grow(dots_mm, pitch)
     if len(cells) < LEAST_DOTS:
         return None
     members = np.fromiter(cells.values(), np.int64, len(cells))
@@ -72,7 +72,7 @@ def identify(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> 
     agreement, symmetry, shift = best
     dot = _matched(sites @ symmetry.T + shift, members, plan)
     dot = _with_pieces(dot, members, dots_mm, diameters_mm, pitch, plan)
-    dot = _without_strangers(dot, dots_mm, diameters_mm, plan)
+    dot = _without_strangers(dot, diameters_mm, plan)
     # Growth numbers its cells counter-clockwise in image coordinates, whose y axis points down.
     return Match(dot, pitch, bool(np.linalg.det(symmetry) > 0), agreement)
 
@@ -102,7 +102,7 @@ def _with_pieces(
     table = np.hstack([plan.marks_mm, np.ones((len(plan), 1))])
     expected = table @ np.linalg.lstsq(table[found], dots[dot[found]], rcond=None)[0]
     while len(free) >= LEAST_DOTS:
-        cells = _grow(dots[free], diameters[free], pitch)
+        cells = _grow(dots[free], pitch)
         if len(cells) < LEAST_DOTS:
             break
         sites, own = np.array(list(cells), np.int64), np.fromiter(cells.values(), np.int64, len(cells))
@@ -138,7 +138,7 @@ def _rows_across(i: int, j: int) -> int:
     return (i + j) // 2 % 2 if (i + j) % 2 == 0 else 2 + (j - i - 1) // 2 % 2
 
 
-def _grow(dots: np.ndarray, diameters: np.ndarray, pitch: float) -> dict[tuple[int, int], int]:
+def _grow(dots: np.ndarray, pitch: float) -> dict[tuple[int, int], int]:
     """Return the largest lattice found: cell → dot, growing from seeds with four regular neighbours."""
     tree = cKDTree(dots)
     seeds = _seeds(dots, tree, pitch)
@@ -289,8 +289,8 @@ def _place(sites: np.ndarray, big: np.ndarray, plan: ProbePlan) -> tuple[float, 
     return best[1], best[2], best[3]
 
 
-def _without_strangers(dot: np.ndarray, dots: np.ndarray, diameters: np.ndarray, plan: ProbePlan) -> np.ndarray:
-    """Drop matches of the wrong size, or that lie where neither the marks around them nor their row predict them."""
+def _without_strangers(dot: np.ndarray, diameters: np.ndarray, plan: ProbePlan) -> np.ndarray:
+    """Drop matches of dots of the wrong size."""
     dot = dot.copy()
     found = np.flatnonzero(dot >= 0)
     size = np.log(diameters[dot[found]] / plan.diameter_mm[found])

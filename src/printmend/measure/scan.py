@@ -102,8 +102,8 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None) ->
     dots = find_dots(image, dpi / MM_PER_INCH, plan, subject=str(path))
     dots_mm, scale, instrument = _scaled(dots, tags, dpi)
     sheet, marks = _shown(dots_mm, dots.diameter_px * MM_PER_INCH / dpi, plan)
-    if marks is None or _scale_ratio(dots, dots_mm, marks, dpi, plan.sheets[sheet]) is not None:
-        raise _resolution_error(path, image, dots, marks, dpi, plan)
+    if marks is None or _scale_ratio(dots, marks, dpi, plan.sheets[sheet]) is not None:
+        raise _resolution_error(path, image, dots, dpi, plan)
     if instrument is SHEET:
         check_sheet(path, _scales(dots_mm, marks, plan.sheets[sheet]))
     elif said_dpi is None and (share := narrowing(marks.measured_mm, plan.sheets[sheet])):
@@ -169,7 +169,7 @@ def _scaled(dots: Dots, tags: Tags, dpi: float) -> tuple[np.ndarray, str, Instru
     return dots.centre_px * np.sqrt(abs(np.linalg.det(fit[:2]))), say("scale-from-tags", len(tags)), FLATBED
 
 
-def _scale_ratio(dots: Dots, dots_mm: np.ndarray, marks: Marks, dpi: float, plan: ProbePlan) -> float | None:
+def _scale_ratio(dots: Dots, marks: Marks, dpi: float, plan: ProbePlan) -> float | None:
     """Return by how much dots and their spacing are too large or too small, where both are, else None.
 
     A damaged printer stretches the spacing, but not the dots.
@@ -182,9 +182,7 @@ def _scale_ratio(dots: Dots, dots_mm: np.ndarray, marks: Marks, dpi: float, plan
     return None
 
 
-def _resolution_error(
-    path: str | Path, image: np.ndarray, dots: Dots, marks: Marks | None, dpi: float, plan: ProbePlan
-) -> ScanError:
+def _resolution_error(path: str | Path, image: np.ndarray, dots: Dots, dpi: float, plan: ProbePlan) -> ScanError:
     """Return the error that names the resolution at which the dots are the plan's marks, if there is one."""
     for other in sorted(COMMON_DPI, key=lambda value: abs(np.log(value / dpi))):
         if abs(np.log(other / dpi)) < 0.1:
@@ -195,7 +193,7 @@ def _resolution_error(
             continue
         retry_mm = retry.centre_px * (MM_PER_INCH / other)
         sheet, found = _shown(retry_mm, retry.diameter_px * (MM_PER_INCH / other), plan)
-        if found is not None and _scale_ratio(retry, retry_mm, found, other, plan.sheets[sheet]) is None:
+        if found is not None and _scale_ratio(retry, found, other, plan.sheets[sheet]) is None:
             spacing = found.match.pitch * other / dpi
             return ScanError(
                 path,

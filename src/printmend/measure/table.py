@@ -70,7 +70,7 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
     check_origin(path, origin, printer)
     commanded = np.stack([columns["x_mm"], columns["y_mm"]], axis=1)
     measured = np.stack([columns["x_measured_mm"], columns["y_measured_mm"]], axis=1)
-    _check_values(path, names, columns)
+    _check_values(path, columns)
     both = np.isfinite(measured).all(axis=1)
     normal, offset = _walls(path, names, columns)
     if both.sum() < MIN_MEASURED and offset is None:
@@ -354,7 +354,7 @@ def _number(path: Path, cell: str, name: str, line: int) -> float:
     return value
 
 
-def _check_values(path: Path, names: list[str], columns: dict[str, np.ndarray]) -> None:
+def _check_values(path: Path, columns: dict[str, np.ndarray]) -> None:
     for name in ("x_mm", "y_mm"):
         if (empty := np.flatnonzero(np.isnan(columns[name]))).size:
             raise TraceError(

@@ -85,7 +85,7 @@ def strokes_of(program: Program) -> tuple[Stroke, ...]:
     # Layers are numbered in the order of the file, so each is one run of moves.
     bounds = [*np.flatnonzero(np.diff(layer, prepend=-2)).tolist(), len(layer)]
     strokes = [
-        _stroke(moves, first, last, extruding[first:last], int(layer[first]))
+        _stroke(moves, first, extruding[first:last], int(layer[first]))
         for first, last in pairwise(bounds)
         if layer[first] >= 0 and extruding[first:last].any()
     ]
@@ -115,8 +115,8 @@ def layers_of(
     return tuple(layers)
 
 
-def _stroke(moves: Moves, first: int, last: int, extruding: np.ndarray, index: int) -> Stroke:
-    """Build the stroke of moves first…last − 1; ``extruding`` belongs to them."""
+def _stroke(moves: Moves, first: int, extruding: np.ndarray, index: int) -> Stroke:
+    """Build the stroke of the moves from ``first`` on; ``extruding`` says which of them extrude."""
     printing = first + np.flatnonzero(extruding)
     z_mm = float(moves.end_mm[printing[0], 2])
     rows = np.arange(printing[0], printing[-1] + 1)

@@ -33,7 +33,7 @@ def write_minari(
     data = root / "data"
     for number, episode in enumerate(episodes):
         (data / str(number)).mkdir(parents=True)
-        table = pyarrow.Table.from_batches([_batch(number, episode, env)])
+        table = pyarrow.Table.from_batches([_batch(episode, env)])
         pyarrow.parquet.write_table(table, data / str(number) / "part-0.parquet", compression="zstd")
         _json(data / str(number) / "metadata.json",
               {"id": number, "total_steps": len(episode), "seed": episode.seed, **episode.ends})  # fmt: skip
@@ -50,7 +50,7 @@ def write_minari(
     return root
 
 
-def _batch(number: int, episode: Episode, env: gymnasium.Env) -> Any:
+def _batch(episode: Episode, env: gymnasium.Env) -> Any:
     import pyarrow
 
     spaces = env.observation_space.spaces  # type: ignore[attr-defined]

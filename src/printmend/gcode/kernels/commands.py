@@ -323,7 +323,7 @@ _M_MACRO = np.array([240, 320, 480, 980, 6050, 6220, 6230, 8080, 9700, 9703, 971
 
 
 @inner
-def m_command(r, numbers, counts, words, bare, values, code):
+def m_command(numbers, counts, words, bare, values, code):
     """Obey an M command (in tenths); return what it makes uncertain, for `event`, or 0."""
     if code == 820 or code == 830:
         counts.m83 = code == 830

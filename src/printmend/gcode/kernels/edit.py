@@ -99,7 +99,7 @@ def edit_statement(buf, r, piece, before, writer, out, at):
             continue
         elif LETTER_X <= letter <= LETTER_Z and r.words & bit:
             axis = letter - LETTER_X
-            target = axis_value(r, piece, axis)
+            target = axis_value(piece, axis)
             at = copy_bytes(buf, gap, p + 1, out, at)
             if keeps_place(r, writer, target, axis):
                 at = copy_bytes(buf, p + 1, q, out, at)
@@ -163,7 +163,7 @@ def is_plain_edit(r, piece, writer):
     if (piece.feed > 0 and piece.feed != r.feed) or (not r.words & WORD_F and r.feed != writer.feed):
         return False
     for axis in range(3):
-        still = abs(axis_value(r, piece, axis) - writer.place[axis]) <= 0.0005
+        still = abs(axis_value(piece, axis) - writer.place[axis]) <= 0.0005
         if not (still or r.words & (WORD_X << axis)):
             return False
     return True
@@ -181,7 +181,7 @@ def edit_plain(buf, r, piece, writer, out, at):
         at, p = at + 2, p + 2
         if letter >= LETTER_X:
             axis = np.int64(letter) - LETTER_X
-            target = axis_value(r, piece, axis)
+            target = axis_value(piece, axis)
             if target != axis_end(r, axis) or writer.shift[axis] != 0.0:
                 offset = (r.ox if axis == 0 else (r.oy if axis == 1 else r.oz)) + writer.shift[axis]
                 scaled = to_fixed(target - offset, DECIMALS_3)
@@ -229,7 +229,7 @@ def add_axes(r, piece, writer, out, at):
     for axis in range(3):
         if r.words & (WORD_X << axis):
             continue
-        target = axis_value(r, piece, axis)
+        target = axis_value(piece, axis)
         if np.isnan(writer.place[axis]) and not r.flags & (FLAG_KNOWN_X1 << axis):
             writer.place[axis] = target  # its place is unknown: leave it there
             continue

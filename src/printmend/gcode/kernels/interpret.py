@@ -141,7 +141,7 @@ def _obey(buf, stop, s, r, values, numbers, counts):
             move(r, numbers, counts, s.words, s.unclear, values, counts.modal)
         return 0
     if s.letter == LETTER_M:
-        return m_command(r, numbers, counts, s.words, s.bare, values, s.code)
+        return m_command(numbers, counts, s.words, s.bare, values, s.code)
     if s.letter == LETTER_T:
         return tool_change(numbers, counts, s.code // 10) if s.code // 10 != counts.tool else 0
     if s.letter == EXTENDED:

@@ -94,7 +94,7 @@ def put_row(buf, r, piece, cumulated, before, last, writer, out, at):
             scaled = scaled_centre(r, piece, writer, second)
             at = put_word(out, at, r, LETTER_I + centre_axis(r, second), scaled, decimals(r) + 1)
     for axis in range(3):
-        target = axis_value(r, piece, axis)
+        target = axis_value(piece, axis)
         sure = r.words & (WORD_X << axis) or r.flags & (FLAG_KNOWN_X1 << axis)
         if np.isnan(writer.place[axis]) and not sure:
             continue  # its place is unknown: leave it there

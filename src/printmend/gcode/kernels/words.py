@@ -82,7 +82,7 @@ def decimals(r):
 
 
 @inner
-def axis_value(r, piece, axis):
+def axis_value(piece, axis):
     """Return where a piece ends along an axis [machine mm]."""
     return piece.x if axis == 0 else (piece.y if axis == 1 else piece.z)
 
