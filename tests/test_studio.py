@@ -634,7 +634,7 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     for change in ({}, {"turns": 2.0}, {"angles": 1.0, "backward": 9}):
         gaps = diagnosis.gaps.motor_gaps("X", replace(seen, **change), 40.0, plays=True)
         assert gaps
-        for text in (*gaps, *todo((*gaps, "Z lead: nothing"))):
+        for text in (*gaps, *todo((*gaps, say("z-backlash-no-height-measured-after")))):
             assert _german(text), text
     _check_effects()
     gone = SimpleNamespace(printed_low_mm=(5.0, 9.0), printed_high_mm=(210.0, 12.0))
@@ -697,7 +697,7 @@ def test_the_next_print_is_the_smallest_that_tells_enough() -> None:
     printer = read_printer("ender3")
     gap = "X was seen on 40 % of its pulley's turn only; the rest is a guess."
     assert next_print(printer, ()) is None
-    assert next_print(printer, ("Z lead: told to ± 0.20 mm only",)) is None
+    assert next_print(printer, (say("z-told-mm-only-measure-more", say("z-lead"), "0.20"),)) is None
     found = next_print(printer, (gap,))
     assert found is not None
     whole = expected_error_mm(printer, design_probe(printer))

@@ -17,7 +17,7 @@ from printmend.effects.pulley import shape_words
 from printmend.effects.sample import drawn_places
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Told, carrier_name
 from printmend.infer.part import Part
-from printmend.messages import catalogue, say, together
+from printmend.messages import Said, catalogue, is_one_of, parts_of, say, together
 from printmend.model.notes import NOTE, SEVERITIES, WARNING, Misfit
 
 CERTAIN = 0.95  # share of the drawn machines from which on an effect is certain
@@ -74,6 +74,12 @@ def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = (), lift
     screw = screw or ([say("motor-healthy", "Z")] if "lead" in lifts.known else [])
     summary = together("; ", [*motors, *frame, *screw])
     return Diagnosis((*faults, *lifts.faults), summary, (*gaps, *lifts.gaps.values()))
+
+
+def words_of_z(summary: str) -> list[Said]:
+    """Return what a diagnosis in one sentence says of Z."""
+    said = [part for part in parts_of(summary) if is_one_of(part, ("motor-has", "motor-healthy"))]
+    return [part for part in said if part.values["a"] == "Z"]
 
 
 def kind_words(kind: str) -> str:

@@ -13,13 +13,17 @@ from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, amount
 from printmend.errors import TraceError
 from printmend.infer.screw import fit_height
 from printmend.measure.checks import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
-from printmend.messages import say, together
+from printmend.messages import is_one_of, say, together
 from printmend.model import SavedModel, screw_of
 from printmend.model.screw import HARMONICS, ScrewSeries
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 
 KINDS = ("lead", "periodic", "backlash")
+_GAPS = (  # messages: gaps of Z
+    "z-heights-span-mm-turn-screw", "z-told-mm-only-measure-more", "z-backlash-no-height-measured-after",
+    "z-lead-backlash-no-heights-were",
+)  # fmt: skip
 Z_SAID = "z"  # the document's key of what was said of the lift, kind by kind
 _LEAST_HEIGHTS = 3  # that were measured; fewer say nothing of Z
 HEALTHY_SD_MM = 0.03  # a trace that tells a wave less well than this does not call a screw healthy
@@ -169,6 +173,11 @@ def _check_follows(z_mm: np.ndarray, measured_mm: np.ndarray) -> None:
             say("trace"), wanted=say("heights-that-follow"),
             came=say("heights-follow", f"{followed:.2f}", f"{likeness:.2f}"), todo=say("check-heights"),
         )  # fmt: skip
+
+
+def is_gap_of_z(gap: str) -> bool:
+    """Say whether a gap of a trace is one of Z, which a tower shows and no flat print."""
+    return is_one_of(gap, _GAPS)
 
 
 def too_low(what: str, span_mm: float, lead_mm: float) -> str:

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from printmend.diagnosis.gaps import gaps_of
 from printmend.diagnosis.named import Diagnosis, diagnose, misfits_of
 from printmend.diagnosis.scale import scale_words, seen_scales, shown_scales
-from printmend.diagnosis.screw import Z_SAID, Lift, find_lift
+from printmend.diagnosis.screw import Z_SAID, Lift, find_lift, is_gap_of_z
 from printmend.effects import EFFECTS, Scene, scene_of
 from printmend.errors import ConfigError
 from printmend.infer.first import begun
@@ -324,5 +324,5 @@ def report(model: SavedModel) -> str:
 
 def todo(gaps: Sequence[str]) -> tuple[str, ...]:
     """Return the prints that would close a trace's gaps."""
-    of_z = {gap.startswith("Z ") for gap in gaps}
+    of_z = set(map(is_gap_of_z, gaps))
     return tuple(what for screw, what in ((False, _PROBE_TODO), (True, _TOWER_TODO)) if screw in of_z)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.named import diagnose
+from printmend.diagnosis.named import diagnose, words_of_z
 from printmend.diagnosis.scale import axis_scales, instrument_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError
@@ -276,7 +276,7 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
     if open_ := [axis for axis, one in enumerate(splits) if not _acts(one, entries, axis)]:
         gaps.append(_untold(entries, open_))
     diagnosis = diagnose(parts, belief.scene, gaps)
-    of_z = [words for words in model.findings[0].split("; ") if words.startswith("Z ")]
+    of_z = words_of_z(model.findings[0])
     faults = [each for each in model.document.get("diagnosis", []) if each["part"] == "z"]
     section = {**model.document["promise"], "parts": belief_section(belief.scene, parts)["parts"]}
     if any(each.filament for each in entries):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from printmend.diagnosis.screw import is_gap_of_z
 from printmend.printer import Printer
 from printmend.probe import cost, design_probe, expected_error_mm, turns_covered
 
@@ -29,7 +30,7 @@ def next_print(printer: Printer, gaps: Sequence[str]) -> NextPrint | None:
 
     None where a flat print shows no gap.
     """
-    if all(gap.startswith("Z ") for gap in gaps):
+    if all(map(is_gap_of_z, gaps)):
         return None
     largest_mm = min(printer.x.max_mm - printer.x.min_mm, printer.y.max_mm - printer.y.min_mm)
     least_mm = min(largest_mm, max(axis.mm_per_turn for axis in printer.axes[:2]))
