@@ -23,6 +23,10 @@ _LEAST_GAIN_MM = 0.0005  # a smaller gain is below the resolution of the numbers
 _NO_ERROR_MM = 1e-6  # root mean square below which a model knows of no error in a file
 _SHIFT_MM = 0.005  # a smaller shift of the whole print is not reported
 _WORTH_ADVICE_MM = 0.03  # an expected error that may be larger than this is worth another print
+_OF_TURNS = (  # messages: gaps that a print over whole turns closes
+    "seen-over-part-of-turn", "moved-over-pulley-s-turn-only", "z-heights-span-mm-turn-screw",
+    "z-told-mm-only-measure-more",
+)  # fmt: skip
 _WORTH_CAUSE_MM = (
     0.005  # … and its main cause is at least this much: every range contains what dots at rest do not show
 )
@@ -348,7 +352,7 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
     ):
         return ()
     if name == "parameters":
-        gaps = [gap for gap in model.findings[1:] if "turn" in gap]
+        gaps = [gap for gap in model.findings[1:] if is_one_of(gap, _OF_TURNS)]
         whole = model.document.get("trace", {}).get("measured", 0) >= _WHOLE_MARKS
         if gaps:
             return (say("rest-not-shown", gaps[0]),)
