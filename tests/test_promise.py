@@ -21,6 +21,7 @@ from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
 from printmend.mend.mend import _check_worth_writing
 from printmend.mend.prediction import advice_of
+from printmend.messages import say
 from printmend.model.model import SavedModel, exact_model
 from printmend.path import FLATBED, Trace
 from printmend.printer import read_printer
@@ -361,7 +362,7 @@ def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel
 
 def test_most_of_a_doubt_is_told_before_printing(bent: SavedModel) -> None:
     wide = Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.05, 0.0, 0.001, {"planning": 0.001, "parameters": 0.049})
-    gap = "X was seen on 30 % of its pulley's turn only; the rest is a guess. Print at least 40 mm along X."
+    gap = say("seen-over-part-of-turn", "X", "30", say("print-least-mm-along-better-two", "40", "X", "80"))
     partial = replace(bent, document={**bent.document, "findings": ["X healthy", gap]})
     assert gap in advice_of(partial, wide)[0]
     small = replace(bent, document={**bent.document, "trace": {**bent.document["trace"], "measured": 60}})
