@@ -137,7 +137,7 @@ def sliced(*hints: bytes) -> Sliced:
 
 
 def _shrunk(share: float) -> float:
-    return share if abs(share) < 0.1 else 0.0  # nothing shrinks by a tenth: it is no such setting
+    return share if abs(share) < 0.1 else 0.0  # nothing shrinks by a tenth, so that this is another setting
 
 
 def _settings(hints: tuple[bytes, ...]) -> dict[str, str]:

@@ -71,7 +71,7 @@ def plates(archive: zipfile.ZipFile, name: str) -> tuple[str, ...]:
 
 
 def settings(archive: zipfile.ZipFile) -> bytes:
-    """Return the slicer's settings of the whole project (JSON), empty where there are none that can be read."""
+    """Return the slicer's settings of the whole project (JSON), empty if none can be read."""
     try:
         with archive.open("Metadata/project_settings.config") as member:
             return member.read(_SETTINGS_BYTES)

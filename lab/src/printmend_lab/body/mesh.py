@@ -68,7 +68,7 @@ def _parse(path: Path) -> tuple[trimesh.Trimesh, str | None]:
             came="another kind" if path.exists() else "no file", todo="check the name, or export the body as STL",
         )  # fmt: skip
     if path.stat().st_size > _MAX_BYTES:
-        raise MeshError(path, wanted="256 MiB at the most", came=f"{path.stat().st_size} bytes", todo="decimate it")
+        raise MeshError(path, wanted="at most 256 MiB", came=f"{path.stat().st_size} bytes", todo="decimate it")
     data = path.read_bytes()
     try:
         if suffix == ".3mf":

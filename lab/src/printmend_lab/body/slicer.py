@@ -169,7 +169,7 @@ def _steady() -> Iterator[list[str]]:
 @contextlib.contextmanager
 def _processor() -> Iterator[int]:
     """Return the number of a processor on which no other slicing of this user runs, or any if none is free."""
-    import fcntl  # there is none where there are no affinities
+    import fcntl  # systems without affinities have no fcntl
 
     numbers = sorted(os.sched_getaffinity(0))
     with contextlib.ExitStack() as held:

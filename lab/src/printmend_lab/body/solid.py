@@ -42,7 +42,7 @@ def refuse_oversize(solid: Solid, printer: Printer) -> None:
     turned = (np.sort(solid.size_mm) <= np.sort(room)).all()
     raise MeshError(
         solid.name,
-        wanted=f"a body of {' × '.join(f'{edge:g}' for edge in room)} mm at the most ({printer.name})",
+        wanted=f"a body of {' × '.join(f'{edge:g}' for edge in room)} mm at most ({printer.name})",
         came=" × ".join(f"{edge:.1f}" for edge in solid.size_mm) + " mm",
         todo="turn it on another side" if turned else "scale or split it, or give a larger printer",
     )

@@ -90,7 +90,7 @@ def _keys(body: str, layer: int, rows: int) -> list:
 
 
 def read_columns(path: Path, rows: Sequence[int] | None = None) -> Any:
-    """Return a file, or some of its row groups, as a table of Arrow. Raise `TraceError` for a file that is none."""
+    """Return a file, or some of its row groups, as a table of Arrow. Raise `TraceError` for a file that is not Parquet."""
     import pyarrow as arrow
     from pyarrow import parquet
 
@@ -104,7 +104,7 @@ def read_columns(path: Path, rows: Sequence[int] | None = None) -> Any:
 
 
 def read_body(path: Path, rows: Sequence[int] | None = None) -> Body:
-    """Read a body, or only some of its row groups. Raise `TraceError` for a file that is none."""
+    """Read a body, or only some of its row groups. Raise `TraceError` for a file that holds no body."""
     about, tables = _read(path, _of_body, rows)
     layers = []
     for group, columns in tables:

@@ -56,7 +56,7 @@ def edit_statement(buf, r, piece, before, writer, out, at):
         centre0, centre1 = scaled_centre(r, piece, writer, FIRST), scaled_centre(r, piece, writer, SECOND)
     bit0, bit1 = WORD_I << centre_axis(r, FIRST), WORD_I << centre_axis(r, SECOND)
     if not r.words & WORD_F:
-        drop |= WORD_F  # an F0, which is none
+        drop |= WORD_F  # an F0 sets no speed
     feed = piece.feed if piece.feed > 0 else r.feed
     unsafe = r.flags & (FLAG_TWICE | FLAG_EXPONENT) != 0  # firmwares read the text in different ways
     keep_feed = feed == r.feed and not r.flags & FLAG_TWICE

@@ -158,7 +158,7 @@ NOTE = np.dtype(
     align=True,
 )
 NO_NOTES = np.empty(0, NOTE)
-NOTES_A_LINE = 8  # of one line those are kept that there is room for: at least so many
+NOTES_A_LINE = 8  # the least room for the notes of one line; further ones may be dropped
 NOTE_TIME = 1  # M73, or a comment that tells a printing time
 NOTE_DWELL = 2  # G4: seconds, of P and of S
 NOTE_PERCENT = 3  # M220: the share of all speeds [%]

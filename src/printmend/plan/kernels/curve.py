@@ -15,7 +15,7 @@ CURVE = np.dtype(
         ("ca", "f8"),  # an arc's centre in its plane [mm]
         ("cb", "f8"),
         ("phi", "f8"),  # the angle at which it begins [rad]
-        ("sweep", "f8"),  # and by how much that grows on the way to its end [rad]
+        ("sweep", "f8"),  # how far the angle grows on the way to its end [rad]
         ("r0", "f8"),  # the radius at its beginning and at its end [mm]
         ("r1", "f8"),
         ("plane", "f8"),  # 0 XY, 1 ZX, 2 YZ

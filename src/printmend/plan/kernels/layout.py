@@ -4,7 +4,7 @@ import numpy as np
 
 # Lengths without a source beside them are choices of ours; commands are written to 0.001 mm.
 TOLERANCE_MM = 0.01  # how far the path may be off: half of it where a chord bulges, all where slack is crossed
-ALONG_PER_ASIDE = 10.0  # a chord may be so many times further ahead or behind than aside: the extrusion stays dense
+ALONG_PER_ASIDE = 10.0  # how many times further ahead or behind than aside a chord may be: the extrusion stays dense
 HOLD_MM = 0.005  # a belt is where it should be, or its place is known, within this
 HOME_MM = 0.05  # a learned origin this near to the end stop's is the same
 MIN_PIECE_MM = 0.08  # firmwares drop or merge shorter moves: Marlin those of fewer than six micro-steps, 0.075 mm
@@ -63,7 +63,7 @@ STATE = np.dtype(
     ],
     align=True,
 )
-UNKNOWN_LINES = 3  # of the lines that `unknown` counts the first so many are kept
+UNKNOWN_LINES = 3  # how many of the lines that `unknown` counts are kept, the first ones
 COUNTS = np.dtype(
     [
         ("known", "i8"),  # 1 or 0: where x and y are, is known
@@ -127,7 +127,7 @@ TURN = np.dtype(
         ("motor_end", "f8"),
         # how far the belt overshoots before the stretch, below 0 at a corner whose tip it does not reach
         ("tip", "f8"),
-        ("corner", "f8"),  # where the corner is, as a length of the path [mm]; infinity for a turn that is none
+        ("corner", "f8"),  # where the corner is, as a length of the path [mm]; infinity for a turn without one
         ("share", "f8"),  # of the slack that is crossed before the corner
         ("slack", "f8"),  # [mm]
         ("node", "i8"),  # the number of the path's node there

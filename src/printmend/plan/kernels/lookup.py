@@ -13,7 +13,7 @@ from printmend.machine.kernels.table import branch_at
 
 LOWER, UPPER = 0, 1
 ROLES, TRAVEL = 8, 7  # of lines, as the records' flags have them; and of travels
-PULSES = 5  # of an input shaper, at the most
+PULSES = 5  # of an input shaper, at most
 BEND_BLOCK = 64  # one curvature stands for that many entries of the tables
 
 # A machine in numbers. What is [3] belongs to a motor, Z the third where there is a screw, what is [3, 2] to a motor
