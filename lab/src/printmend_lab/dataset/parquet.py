@@ -90,7 +90,7 @@ def _keys(body: str, layer: int, rows: int) -> list:
 
 
 def read_columns(path: Path, rows: Sequence[int] | None = None) -> Any:
-    """Return a file, or some of its row groups, as a table of Arrow. Raise `TraceError` for a file that is not Parquet."""
+    """Return a file, or some of its row groups, as a table of Arrow. Raise `TraceError` if it is not Parquet."""
     import pyarrow as arrow
     from pyarrow import parquet
 

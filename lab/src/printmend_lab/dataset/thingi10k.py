@@ -73,7 +73,7 @@ def unpacked(
 
 
 def as_stl(path: Path, made: Path) -> Path:
-    """Write a mesh of Thingi10K's npz files as STL below ``made``, once. Raise `MeshError` for a file without a mesh."""
+    """Write a mesh of Thingi10K's npz files as STL below ``made``, once. Raise `MeshError` if it holds no mesh."""
     out = made / f"{path.stem}.stl"
     if out.exists():
         return out
