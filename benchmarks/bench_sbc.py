@@ -21,11 +21,12 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2
 
-from printmend.effects import EFFECTS, Of, Scene, columns_of, scene_of
+from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, scene_of
 from printmend.effects.effect import LONG_MOVE_MM, Places
 from printmend.effects.sized import Sized
 from printmend.infer.first import begun
-from printmend.infer.fit import HOME_SD_MM, fitted
+from printmend.infer.fit import fitted
+from printmend.infer.machine import machine_of
 from printmend.infer.part import DRAWS, Part
 from printmend.infer.posterior import posterior_of
 from printmend.infer.simulate import drawn_parts, measured
@@ -50,7 +51,6 @@ def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float, float
     dots[1 + plan.rows] = True
     every = Trace(path, np.where(dots[:, None], path, np.nan), homed=True)
     scene = scene_of(every, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
-    scene = replace(scene, home_sd_mm=(HOME_SD_MM, HOME_SD_MM))
     true = drawn_parts(scene, rng)
     trace = measured(path, dots, scene, true, float(rng.choice([0.02, 0.05])), rng)
     first, turned = begun(trace, scene)
@@ -59,7 +59,7 @@ def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float, float
     fit = fitted(turned, scene, first.mechanism)
     posterior = posterior_of(fit, rng)
     places = _places(printer, rng)
-    true_mm = _all_moved([(part, part.sizes_mm[:, None]) for part in true], places, scene)
+    true_mm, places = _printed(true, places, scene)
     drawn_mm = _all_moved([(part, part.draws_mm) for part in posterior.parts], places, scene)
     acts_mm = _all_moved([(part, part.acts_mm[:, None]) for part in posterior.parts], places, scene)
     one, axis = int(rng.integers(len(places))), int(rng.integers(2))
@@ -100,6 +100,21 @@ def _places(printer: Printer, rng: np.random.Generator, count: int = 200) -> Pla
     side, ways = rng.choice([-1.0, 1.0], (2, count, 2))
     none = np.zeros((count, 2))
     return Places(printer.to_motor(bed), side, bed, ways, -side, np.ones(count), np.full(count, LONG_MOVE_MM), none)
+
+
+def _printed(parts: Sequence[Sized], places: Places, scene: Scene) -> tuple[np.ndarray, Places]:
+    """Return where the machine itself puts places [N, 2, 1] from where they are wanted, and the places with those on
+    the bed to which its belts move. No belt has less play than none, so this is not just the sum of its effects."""
+    machine = [part for part in parts if EFFECTS[part.effect].of is Of.MACHINE]
+    mechanism, _ = machine_of(scene, machine)
+    branches = [
+        table.branches_mm(motor) for table, motor in zip(mechanism.transmissions, places.motor_mm.T, strict=True)
+    ]
+    belts = np.where(places.side < 0, *(np.stack(each, axis=1) for each in zip(*branches, strict=True)))
+    moved_mm = mechanism.bed.printed(belts) - scene.printer.from_motor(places.motor_mm)
+    places = replace(places, bed_mm=scene.printer.from_motor(belts))
+    rest = [(part, part.sizes_mm[:, None]) for part in machine if EFFECTS[part.effect].acts is Acts.NOT]
+    return moved_mm[:, :, None] + _all_moved(rest, places, scene), places
 
 
 def _all_moved(parts: list[tuple[Sized | Part, np.ndarray]], places: Places, scene: Scene) -> np.ndarray:
