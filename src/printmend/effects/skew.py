@@ -30,9 +30,15 @@ class Skew(Usual):
         return along(where, other[:, None])
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        """Report by how much printed axes lean: what of it the frame does and what a CoreXY's unlike belts do, no
+        measurement tells."""
         if is_first(found, (self.name,), beside):
-            leans = those_of(self.name, beside)
-            value = float(np.degrees(sum(np.arctan(each.sizes_mm[0] / SCALE_MM) for each in leans)))
-            drawn = np.sum([each.draws_mm[0] for each in leans], axis=0)
+            belt, motor = scene.printer.from_motor(np.eye(2)), scene.printer.to_motor(np.eye(2))
+            of_scale = np.sum(belt * motor[::-1].T, axis=1)  # 0 where each motor has an axis of its own
+            leans = [(each, 1.0) for each in those_of(self.name, beside, acts=False)]
+            leans += [(each, of_scale[each.where]) for each in those_of("scale", beside, acts=False)]
+            acting = (factor * each.sizes_mm[0] for each, factor in leans if each.acts)
+            value = float(np.degrees(sum(np.arctan(size_mm / SCALE_MM) for size_mm in acting)))
+            drawn = np.sum([factor * each.draws_mm[0] for each, factor in leans], axis=0)
             sd = float(np.degrees(np.std(drawn[drawn != 0])) / SCALE_MM)
             yield Fault("frame", "skew", value, sd, "°", say("fault-skew", amount(value, sd, "°")))

@@ -14,7 +14,6 @@ from printmend.infer.few import SWEEPS, Few, drawn_sizes
 from printmend.infer.gram import Block, Rows, dictionary_of
 from printmend.infer.known import Key
 from printmend.infer.part import DRAWS, Part
-from printmend.infer.posterior import MOST_WORSE_SHARE
 from printmend.machine import contacts_of, healthy_mechanism
 from printmend.measure.callipers import MOST_DISTANCES, READING_SD_MM, Distances, distances_of, measurable_pairs
 from printmend.measure.plan import ProbePlan
@@ -25,6 +24,7 @@ PASSES = (0, SWEEPS)  # sweeps of each: a distance bends a little with the error
 UNSEEN_MM = 1e-4  # an effect that moves every distance less is left out
 BOTH = 2  # "where" of a scale of both motors
 LIKELY = 0.5  # chance from which on an effect may act
+MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better with what acts
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,8 @@
 """The posterior of a machine: draws from all likely sets of effects, weighted by evidence.
 
-Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999): the likeliest and its
-neighbours, or where less than a turn was seen those of a chain that begins there (Madigan & York 1995). A draw is one
-of these sets, with sizes from its posterior.
+Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999): those of a chain that
+begins at the likeliest (Madigan & York 1995). A draw is one of these sets, with sizes from its posterior. An effect of
+the likeliest set acts where its mean lowers the expected square of the drawn machines' errors.
 """
 
 import math
@@ -17,12 +17,10 @@ from printmend.effects.homing import lasting
 from printmend.effects.sample import drawn_places
 from printmend.infer.fit import Fit
 from printmend.infer.part import DRAWS, Part
-from printmend.infer.search import Gains, Search, Set, State
+from printmend.infer.search import Search, Set, State
 
 LEAST_LOG_WEIGHT = -9.0  # the chain leaves out sets less likely than e^−9 of the likeliest
-LEAST_NEIGHBOUR, MOST_SETS = -7.0, 24  # neighbours less likely than e^−7 of the likeliest set, and most of them
-MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better with what acts
-STEPS, STEPS_UNSEEN = 5, 40  # from one drawn set to the next, and from the likeliest one to the first
+STEPS, FIRST_STEPS = 3, 40  # from one drawn set to the next, and from the likeliest one to the first
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +44,7 @@ def posterior_of(fit: Fit, rng: np.random.Generator) -> Posterior:
 def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     """Draw machines as the measured print had them."""
     blocks = fit.dictionary.blocks
-    drawn = _neighbours(fit, rng) if _saw_a_turn(fit) else drawn_sets(fit.search, fit.state, rng)
-    sets = Counter(drawn)
+    sets = Counter(drawn_sets(fit.search, fit.state, rng))
     states = {members: fit.search.posterior(members, fit.state.sigma_mm, rounds=0) for members in sets}
     # the chain may find a likelier set than the search did
     fit = replace(fit, state=max((fit.state, *states.values()), key=lambda state: state.score))
@@ -68,9 +65,7 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
         key = (blocks[b].effect, blocks[b].where, blocks[b].shape)
         acts_mm = acting.get(key) if b in likely else None
         parts.append(Part(*key, np.zeros(len(draws[b])) if acts_mm is None else acts_mm, draws[b]))
-    if not _gains(fit.scene, parts):
-        parts = [replace(part, acts_mm=np.zeros_like(part.acts_mm)) for part in parts]
-    return Posterior(fit.scene, tuple(parts), len(likely), fit.state.sigma_mm, _nats(fit))
+    return Posterior(fit.scene, tuple(_acting(fit.scene, parts)), len(likely), fit.state.sigma_mm, _nats(fit))
 
 
 def after_homing(part: Part, scene: Scene) -> Part:
@@ -79,19 +74,30 @@ def after_homing(part: Part, scene: Scene) -> Part:
     return part if share is None else replace(part, acts_mm=share * part.acts_mm)
 
 
-def _gains(scene: Scene, parts: Sequence[Part]) -> bool:
-    """Say whether the acting parts make nearly all drawn machines print better over the measured places."""
+def _acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
+    """Yield the parts; one acts no longer where the drawn machines' expected square error is smaller without it.
+
+    Errors count over the measured places. Parts are asked one by one, the most harmful beside the others first.
+    """
     places = drawn_places(scene)
-    drawn_mm, acts_mm = np.zeros((len(places), 2, DRAWS)), np.zeros((len(places), 2, 1))
-    for part in parts:
-        if EFFECTS[part.effect].of is Of.MACHINE:
+    means_mm, acts_mm = np.zeros((len(places), 2, 1)), np.zeros((len(places), 2, len(parts)))
+    for at, part in enumerate(parts):
+        if EFFECTS[part.effect].of is Of.MACHINE or part.acts_mm.any():
             columns = columns_of(part.effect, places, part.where, part.shape, scene)
-            drawn_mm += np.einsum("ncp,pd->ncd", columns, part.draws_mm)
-            acts_mm += np.einsum("ncp,pd->ncd", columns, part.acts_mm[:, None])
-    if not scene.placed:
-        drawn_mm, acts_mm = _of_shape(drawn_mm, places), _of_shape(acts_mm, places)
-    before, after = (np.square(each).sum(axis=(0, 1)) for each in (drawn_mm, drawn_mm - acts_mm))
-    return float(np.mean(after >= before)) <= MOST_WORSE_SHARE
+            means_mm[:, :, 0] += columns @ part.mean_mm
+            acts_mm[:, :, at] = columns @ part.acts_mm
+    moved_mm = np.concatenate([acts_mm, means_mm], axis=2)
+    flat = (moved_mm if scene.placed else _of_shape(moved_mm, places)).reshape(2 * len(places), -1)
+    products = flat.T @ flat
+    acting = np.array([part.acts_mm.any() for part in parts], bool)
+    while acting.any():
+        gains = 2 * (products[:-1, -1] - products[:-1, :-1] @ acting) + np.diag(products)[:-1]
+        worst = int(np.argmin(np.where(acting, gains, np.inf)))
+        if gains[worst] >= 0:
+            break
+        acting[worst] = False
+    for part, acts in zip(parts, acting, strict=True):
+        yield part if acts else replace(part, acts_mm=np.zeros_like(part.acts_mm))
 
 
 def _of_shape(moved_mm: np.ndarray, places: Places) -> np.ndarray:
@@ -113,7 +119,7 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> It
     search = search.narrowed(blocks)
     members: Set = tuple((blocks.index(b), variant) for b, variant in likeliest.members)
     known: dict[Set, tuple[np.ndarray, np.ndarray]] = {}
-    for step in range(STEPS_UNSEEN + DRAWS * STEPS):
+    for step in range(FIRST_STEPS + DRAWS * STEPS):
         at = int(rng.integers(len(members) + 1))
         others = tuple(sorted((*members[:at], *members[at + 1 :])))
         if others not in known:
@@ -125,7 +131,7 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> It
         weights = np.append(values, math.log((len(others) + 2) / (len(others) + 1)))
         choice = int(np.argmax(weights + rng.gumbel(size=len(weights))))  # the largest is one drawn by its weight
         members = others if choice == len(keys) else (*others, (int(keys[choice, 0]), int(keys[choice, 1])))
-        if step >= STEPS_UNSEEN and not (step - STEPS_UNSEEN) % STEPS:
+        if step >= FIRST_STEPS and not (step - FIRST_STEPS) % STEPS:
             yield tuple(sorted((blocks[b], variant) for b, variant in members))
 
 
@@ -139,39 +145,6 @@ def _beside(search: Search, likeliest: State) -> list[int]:
     for gains in every:
         found += gains.keys[gains.values > LEAST_LOG_WEIGHT + gains.values.max(initial=0.0), 0].tolist()
     return list(dict.fromkeys(found))
-
-
-def _neighbours(fit: Fit, rng: np.random.Generator) -> list[Set]:
-    """Return a set for each draw, of the likeliest one and those with one member more, less or exchanged."""
-    search, state = fit.search, fit.state
-    found: dict[frozenset[tuple[int, int]], tuple[Set, float]] = {frozenset(state.members): (state.members, 0.0)}
-
-    def offer(members: Set, log_weight: float) -> None:
-        if log_weight > LEAST_NEIGHBOUR:
-            found.setdefault(frozenset(members), (members, log_weight))
-
-    def offer_each(members: Set, gains: Gains, beside: float) -> None:
-        for key, gain in zip(gains.keys.tolist(), gains.values.tolist(), strict=True):
-            offer((*members, (key[0], key[1])), beside + gain)
-
-    beside = search.beside(state)
-    offer_each(state.members, beside.gains(search.offered(state.members)), 0.0)
-    for at, (member, own) in enumerate(zip(state.members, search.dictionary.own(state.members), strict=True)):
-        others = (*state.members[:at], *state.members[at + 1 :])
-        without = search.posterior(others, state.sigma_mm, rounds=0)
-        worse = without.score - state.score
-        offer(others, worse)
-        offer_each(others, beside.without(own).gains(search.offered(others)).without(member), worse)
-    ranked = sorted(found.values(), key=lambda each: -each[1])[:MOST_SETS]
-    weights = np.exp(np.array([log_weight for _, log_weight in ranked]) - ranked[0][1])
-    return [ranked[each][0] for each in rng.choice(len(ranked), DRAWS, p=weights / weights.sum())]
-
-
-def _saw_a_turn(fit: Fit) -> bool:
-    """Tell whether marks lie over a turn of both motors, home aside: else sets far from each other are as likely."""
-    marks = np.unique(fit.rows.mark)
-    at_mm = fit.places.motor_mm[marks[marks > 0]]
-    return len(at_mm) > 0 and bool((np.ptp(at_mm, axis=0) >= fit.scene.turns_mm).all())
 
 
 def _nats(fit: Fit) -> tuple[float, ...]:
