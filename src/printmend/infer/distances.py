@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, Term, columns_of, places_of, scene_of
-from printmend.effects.sample import drawn_places
 from printmend.infer.few import SWEEPS, Few, drawn_sizes
 from printmend.infer.gram import Block, Rows, dictionary_of
 from printmend.infer.known import Key
-from printmend.infer.part import DRAWS, Part
+from printmend.infer.part import Part
+from printmend.infer.posterior import acting
 from printmend.machine import contacts_of, healthy_mechanism
 from printmend.measure.callipers import MOST_DISTANCES, READING_SD_MM, Distances, distances_of, measurable_pairs
 from printmend.measure.plan import ProbePlan
@@ -24,7 +24,6 @@ PASSES = (0, SWEEPS)  # sweeps of each: a distance bends a little with the error
 UNSEEN_MM = 1e-4  # an effect that moves every distance less is left out
 BOTH = 2  # "where" of a scale of both motors
 LIKELY = 0.5  # chance from which on an effect may act
-MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better with what acts
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +105,7 @@ def machines_by_hand(
         for part in parts:
             if part.effect != "bead":
                 off_mm += columns_of(part.effect, rows.places, part.where, part.shape, scene) @ part.mean_mm
-    return scene, _acting(scene, parts)
+    return scene, list(acting(scene, [_likely(part) for part in parts]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,34 +171,10 @@ def _parts(blocks: Sequence[Block], sizes: Mapping[int, np.ndarray]) -> list[Par
     return [Part(*key, np.zeros(len(draws_mm)), draws_mm) for key, draws_mm in found.items()]
 
 
-def _acting(scene: Scene, parts: Sequence[Part]) -> list[Part]:
-    """Return the parts with what acts: likely ones, one by one, that bring nearly all drawn machines closer.
-
-    The scales of a CoreXY's motors act together: each alone leans the bed.
-    """
-    places, found = drawn_places(scene), list(parts)
-    together: dict[Key, list[int]] = {}
-    moved: list[np.ndarray] = []
-    for at, part in enumerate(parts):
-        columns = columns_of(part.effect, places, part.where, part.shape, scene)
-        moved.append((columns - columns.mean(axis=0)) * (EFFECTS[part.effect].of is Of.MACHINE))
-        where = BOTH if scene.corexy and part.effect == "scale" else part.where
-        together.setdefault((part.effect, where, part.shape), []).append(at)
-    drawn = {key: sum(moved[at] @ parts[at].draws_mm for at in of) for key, of in together.items()}
-    left = sum(drawn.values(), np.zeros((1, 2, DRAWS)))
-    for key in sorted(drawn, key=lambda each: -float(np.square(drawn[each]).sum())):
-        of = together[key]
-        chance = float(np.any([parts[at].draws_mm.any(axis=0) for at in of], axis=0).mean())
-        if EFFECTS[key[0]].acts is Acts.NOT or chance < LIKELY:
-            continue
-        acts_mm = {at: parts[at].mean_mm / chance for at in of}
-        closer = left - sum((moved[at] @ acts_mm[at] for at in of), np.zeros((1, 2)))[:, :, None]
-        before, after = (np.square(each).sum(axis=(0, 1)) for each in (left, closer))
-        if np.mean(after >= before) <= MOST_WORSE_SHARE:
-            left = closer
-            for at in of:
-                found[at] = replace(parts[at], acts_mm=acts_mm[at])
-    return found
+def _likely(part: Part) -> Part:
+    """Return a part that acts as it is in the machines that have it, where most have it."""
+    acts = EFFECTS[part.effect].acts is not Acts.NOT and part.chance >= LIKELY
+    return replace(part, acts_mm=part.mean_mm / part.chance) if acts else part
 
 
 def _scene(plan: ProbePlan, printer: Printer) -> Scene:

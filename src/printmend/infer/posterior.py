@@ -17,7 +17,7 @@ from printmend.effects.homing import lasting
 from printmend.effects.sample import drawn_places
 from printmend.infer.fit import Fit
 from printmend.infer.part import DRAWS, Part
-from printmend.infer.search import Search, Set, State
+from printmend.infer.search import LEAST_BETTER, Search, Set, State
 
 LEAST_LOG_WEIGHT = -9.0  # the chain leaves out sets less likely than e^−9 of the likeliest
 STEPS, FIRST_STEPS = 3, 40  # from one drawn set to the next, and from the likeliest one to the first
@@ -46,8 +46,9 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     blocks = fit.dictionary.blocks
     sets = Counter(drawn_sets(fit.search, fit.state, rng))
     states = {members: fit.search.posterior(members, fit.state.sigma_mm, rounds=0) for members in sets}
-    # the chain may find a likelier set than the search did
-    fit = replace(fit, state=max((fit.state, *states.values()), key=lambda state: state.score))
+    likeliest = max(states.values(), key=lambda state: state.score)
+    if likeliest.score > fit.state.score + LEAST_BETTER:  # the chain may find a likelier set than the search did
+        fit = replace(fit, state=likeliest)
     likely = [b for b, _ in fit.state.members]
     order = list(dict.fromkeys([*likely, *(b for members in sets for b, _ in members)]))
     draws = {b: np.zeros((blocks[b].at.stop - blocks[b].at.start, DRAWS)) for b in order}
@@ -59,13 +60,13 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
         sizes_mm = state.mean_mm[:, None] + root @ rng.standard_normal((len(state.columns), count))
         for (b, _), own in zip(members, fit.dictionary.own(members), strict=True):
             draws[b][:, mine] = np.maximum(sizes_mm[own], 0.0) if blocks[b].positive else sizes_mm[own]
-    acting = {part.key: part.sizes_mm for part in fit.parts() if EFFECTS[part.effect].acts is not Acts.NOT}
+    acts = {part.key: part.sizes_mm for part in fit.parts() if EFFECTS[part.effect].acts is not Acts.NOT}
     parts = []
     for b in order:
         key = (blocks[b].effect, blocks[b].where, blocks[b].shape)
-        acts_mm = acting.get(key) if b in likely else None
+        acts_mm = acts.get(key) if b in likely else None
         parts.append(Part(*key, np.zeros(len(draws[b])) if acts_mm is None else acts_mm, draws[b]))
-    return Posterior(fit.scene, tuple(_acting(fit.scene, parts)), len(likely), fit.state.sigma_mm, _nats(fit))
+    return Posterior(fit.scene, tuple(acting(fit.scene, parts)), len(likely), fit.state.sigma_mm, _nats(fit))
 
 
 def after_homing(part: Part, scene: Scene) -> Part:
@@ -74,7 +75,7 @@ def after_homing(part: Part, scene: Scene) -> Part:
     return part if share is None else replace(part, acts_mm=share * part.acts_mm)
 
 
-def _acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
+def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
     """Yield the parts; one acts no longer where the drawn machines' expected square error is smaller without it.
 
     Errors count over the measured places. Parts are asked one by one, the most harmful beside the others first.
@@ -89,14 +90,14 @@ def _acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
     moved_mm = np.concatenate([acts_mm, means_mm], axis=2)
     flat = (moved_mm if scene.placed else _of_shape(moved_mm, places)).reshape(2 * len(places), -1)
     products = flat.T @ flat
-    acting = np.array([part.acts_mm.any() for part in parts], bool)
-    while acting.any():
-        gains = 2 * (products[:-1, -1] - products[:-1, :-1] @ acting) + np.diag(products)[:-1]
-        worst = int(np.argmin(np.where(acting, gains, np.inf)))
+    kept = np.array([part.acts_mm.any() for part in parts], bool)
+    while kept.any():
+        gains = 2 * (products[:-1, -1] - products[:-1, :-1] @ kept) + np.diag(products)[:-1]
+        worst = int(np.argmin(np.where(kept, gains, np.inf)))
         if gains[worst] >= 0:
             break
-        acting[worst] = False
-    for part, acts in zip(parts, acting, strict=True):
+        kept[worst] = False
+    for part, acts in zip(parts, kept, strict=True):
         yield part if acts else replace(part, acts_mm=np.zeros_like(part.acts_mm))
 
 
