@@ -78,26 +78,27 @@ def after_homing(part: Part, scene: Scene) -> Part:
 def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
     """Yield the parts; one acts no longer where the drawn machines' expected square error is smaller without it.
 
-    Errors count over the measured places. Parts are asked one by one, the most harmful beside the others first.
+    Errors count over the measured places. Parts are asked one by one, the most harmful beside the others first. Wear of
+    the measured print acts beside parts of the machine alone: where a belt with new play rests at home, nobody knows.
     """
-    places = drawn_places(scene)
+    places, machine = drawn_places(scene), np.array([EFFECTS[part.effect].of is Of.MACHINE for part in parts], bool)
     means_mm, acts_mm = np.zeros((len(places), 2, 1)), np.zeros((len(places), 2, len(parts)))
     for at, part in enumerate(parts):
-        if EFFECTS[part.effect].of is Of.MACHINE or part.acts_mm.any():
+        if machine[at]:
             columns = columns_of(part.effect, places, part.where, part.shape, scene)
             means_mm[:, :, 0] += columns @ part.mean_mm
             acts_mm[:, :, at] = columns @ part.acts_mm
     moved_mm = np.concatenate([acts_mm, means_mm], axis=2)
     flat = (moved_mm if scene.placed else _of_shape(moved_mm, places)).reshape(2 * len(places), -1)
     products = flat.T @ flat
-    kept = np.array([part.acts_mm.any() for part in parts], bool)
+    kept = machine & [part.acts_mm.any() for part in parts]
     while kept.any():
         gains = 2 * (products[:-1, -1] - products[:-1, :-1] @ kept) + np.diag(products)[:-1]
         worst = int(np.argmin(np.where(kept, gains, np.inf)))
         if gains[worst] >= 0:
             break
         kept[worst] = False
-    for part, acts in zip(parts, kept, strict=True):
+    for part, acts in zip(parts, kept | (~machine & kept.any()), strict=True):
         yield part if acts else replace(part, acts_mm=np.zeros_like(part.acts_mm))
 
 
