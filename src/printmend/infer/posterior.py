@@ -17,7 +17,7 @@ from printmend.effects.homing import lasting
 from printmend.effects.sample import drawn_places
 from printmend.infer.fit import Fit
 from printmend.infer.part import DRAWS, Part
-from printmend.infer.search import LEAST_BETTER, Search, Set, State
+from printmend.infer.search import LEAST_BETTER, Gains, Search, Set, State
 
 LEAST_LOG_WEIGHT = -9.0  # the chain leaves out sets less likely than e^−9 of the likeliest
 STEPS, FIRST_STEPS = 3, 40  # from one drawn set to the next, and from the likeliest one to the first
@@ -115,38 +115,46 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> It
     """Yield a set for each draw, by its weight.
 
     A step takes one member away, or none, and chooses what comes in its place, or nothing, by what each adds to the
-    score (Gibbs sampling; what the number of members does to the odds of a step is made up for).
+    score (Gibbs sampling; what the number of members does to the odds of a step is made up for). Members that nothing
+    replaces stay.
     """
-    blocks = _beside(search, likeliest)
+    blocks, sure = _beside(search, likeliest)
     search = search.narrowed(blocks)
     members: Set = tuple((blocks.index(b), variant) for b, variant in likeliest.members)
     known: dict[Set, tuple[np.ndarray, np.ndarray]] = {}
     for step in range(FIRST_STEPS + DRAWS * STEPS):
-        at = int(rng.integers(len(members) + 1))
-        others = tuple(sorted((*members[:at], *members[at + 1 :])))
+        doubted = [member for member in members if blocks[member[0]] not in sure]
+        taken = [*doubted, None][int(rng.integers(len(doubted) + 1))]
+        others = tuple(sorted(member for member in members if member != taken))
         if others not in known:
             without = search.posterior(others, likeliest.sigma_mm, rounds=0)
             gains = search.gains(without, search.offered(others))
             kept = gains.values > LEAST_LOG_WEIGHT + gains.values.max(initial=0.0)
             known[others] = gains.keys[kept], gains.values[kept]
         keys, values = known[others]
-        weights = np.append(values, math.log((len(others) + 2) / (len(others) + 1)))
+        left = len(doubted) - (taken is not None)
+        weights = np.append(values, math.log((left + 2) / (left + 1)))
         choice = int(np.argmax(weights + rng.gumbel(size=len(weights))))  # the largest is one drawn by its weight
         members = others if choice == len(keys) else (*others, (int(keys[choice, 0]), int(keys[choice, 1])))
         if step >= FIRST_STEPS and not (step - FIRST_STEPS) % STEPS:
             yield tuple(sorted((blocks[b], variant) for b, variant in members))
 
 
-def _beside(search: Search, likeliest: State) -> list[int]:
-    """Return the blocks of the likeliest set, and those that may well come beside one, or in its place."""
+def _beside(search: Search, likeliest: State) -> tuple[list[int], set[int]]:
+    """Return the blocks of the likeliest set, and those that may well come beside one, or in its place; and the blocks
+    whose place none does."""
     members, beside = likeliest.members, search.beside(likeliest)
-    every = [beside.gains(search.offered(members))]
+
+    def likely(gains: Gains) -> list[int]:
+        return gains.keys[gains.values > LEAST_LOG_WEIGHT + gains.values.max(initial=0.0), 0].tolist()
+
+    found, sure = [*(b for b, _ in members), *likely(beside.gains(search.offered(members)))], set()
     for at, own in enumerate(search.dictionary.own(members)):
-        every.append(beside.without(own).gains(search.offered((*members[:at], *members[at + 1 :]))))
-    found = [b for b, _ in members]
-    for gains in every:
-        found += gains.keys[gains.values > LEAST_LOG_WEIGHT + gains.values.max(initial=0.0), 0].tolist()
-    return list(dict.fromkeys(found))
+        gains = beside.without(own).gains(search.offered((*members[:at], *members[at + 1 :])))
+        found += (others := likely(gains))
+        if {*others} == {members[at][0]} and gains.values.max() > -LEAST_LOG_WEIGHT:
+            sure.add(members[at][0])
+    return list(dict.fromkeys(found)), sure
 
 
 def _nats(fit: Fit) -> tuple[float, ...]:
