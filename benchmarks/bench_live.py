@@ -31,6 +31,7 @@ from true_printer import TruePrinter
 
 FAMILIES = "pulley,play,pulley-play,pulley-loose,elastic,set-screw,ripple,frame,screw,everything"
 PRINTERS = ("ender3", "corexy")
+WALLS = b";TYPE:Outer wall\n"  # as which the live transform draws all lines: no comments come to it
 BUSY = b"M106 S100\nM204 S800\n"
 
 
@@ -48,7 +49,7 @@ def compare(
     """
     model = exact_model(corruption.lower(printer))
     write_model(path := folder / "printer.mend.json", model)
-    text = part(1, arcs=arcs) + BUSY + part(1).replace(b"G28\n", b"")
+    text = WALLS + part(1, arcs=arcs) + BUSY + part(1).replace(b"G28\n", b"")
     (source := folder / "part.gcode").write_bytes(text)
     mend_gcode(source, model, output := folder / "mended.gcode")
     original = plan(text, printer, folder / "a")

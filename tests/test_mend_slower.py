@@ -9,14 +9,12 @@ from printmend.corruption import Corruption, Drive
 from printmend.corruption.transmission import Ripple
 from printmend.errors import RefusedError
 from printmend.gcode import kernels as k
-from printmend.gcode.container import open_gcode
 from printmend.gcode.machine import initial_state
 from printmend.gcode.read import interpret_text
-from printmend.mend import mend_gcode, slower
-from printmend.mend.slower import with_few_moves
+from printmend.mend import mend_gcode
 from printmend.model import write_model
-from printmend.plan import Fineness
-from printmend.plan.fineness import COARSEST_MM
+from printmend.plan import Fineness, start
+from printmend.plan.kernels.lookup import COARSEST_MM
 from tests.mending import BENT, ENDER3, START, exactly
 from tests.test_mend_cli import run
 
@@ -106,11 +104,17 @@ def test_without_line_types_all_lines_are_alike(tmp_path: Path) -> None:
 
 
 def test_prices_rise_from_nothing_to_the_coarsest() -> None:
-    assert set(Fineness().tolerances_mm.values()) == {0.01}
-    half = Fineness(ease=2.0).tolerances_mm
-    assert half[k.ROLE_INFILL] > half[k.ROLE_SOLID] > half[k.ROLE_INNER] > half[k.ROLE_UNKNOWN] > half[k.ROLE_OUTER]
-    assert half[k.ROLE_OUTER] < 0.02
-    assert set(Fineness(ease=Fineness().most_ease).tolerances_mm.values()) == {COARSEST_MM}
+    def drawn(ripple: Ripple | None, ease: float = 0.0) -> dict[int, float]:
+        planner = start(exactly(Corruption((Drive(ripple=ripple), Drive())).lower(ENDER3)).mechanism)
+        planner.begin(ease=ease)
+        return dict(enumerate(planner.tolerances_mm[: k.ROLE_ASIDE + 1]))
+
+    assert set(drawn(None).values()) == {0.01}
+    sharp = Ripple((0.02 / ENDER3.axes[0].mm_per_step,), (0.4 / ENDER3.axes[0].mm_per_step,), (1.0,))
+    for half in (drawn(None, 2.0), drawn(sharp)):
+        assert half[k.ROLE_INFILL] > half[k.ROLE_SOLID] > half[k.ROLE_INNER] > half[k.ROLE_UNKNOWN] > half[k.ROLE_OUTER]
+        assert half[k.ROLE_OUTER] < 0.02
+    assert set(drawn(None, Fineness().most_ease).values()) == {COARSEST_MM}
 
 
 @pytest.mark.parametrize(("said", "code"), [("90%", 0), ("90", 0), ("x%", 2), ("-3%", 2), ("nan", 2), ("0%", 3)])
@@ -120,15 +124,29 @@ def test_the_command_takes_a_percentage(said: str, code: int, source: Path, tmp_
     assert code == (3 if isinstance(done.exception, RefusedError) else done.exit_code), done.output
 
 
-def test_walls_that_keep_their_width_make_nothing_coarser(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Their many moves are no reason to draw other lines with fewer."""
+def test_walls_keep_their_width_by_many_moves(tmp_path: Path) -> None:
     pitch = ENDER3.axes[0].mm_per_step
     model = exactly(Corruption((Drive(ripple=Ripple((0.02 / pitch,), (2.0 / pitch,), (1.0,))), Drive())).lower(ENDER3))
     source = tmp_path / "wall.gcode"
     wall, infill = b";TYPE:External perimeter\nG1 X120 E2 F1800\n", b";TYPE:Internal infill\nG1 Y80 E1\nG1 X60 E2\n"
     source.write_bytes(START + wall + infill)
-    monkeypatch.setattr(slower, "_ripples", lambda _: True)
-    with open_gcode(source) as file:
-        assert with_few_moves(file, model, Fineness()) == (Fineness(), None)
     prediction = mend_gcode(source, model, tmp_path / "out.gcode", force=True).prediction
     assert prediction.commands > 20 * prediction.moves
+
+
+def test_a_ripple_of_steps_costs_few_moves_and_no_more_than_the_tolerance(tmp_path: Path) -> None:
+    """Sparse infill pays first: its lines take less than half of the moves."""
+    pitch = ENDER3.axes[0].mm_per_step
+    drive = Drive(ripple=Ripple((0.02 / pitch,), (0.4 / pitch,), (1.0,)))
+    model = exactly(Corruption((drive, drive)).lower(ENDER3))
+    commands = {}
+    for name in (b"External perimeter", b"Internal infill"):
+        (source := tmp_path / "part.gcode").write_bytes(
+            START + b";TYPE:%b\nG1 X120 Y120 E2 F1800\nG1 X150 Y95 E4\n" % name
+        )
+        done = mend_gcode(source, model, tmp_path / "out.gcode", force=True).prediction
+        assert "to keep the number of moves low" in done.warnings[-1]
+        commands[name] = done.commands
+        if name.startswith(b"External"):
+            assert done.after.rms_mm <= Fineness().tolerance_mm
+    assert commands[b"Internal infill"] < commands[b"External perimeter"] / 2

@@ -3,7 +3,7 @@
 import { branch, machine } from "./faults.js";
 import { distances, from_motors, off_bed, onto_bed, to_motors } from "./law.js";
 import { CURVE } from "./kernels/plan-kernels-curve.js";
-import { BEND_BLOCK, HEAD } from "./kernels/plan-kernels-lookup.js";
+import { BEND_BLOCK, HEAD, set_chords } from "./kernels/plan-kernels-lookup.js";
 import { COUNTS, LAYER, PIECES_A_RECORD, RUN, STATE, TOLERANCE_MM } from "./kernels/plan-kernels-layout.js";
 import { mend } from "./kernels/plan-kernels-mend.js";
 import { PIECE } from "./kernels/gcode-kernels-layout.js";
@@ -36,7 +36,7 @@ function lookup({ way, drives, screw }, known) {
   let sharpest = 0;
   [...drives, ...(screw ? [screw] : [])].forEach((drive, motor) => {
     const pitch = 1 / drive.rate, branches = [drive.lower, drive.upper], bend = bends(branches, pitch);
-    if (motor < 2) sharpest = Math.max(sharpest, ...bend);
+    if (motor < 2) { sharpest = Math.max(sharpest, ...bend); head.bent = Math.max(head.bent, bend.reduce((sum, v) => sum + v, 0) / bend.length); }
     head.first[motor] = drive.first; head.rate[motor] = drive.rate; head.last[motor] = drive.lower.length - 1;
     head.bend[motor] = tables.length; head.bend_last[motor] = bend.length - 1; head.taut[motor] = Number(drive.lower.every((u, i) => u === drive.upper[i]));
     for (const v of bend) tables.push(v);
@@ -47,8 +47,8 @@ function lookup({ way, drives, screw }, known) {
       for (let n = 0, at = 0; n < steps; n++) { while (at < size - 1 && table[at] < table[0] + n * pitch) at++; tables.push(at); }
     });
   });
-  head.chord = TOLERANCE_MM / 2; head.chords = head.chords.map(() => TOLERANCE_MM / 2);
-  head.bent = Number(sharpest > 0); head.evenly = 1; head.sample = clamp(Math.sqrt((2 * head.chord) / Math.max(sharpest, 1e-12)), 0.02, 2); head.look = 2;
+  head.chord = TOLERANCE_MM / 2; set_chords({ head }, TOLERANCE_MM, 0);
+  head.sample = clamp(Math.sqrt((2 * head.chord) / Math.max(sharpest, 1e-12)), 0.02, 2); head.look = 2;
   head.frame_bend = frameBend(way, known.bed_mm); head.period = 1 / (60 * SEGMENTS_PER_S);
   if (screw) {
     head.screw = 1; head.rise = rise(screw, head.chord); head.z_limits = known.screw.limits_mm; head.z_home = known.screw.home_mm; head.z_home_side = known.screw.home_side;

@@ -223,8 +223,8 @@ def model_of(document, kernels):
     tables, sharpest = [], 0.0
     for motor, drive in enumerate(drives):
         sharpest = max(sharpest, _put_drive(head, tables, motor, drive, look.BEND_BLOCK))
-    head.chord, head.chords[:] = TOLERANCE_MM / 2, [TOLERANCE_MM / 2] * len(head.chords)
-    head.bent, head.evenly = float(sharpest > 0.0), 1.0
+    head.chord = TOLERANCE_MM / 2
+    look.set_chords(look.Model(head, tables), TOLERANCE_MM, 0.0)
     head.frame_bend = _frame_bend(look, head)
     head.sample = min(max(math.sqrt(2.0 * head.chord / max(sharpest, 1e-12)), 0.02), 2.0)
     head.look, head.period = 2.0, 1.0 / (60.0 * SEGMENTS_PER_S)
@@ -292,7 +292,10 @@ def _put_drive(head, tables, motor, drive, block):
                 at += 1
             guide.append(at)
         tables += guide
-    return max(bend) if motor < 2 else 0.0
+    if motor == 2:
+        return 0.0
+    head.bent = max(head.bent, sum(bend) / len(bend))
+    return max(bend)
 
 
 def _frame_bend(look, head):

@@ -21,7 +21,7 @@ from printmend.gcode.write import Plan, TimePlace, rewrite
 from printmend.mend.meant import refuse_contradiction, refuse_other_printer
 from printmend.mend.prediction import Prediction, prediction_of, with_doubt
 from printmend.mend.program import Progress, Read, begun, counted, plan_file
-from printmend.mend.slower import eased, with_few_moves
+from printmend.mend.slower import eased, few_moves_words
 from printmend.messages import say
 from printmend.model.model import SavedModel
 from printmend.model.notes import PHASE_TODO, REFITTED, refusals, said_of
@@ -76,8 +76,6 @@ def mend_gcode(
         slower = None
         if fineness.slower is not None:
             fineness, slower = eased(file, model, fineness, force=force)
-        elif fineness.tolerance_mm == AS_USUAL.tolerance_mm:
-            fineness, slower = with_few_moves(file, model, fineness)
         with _destination(output) as handle:
             read = []
             folder = None if output is None else output.parent
@@ -93,7 +91,7 @@ def mend_gcode(
 
             file.write(handle, texts, told, folder)
             prediction = _predicted(planner, model, read, marks=1)
-            said = (slower, _crossing_words(planner, fineness))
+            said = (slower or few_moves_words(planner), _crossing_words(planner, fineness))
             prediction = replace(prediction, warnings=(*prediction.warnings, *filter(None, said)))
             _check_worth_writing(file, model, prediction, force=force)
         return Mended(output, prediction)
@@ -106,11 +104,10 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
         refuse_grown(file, model.filament)
         if said := said_of(model.document, REFITTED):  # the errors' places are unknown now
             raise RefusedError(file.name, wanted=say("model-measured-after-work"), came=said[0], todo=PHASE_TODO)
-        fineness, fewer = with_few_moves(file, model, AS_USUAL)
         planner = start(model.mechanism)
-        read = plan_file(file, planner, model, fineness, progress)
+        read = plan_file(file, planner, model, AS_USUAL, progress)
         prediction = _predicted(planner, model, read)
-        if fewer is not None:
+        if (fewer := few_moves_words(planner)) is not None:
             prediction = replace(prediction, warnings=(*prediction.warnings, fewer))
         _refuse_motionless(file, prediction)
         refuse_other_printer(file.name, model.printer, prediction)

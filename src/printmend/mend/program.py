@@ -51,7 +51,7 @@ def begun(part: Part, planner: Planner, model: SavedModel, fineness: Fineness) -
         state.expect_accel(owner.accel_mm_s2, is_klipper=limits.firmware == "klipper")
     watch = start_stopwatch(limits)
     crossing_mm_s2 = fineness.crossing_mm_s2 or owner.crossing_mm_s2 or limits.most_mm_s2
-    planner.begin(fineness.segments_per_s(state.flavour), fineness.tolerances_mm, crossing_mm_s2, fineness.evenly)
+    planner.begin(fineness.segments_per_s(state.flavour), crossing_mm_s2, fineness.ease)
     return state, Read(_said_of(hints, state, model.printer), watch)
 
 

@@ -1,6 +1,5 @@
-"""Keep the added time and moves within a limit: draw the least important lines more coarsely until it holds."""
+"""Keep the added time within a limit: draw the least important lines more coarsely until it holds."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,17 +7,13 @@ import numpy as np
 from printmend.errors import RefusedError
 from printmend.gcode import kernels as k
 from printmend.gcode.container import GcodeFile
-from printmend.gcode.write import Planned, follow
+from printmend.gcode.write import follow
 from printmend.mend.program import begun
 from printmend.messages import say, together
 from printmend.model.model import SavedModel
-from printmend.plan import Fineness, start
-from printmend.promise.belief import parse_belief
+from printmend.plan import Fineness, Planner, start
 
 _TRIALS = 6  # trials between an ease that is too slow and one that is not
-MOST_MOVES = 2.0  # that a line may become, on average, for a ripple
-_MOST_EASE = 1.0  # its price: lines without a type may be off twice as far, outer walls a quarter more
-_FEW_TRIALS = 2
 _NEAR_SHARE = 0.1  # stop trying within this share of the limit
 _NAMES = {  # messages
     k.ROLE_ASIDE: "role-aside", k.ROLE_INFILL: "role-infill", k.ROLE_SOLID: "role-solid",
@@ -33,80 +28,51 @@ def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool
     `RefusedError` if it is too slow even with the coarsest lines, unless ``force``.
     """
     assert fineness.slower is not None
-    limit, roles = fineness.slower, set[int]()
-    if _planned(file, model, fineness, roles)[0] <= limit:
+    limit = fineness.slower
+    if _planned(file, model, fineness)[0] <= limit:
         return fineness, None
     low, high = 0.0, fineness.most_ease
     coarsest = replace(fineness, ease=high)
-    least, _ = _planned(file, model, coarsest, roles)
+    least, found = _planned(file, model, coarsest)
     if least > limit:
         if not force:
             raise RefusedError(
                 file.name, wanted=say("at-most-more-time", f"{100 * limit:g}"),
                 came=say("share-with-coarsest", f"{100 * least:.1f}"), todo=say("allow-more-or-force"),
             )  # fmt: skip
-        return coarsest, say("takes-longer-though", f"{100 * least:.1f}", _words(coarsest, roles))
+        return coarsest, say("takes-longer-though", f"{100 * least:.1f}", coarser(found))
     for _ in range(_TRIALS):
         ease = float(np.sqrt((1.0 + low) * (1.0 + high))) - 1.0
-        share, _ = _planned(file, model, replace(fineness, ease=ease), roles)
+        share, planner = _planned(file, model, replace(fineness, ease=ease))
         if share > limit:
             low = ease
             continue
-        high = ease
+        high, found = ease, planner
         if share > (1.0 - _NEAR_SHARE) * limit:
             break
-    found = replace(fineness, ease=high)
-    return found, say("to-take-no-longer", _words(found, roles))
+    return replace(fineness, ease=high), say("to-take-no-longer", coarser(found))
 
 
-def with_few_moves(file: GcodeFile, model: SavedModel, fineness: Fineness) -> tuple[Fineness, str | None]:
-    """Return the fineness for a machine with ripple that at most doubles the moves, if that costs an outer wall no more
-    than a quarter of the tolerance, and words about it.
-
-    A ripple of hundredths of a millimetre bends every line several times a millimetre. Walls show it, infill does not.
-    """
-    roles, uneven = set[int](), replace(fineness, evenly=False)  # a wall that keeps its width needs its moves
-    if not _ripples(model) or _planned(file, model, uneven, roles)[1] <= MOST_MOVES:
-        return fineness, None
-    low, high = 0.0, _MOST_EASE
-    if _planned(file, model, replace(uneven, ease=high), roles)[1] <= MOST_MOVES:
-        for _ in range(_FEW_TRIALS):
-            ease = (low + high) / 2
-            many = _planned(file, model, replace(uneven, ease=ease), roles)[1] > MOST_MOVES
-            low, high = (ease, high) if many else (low, ease)
-    found = replace(fineness, ease=high)
-    return found, say("to-have-few-moves", _words(found, roles))
+def few_moves_words(planner: Planner) -> str | None:
+    """Say how far the lines of a file may be off, where a machine bends so sharply that walls would take many moves."""
+    head = planner.model.head
+    return say("to-have-few-moves", coarser(planner)) if head.chords[k.ROLE_OUTER] > head.chords[-1] else None
 
 
-def _ripples(model: SavedModel) -> bool:
-    """Say whether a model has a ripple that acts."""
-    belief = parse_belief(model)
-    return belief is not None and any(part.acts_mm.any() for part in belief.of("teeth"))
-
-
-def _planned(file: GcodeFile, model: SavedModel, fineness: Fineness, roles: set[int]) -> tuple[float, float]:
-    """Return the share of added time at a fineness, and how many moves a move becomes; add the roles of the lines
-    found."""
+def _planned(file: GcodeFile, model: SavedModel, fineness: Fineness) -> tuple[float, Planner]:
+    """Return the share of added time at a fineness, and the planner that knows how its lines are drawn."""
     planner = start(model.mechanism, tolerance_mm=fineness.tolerance_mm)
     before_s = after_s = 0.0
     for part in file.parts:
         state, one = begun(part, planner, model, fineness)
-
-        def look(planned: Planned, watch: Callable[[Planned], None] = one.watch.watch) -> None:
-            flags = planned.records["flags"]
-            roles.update(np.unique(flags[flags & k.FLAG_EXTRUDING > 0] >> k.ROLE_SHIFT & k.ROLE_MASK).tolist())
-            watch(planned)
-
-        follow(part.chunks(), state, planner.plan, look=look)
+        follow(part.chunks(), state, planner.plan, look=one.watch.watch)
         one.watch.finish()
         before_s, after_s = before_s + one.watch.before.seconds, after_s + one.watch.after.seconds
-    counts = planner.counts
-    moves = float(counts.pieces + counts.copied) / max(float(counts.moves), 1.0)
-    return after_s / before_s - 1.0 if before_s > 0.0 else 0.0, moves
+    return after_s / before_s - 1.0 if before_s > 0.0 else 0.0, planner
 
 
-def _words(fineness: Fineness, roles: set[int]) -> str:
-    """Say how far lines may be off."""
-    tolerances = fineness.tolerances_mm
-    drawn = [(say(name), f"{tolerances[role]:.3f}") for role, name in _NAMES.items() if role in roles]
+def coarser(planner: Planner) -> str:
+    """Say how far the lines of a file may be off."""
+    mm, roles = planner.tolerances_mm, int(planner.counts.roles)
+    drawn = [(say(name), f"{mm[role]:.3f}") for role, name in _NAMES.items() if roles >> role & 1]
     return say("lines-less-closely", together(", ", [say("role-within", *each) for each in drawn]))

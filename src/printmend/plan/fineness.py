@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from printmend.gcode import kernels as k
 from printmend.gcode.machine import Flavour
 from printmend.plan.kernels.layout import TOLERANCE_MM
+from printmend.plan.kernels.lookup import COARSEST_MM, SPARE
 
 SEGMENTS_PER_S = {
     "marlin8": 100.0,
@@ -19,13 +19,6 @@ _OF_FLAVOUR = {
     Flavour.MARLIN1: "marlin8", Flavour.MARLIN2: "marlin32", Flavour.KLIPPER: "klipper", Flavour.RRF: "rrf",
     Flavour.PRUSA: "prusa", Flavour.UNKNOWN: "marlin32",
 }  # fmt: skip
-COARSEST_MM = 0.2
-"""The largest tolerance: half a line's width."""
-SPARE = {
-    k.ROLE_INFILL: 16.0, k.ROLE_ASIDE: 16.0, k.ROLE_SOLID: 4.0, k.ROLE_INNER: 2.0, k.ROLE_UNKNOWN: 1.0,
-    k.ROLE_OUTER: 0.25,
-}  # fmt: skip
-"""How much more of a tolerance lines of each role may have where time is short: choices of ours, by what is seen."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +29,7 @@ class Fineness:
     ``firmware`` is a key of `SEGMENTS_PER_S`; None guesses it from each file. ``slower`` is the largest share by which
     the print may take longer, None for no limit. To keep it, lines are drawn coarser by the factor ``ease``, each role
     up to its `SPARE`. ``crossing_mm_s2`` is the acceleration of a motor that crosses its slack; None takes that of the
-    printer's file. With ``evenly`` outer walls along an axis are cut until they keep their width.
+    printer's file.
     """
 
     tolerance_mm: float = TOLERANCE_MM
@@ -44,18 +37,11 @@ class Fineness:
     slower: float | None = None
     crossing_mm_s2: float | None = None
     ease: float = 0.0
-    evenly: bool = True
-
-    @property
-    def tolerances_mm(self) -> dict[int, float]:
-        """How far lines of each role may be off."""
-        coarsest_mm = max(self.tolerance_mm, COARSEST_MM)
-        return {role: min(self.tolerance_mm * (1.0 + self.ease * spare), coarsest_mm) for role, spare in SPARE.items()}
 
     @property
     def most_ease(self) -> float:
         """The smallest ease at which every line is as coarse as its role allows."""
-        return max(COARSEST_MM / self.tolerance_mm - 1.0, 0.0) / min(SPARE.values())
+        return max(COARSEST_MM / self.tolerance_mm - 1.0, 0.0) / min(filter(None, SPARE))
 
     def segments_per_s(self, flavour: Flavour) -> float:
         """Return how many moves a second a file of that ``flavour`` may have."""

@@ -1,8 +1,6 @@
 """The continuous planner: the motor commands that make a machine, broken as its model says, draw what was wanted."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 
@@ -36,14 +34,14 @@ def lookup(mechanism: Mechanism, tolerance_mm: float = k.TOLERANCE_MM) -> look.M
     head.bed_map = frame.bed_map(corexy=printer.kinematics == "corexy").record
     head.home[:] = printer.home_mm
     head.home_side[:] = printer.x.home_direction, printer.y.home_direction
-    head.chord = head.chords[:] = chord_mm = tolerance_mm / 2
-    head.evenly = 1.0
+    head.chord = chord_mm = tolerance_mm / 2
     parts: list[np.ndarray] = []
     size, sharpest = 0, 0.0
     screw = None if mechanism.screw is None or _is_straight(mechanism.screw) else mechanism.screw
     for motor, t in enumerate((*mechanism.transmissions, *([] if screw is None else [screw.transmission]))):
         bend = _bend(t)
-        sharpest = max(sharpest, bend.max() if motor < 2 else 0.0)
+        if motor < 2:
+            sharpest, head.bent = max(sharpest, bend.max()), max(head.bent, bend.mean())
         head.first[motor], head.rate[motor], head.last[motor] = t.first_mm, 1.0 / t.pitch_mm, len(t.lower_mm) - 1
         head.bend[motor], head.bend_last[motor], head.taut[motor] = size, len(bend) - 1, t.is_taut
         parts.append(bend)
@@ -62,11 +60,12 @@ def lookup(mechanism: Mechanism, tolerance_mm: float = k.TOLERANCE_MM) -> look.M
         head.z_home, head.z_home_side = z.home_mm, z.home_direction
         head.push[:] = size, size + len(screw.wobble_mm)
         parts += [*screw.wobble_mm.T]
-    head.bent = sharpest > 0
     # A parabola of the sharpest curvature strays by a quarter of the tolerance between two looks.
     head.sample = np.clip(np.sqrt(2.0 * chord_mm / max(sharpest, 1e-12)), 0.02, 2.0)
     head.look = np.clip(5.0 * head.sample, k.FINEST_SAMPLE_MM, k.SAMPLE_MM)
-    return look.Model(head, np.concatenate(parts))
+    model = look.Model(head, np.concatenate(parts))
+    look.set_chords(model, tolerance_mm, 0.0)
+    return model
 
 
 def _bend(t: Transmission) -> np.ndarray:
@@ -159,22 +158,20 @@ class Planner:
         """The lower and the upper corner of the bed [2, 2]."""
         return self.model.head.bed.reshape(2, 2).T
 
-    def begin(
-        self, segments_per_s: float = np.inf, tolerances_mm: Mapping[int, float] = MappingProxyType({}),
-        crossing_mm_s2: float = 0.0, evenly: bool = True,
-    ) -> None:  # fmt: skip
+    @property
+    def tolerances_mm(self) -> np.ndarray:
+        """How far lines of each role may be off."""
+        return 2.0 * self.model.head.chords
+
+    def begin(self, segments_per_s: float = np.inf, crossing_mm_s2: float = 0.0, ease: float = 0.0) -> None:
         """Begin a program at an unknown place; sums over earlier programs are kept.
 
-        ``segments_per_s`` is how many moves a second the firmware takes: no line is cut finer. ``tolerances_mm`` holds
-        the tolerance of each role, where it is larger than elsewhere. A motor that crosses its slack may accelerate by
-        ``crossing_mm_s2``, where that is more than the file's own acceleration. With ``evenly`` outer walls along an
-        axis keep their width.
+        ``segments_per_s`` is how many moves a second the firmware takes: no line is cut finer. A motor that crosses its
+        slack may accelerate by ``crossing_mm_s2``, where that is more than the file's own acceleration. ``ease`` is the
+        factor by which lines are drawn coarser for a limit on time.
         """
-        self.model.head.crossing, self.model.head.evenly = crossing_mm_s2, evenly
-        self.model.head.period = 1.0 / (60.0 * segments_per_s)
-        self.model.head.chords[:] = self.model.head.chords[look.TRAVEL]
-        for role, tolerance_mm in tolerances_mm.items():
-            self.model.head.chords[role] = tolerance_mm / 2
+        self.model.head.crossing, self.model.head.period = crossing_mm_s2, 1.0 / (60.0 * segments_per_s)
+        look.set_chords(self.model, self.tolerances_mm[look.TRAVEL], ease)
         self.counts.known = self.counts.anywhere = self.counts.height = 0
         self.counts.mark = -1
         self.state.layer_z = np.inf  # whatever comes first begins a layer

@@ -75,6 +75,7 @@ COUNTS = np.dtype(
         *((name, "i8") for name in ("moves", "pieces", "takeups", "anchors", "clamped", "clamped_extruding")),
         *((name, "i8") for name in ("unknown", "copied", "extruding", "splines", "geometry", "stops", "coarse")),
         ("hurried", "i8"),  # pieces that have an acceleration of their own
+        ("roles", "i8"),  # bits: roles of which there are lines
         ("unknown_at", "i8", UNKNOWN_LINES),  # lines of the file, from 1
     ],
     align=True,

@@ -15,6 +15,11 @@ LOWER, UPPER = 0, 1
 ROLES, TRAVEL = 8, 7  # of lines, as the records' flags have them; and of travels
 PULSES = 5  # of an input shaper, at most
 BEND_BLOCK = 64  # one curvature stands for that many entries of the tables
+# How much more of a tolerance lines of each role may have where time or moves are short, by what is seen: choices of
+# ours for lines without a type, outer and inner walls, solid and sparse infill, what stands aside, and travels.
+SPARE = (1.0, 0.25, 2.0, 4.0, 16.0, 16.0, 0.0, 0.0)
+COARSEST_MM = 0.2  # the largest tolerance: half a line's width
+SHARP = 1.5  # 1/mm: a machine that bends more draws more coarsely even what has nothing to spare; a choice of ours
 
 # A machine in numbers. What is [3] belongs to a motor, Z the third where there is a screw, what is [3, 2] to a motor
 # and one of its branches. `table`, `guide`, `bend` and `push` say where something begins in `Model.tables`.
@@ -23,7 +28,7 @@ HEAD = np.dtype(
         ("bed", "f8", 4),  # limits of x and of y [mm]
         ("bed_map", bed.BED),  # how the belts reach the bed, as `machine.kernels.bed` takes it
         ("shifts_only", "f8"),  # 1 or 0: constant play and nothing else
-        ("bent", "f8"),  # 1 or 0: curved branches
+        ("bent", "f8"),  # how sharply a motor's branches bend on average, the worse motor's [1/mm]
         ("frame_bend", "f8"),  # the frame's largest curvature [1/mm]
         ("home", "f8", 2),  # the home position [mm]
         ("home_side", "f8", 2),  # signs of the last move of x and of y while homing
@@ -38,8 +43,7 @@ HEAD = np.dtype(
         ("guide", "i8", (3, 2)),  # entry k is the index of the first entry of the table that is ≥ floor + k·pitch
         ("chord", "f8"),  # how far a chord may lie from the wanted path [mm], of the line in hand
         ("chords", "f8", ROLES),  # the same of lines of each role, of travels the last
-        ("evenly", "f8"),  # 1 or 0: walls keep their width
-        ("even", "f8"),  # 1 or 0: the line in hand is a wall that does, because it shows
+        ("even", "f8"),  # 1 or 0: the line in hand is a wall that keeps its width, because it shows
         ("speed", "f8"),  # of the line in hand [mm/s]
         # of the wave of each motor of which an input shaper takes a share: its length [mm], 0 for none, and the
         # shaper's pulses: when they come [s], from their middle, and their shares
@@ -66,6 +70,21 @@ class Model(NamedTuple):
 
     head: np.record
     tables: np.ndarray
+
+
+@inner(error_model="numpy", _nrt=False)
+def set_chords(model, tolerance, ease):
+    """Write how far lines of each role may be off: half of a tolerance [mm], and more where a move buys little.
+
+    Where branches bend by κ, chords within ε take √(κ/16 ε) moves a mm. Moves and squared errors together cost least
+    where ε⁵ ∝ κ s², s being how many times further a line may be off for the same harm. ``ease`` is how much more lines
+    are off for a limit on time.
+    """
+    for role in range(ROLES):
+        share = 1.0 + SPARE[role]
+        price = max((model.head.bent / SHARP * share * share) ** 0.2, 1.0)
+        coarser = min(tolerance * price * (1.0 + ease * SPARE[role]), max(tolerance, COARSEST_MM))
+        model.head.chords[role] = coarser / 2.0 if role != TRAVEL else tolerance / 2.0
 
 
 @inner(error_model="numpy", _nrt=False)

@@ -347,9 +347,10 @@ def mend(
         known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
         extruding = r.flags & FLAG_EXTRUDING != 0
         role = (r.flags >> ROLE_SHIFT) & ROLE_MASK if extruding else TRAVEL
-        model.head.chord, model.head.even = model.head.chords[role], model.head.evenly * (role == ROLE_OUTER)
+        model.head.chord, model.head.even = model.head.chords[role], role == ROLE_OUTER
         model.head.speed = r.feed / 60.0
         counts.moves += 1
+        counts.roles |= 1 << role
         if extruding and known:
             counts.extruding += 1
             _extend(state.low, state.high, r.x1, r.y1)
