@@ -8,6 +8,7 @@ import numpy as np
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.pulley import EccentricBore
 from printmend.corruption.transmission import Play
+from printmend.gcode.kernels import ROLE_UNKNOWN
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.write import rewrite
 from printmend.machine import Mechanism
@@ -34,6 +35,11 @@ SQUARE = START + b"G1 X80 Y60 E1 F1800\nG1 X80 Y80 E1\nG1 X60 Y80 E1\nG1 X60 Y60
 def exactly(mechanism: Mechanism) -> SavedModel:
     """The model of a mechanism that is known exactly, made once."""
     return exact_model(mechanism)
+
+
+def tolerance_mm(mechanism: Mechanism) -> float:
+    """Return how far lines without a type may be off on a machine."""
+    return float(start(mechanism).tolerances_mm[ROLE_UNKNOWN])
 
 
 def mended(
