@@ -22,6 +22,10 @@ from printmend.gcode.kernels.layout import (
     KIND_LINEAR,
     ROLE_MASK,
     ROLE_SHIFT,
+    WORD_E,
+    WORD_X,
+    WORD_Y,
+    WORD_Z,
 )
 from printmend.jit import inner
 from printmend.plan.kernels.curve import is_flat_arc, norm, place, stays_near, trace
@@ -71,6 +75,9 @@ def survey(model, state, counts, records, count, i, curve, run, across, along, r
     j = i
     while j < count and n + MOST_NODES_A_CURVE < NODES:
         r = records[j]
+        if r.kind == KIND_LINEAR and not r.words & (WORD_X | WORD_Y | WORD_Z | WORD_E):
+            j += 1  # a feed alone: the path goes on behind it
+            continue
         if j > i:
             before = records[j - 1]
             if (r.kind != KIND_LINEAR and r.kind != KIND_CW and r.kind != KIND_CCW) or r.flags & FLAG_OPAQUE:
