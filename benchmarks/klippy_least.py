@@ -28,7 +28,7 @@ from printmend.printer import read_printer
 
 ACCELERATION_MM_S2, CORNER_MM_S, TOLERANCE_MM = 3000.0, 5.0, 0.01
 _LEAST_SLACK_MM = 0.005
-_LOOK_MM = 0.1  # how densely the exact command is looked at
+_LOOK_MM = 0.025  # how densely the exact command is looked at: an eighth of the finest ripple of a motor
 _BEGINNINGS = 21  # of a strip's middle, across its width
 _ROOM = 0.75  # mm of slack a mm of path that cost nothing, as printmend crosses them
 
