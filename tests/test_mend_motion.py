@@ -435,3 +435,12 @@ def test_a_line_from_nobody_knows_where_is_as_far_off_as_the_slow_version_says(m
         found = mend_kernels._from_home(model, line, *motor)
         assert found == pytest.approx(from_home_mm(mechanism, np.array([x, y]), motor), abs=2e-3)
         assert found > 0.05
+
+
+def test_a_path_goes_on_behind_a_feed_alone() -> None:
+    """Its slack is crossed as if the feed stood on the line behind it."""
+    lines = [b"G1 X%.1f Y%.1f E.2 F1800\n" % (60 + 4 * i, 60 + abs(4 - i)) for i in range(9)]
+    whole, _ = mended(START + b"".join(lines), PLAY)
+    parted, prediction = mended(START + b"G1 F1800\n".join(lines), PLAY)
+    assert parted.replace(b"G1 F1800\n", b"") == whole
+    assert prediction.stops == 0
