@@ -20,10 +20,7 @@ def candidate(name: str) -> LearnerCandidate:
     return LearnerCandidate(name)
 
 
-OTHERS = {"printmend"}  # its model is the Oracle's, of a machine that a search of seconds found
-
-
-@pytest.mark.parametrize("name", [name for name in model_names() if name not in OTHERS])
+@pytest.mark.parametrize("name", model_names())
 def test_keeps_what_a_world_model_must(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("printmend_lab.conformance.need.NEAR_STEPS", 0.0)  # those that come with printmend are exact
     monkeypatch.setattr("printmend_lab.conformance.learners.HARMLESS_STEPS", 0.0)
@@ -36,10 +33,14 @@ def test_keeps_what_a_world_model_must(name: str, monkeypatch: pytest.MonkeyPatc
     if name in ("lightgbm", "lightgbm-rolled", "forest"):
         # the paper's joint models know a pair of controls only where they saw it; the zigzags have diagonals
         checks = {label: check for label, check in checks.items() if not label.startswith("sixty")}
+    if name == "printmend":
+        # no part of a printer makes a gain table: the search for one takes minutes (`printmend conformance printmend`)
+        checks = {label: check for label, check in checks.items() if "gain-table" not in label}
     assert broken_by(candidate(name), checks) == {}
 
 
-@pytest.mark.parametrize("name", [name for name in learner_names() if name not in {*OTHERS, "prior"}])  # the grey box's
+# The models of the engine and of `prior` are machines, as the grey box's.
+@pytest.mark.parametrize("name", [name for name in learner_names() if name not in {"printmend", "prior"}])
 def test_algorithm_1_plans_with_every_learner_as_published(name: str, rng: np.random.Generator) -> None:
     model, start = candidate(name).fitted("gain-table"), TRAINING.start_steps
     assert_same_plan(model, TRAINING.nominal_steps[1:80], start)
