@@ -7,6 +7,7 @@ here apart from the peer's code (by scipy where it must be integrated).
 """
 
 import itertools
+import warnings
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ from printmend_lab.peers.bilateral import Table, fitted_table
 from printmend_lab.peers.boucwen import Shape, moved
 from printmend_lab.peers.ilc import GAIN, iterate
 from printmend_lab.peers.narx import picked
+from printmend_lab.peers.network import fitted_network, inputs, remembered
 from printmend_lab.peers.prandtl import PrandtlIshlinskii
 from printmend_lab.peers.process import fitted_process, predicted
 from printmend_lab.peers.rows import MotorRows
@@ -131,6 +133,40 @@ def process() -> Own:
                float(np.sqrt((theirs**2).mean())), float(np.sqrt((ours**2).mean())))  # fmt: skip
 
 
+def networks() -> Iterator[Own]:
+    """scikit-learn's regressor by hand, on what a network reads of a belt with play: what it predicts there, RMS.
+
+    Bai 2018 and Chua 2018 give figures of tasks of another kind: sequences of 600 steps, robots in MuJoCo.
+    """
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.neural_network import MLPRegressor
+
+    turns = np.abs(np.linspace(0, 4, 240) % 2 - 1) * 80
+    behind = 0.2 * np.sign(np.gradient(turns))
+    error = 0.4 * np.sin(2 * np.pi * turns / 40) - behind + np.random.default_rng(0).normal(0, 0.02, 240)
+    rows = MotorRows(turns, error, np.zeros(240, int))
+    memory = remembered(rows)
+    read = inputs(memory, turns, rows.turn_mm)
+    for name, members in (("tcn", 1), ("ensemble", 5)):
+        ours = fitted_network(rows, memory, 1.0, members, seed=3)
+        left, rng, total = error - ours.scale * turns, np.random.default_rng(3), np.zeros(240)
+        size = (left - left.mean()).std()
+        for member in range(members):
+            seen = rng.integers(0, 240, 240) if members > 1 else np.arange(240)
+            net = MLPRegressor(
+                hidden_layer_sizes=(24, 24), activation="tanh", solver="lbfgs", alpha=1.0, max_iter=150,
+                random_state=3 + member,
+            )  # fmt: skip
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ConvergenceWarning)  # it ends after its updates
+                net.fit(read[seen], (left - left.mean())[seen] / size)
+            total += size * net.predict(read) / members
+        found = ours.error_mm(memory, turns) - ours.scale * turns
+        said = "regressor" if members == 1 else "regressors, five on drawn rows,"
+        yield Own(name, f"scikit-learn's {said} called by hand: RMS of the prediction of a wave and a play",
+                  *(float(np.sqrt((each**2).mean())) for each in (total, found)))  # fmt: skip
+
+
 # What SysIdentPy 0.9.0's FROLS finds in these data (polynomials of degree 2, lags of 2, three terms), and how much of
 # the variance each term explains.
 SYSIDENTPY = {
@@ -170,7 +206,7 @@ def iterative() -> Own:
 
 def examples() -> list[Own]:
     """Return all examples."""
-    return [skew(), backlash(), lead_screw(), prandtl(), bouc_wen(), process(), *narx(), iterative()]
+    return [skew(), backlash(), lead_screw(), prandtl(), bouc_wen(), process(), *networks(), *narx(), iterative()]
 
 
 def _square(broken: Corruption) -> Trace:

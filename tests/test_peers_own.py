@@ -19,8 +19,8 @@ def test_peers_do_what_their_sources_say(monkeypatch: pytest.MonkeyPatch) -> Non
     spec.loader.exec_module(module)
     found = module.examples()
     assert {one.peer for one in found} == {
-        "affine", "backlash", "bilateral", "prandtl-ishlinskii", "bouc-wen", "gaussian-process", "narx",
-        "iterative learning",
+        "affine", "backlash", "bilateral", "prandtl-ishlinskii", "bouc-wen", "gaussian-process", "tcn", "ensemble",
+        "narx", "iterative learning",
     }  # fmt: skip
     assert {one.example: one.off for one in found if one.off > MOST_OFF} == {}
     assert module.Own("a", "b", 2.0, 2.2).off == pytest.approx(0.1)
