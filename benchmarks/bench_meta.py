@@ -62,11 +62,8 @@ def main() -> None:
     print(f"seconds of processor for {ROWS} rows:", {name: round(seconds_to_learn(name), 4) for name in names})
 
 
-def judged(
-    kind: str, shape: str, points: int, seed: tuple[int, int], names: list[str]
-) -> dict[str, tuple[float, float, float]]:
-    """Return for each learner the RMS error [mm] of a way that it has not seen, the share inside its band (−1 where it
-    states none), and the processor's seconds."""
+def drawn(kind: str, shape: str, points: int, seed: tuple[int, int]) -> tuple[Trace, Twin, np.ndarray]:
+    """Return what was measured of a drawn machine's print, the machine, and a way that was not seen."""
     printer = read_printer("ender5")
     rng = np.random.default_rng([*seed, KINDS.index(kind)])
     twin = Twin(_machine(kind, rng, printer))
@@ -74,15 +71,23 @@ def judged(
     printed = twin.follow(way.waypoints_mm)
     measured = np.full(printed.shape, np.nan)
     measured[way.rows] = printed[way.rows] + rng.normal(0.0, NOISE_MM, (len(way.rows), 2))
-    trace = Trace(way.waypoints_mm, measured, homed=True)
     middle, span = way.waypoints_mm[1:].mean(axis=0), 20.0 if shape == "half-turn" else 50.0
     asked = np.vstack([way.waypoints_mm[0], middle + rng.uniform(-span, span, (ASKED, 2))])
+    return Trace(way.waypoints_mm, measured, homed=True), twin, asked
+
+
+def judged(
+    kind: str, shape: str, points: int, seed: tuple[int, int], names: list[str]
+) -> dict[str, tuple[float, float, float]]:
+    """Return for each learner the RMS error [mm] of a way that it has not seen, the share inside its band (−1 where it
+    states none), and the processor's seconds."""
+    trace, twin, asked = drawn(kind, shape, points, seed)
     truth = twin.follow(asked)[1:]
     found = {}
     for name in names:
         begun = time.process_time()
         try:
-            model = fit(name, trace, printer, rng=np.random.default_rng(0))
+            model = fit(name, trace, twin.printer, rng=np.random.default_rng(0))
         except PrintmendError:
             found[name] = (np.inf, -1.0, time.process_time() - begun)
             continue

@@ -3,25 +3,32 @@
 import numpy as np
 import pytest
 
-from printmend.corruption import Corruption, Drive, Play
+from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.learn import fit
 from printmend.machine import Mechanism, healthy_transmission
 from printmend.path import Trace
 from printmend.twin import Twin
-from printmend_lab.meta.weighed import LOG_ODDS, WeighedModel, _model, share
+from printmend_lab.meta.weighed import OF, WeighedModel, _model, share, signs
 
 
-def test_votes_decide_only_where_they_agree(rng: np.random.Generator) -> None:
-    noise = np.exp(rng.normal(0, 0.1, 5))
-    ahead = np.stack([4.0 * noise, np.ones(5)], axis=1)  # meta's squares are a quarter in every block
-    assert share(ahead) > 0.99
-    assert share(ahead[:, ::-1]) < 0.01
-    even = np.ones((5, 2))
-    assert share(even) == pytest.approx(1 / (1 + np.exp(-LOG_ODDS)))
-    torn = np.stack([np.array([100.0, 1, 1, 1, 1]), np.array([1.0, 1.5, 1.5, 1.5, 1.5])], axis=1)
-    assert share(torn) < 0.5  # one block, however bad, does not decide
-    assert share(even[:1]) == 0.0
-    assert share(np.ones((5, 2)) * 1e-12) == share(even)  # exact is exact
+def test_what_tells_of_either_learner_weighs_it() -> None:
+    alike, ahead = np.zeros((2, 3)), np.full((2, 3), 1.0)
+    assert share(alike) == pytest.approx(0.5)
+    assert (share(ahead) > 0.99).all()
+    assert share(ahead) == pytest.approx(1 - share(-ahead))
+    assert share(1e6 * ahead) == pytest.approx(1.0)
+
+
+def test_signs_say_who_foretells_what_nobody_learned_from(ender5, rng: np.random.Generator) -> None:
+    wave = Corruption((Drive(pulley=EccentricBore(0.5)), Drive()))
+    way = np.vstack([ender5.home_mm, 110 + rng.uniform(-45, 45, (120, 2))])
+    printed = Twin.of(wave, ender5).follow(way)
+    trace = Trace(way, printed + rng.normal(0, 0.02, printed.shape), homed=True)
+    models = [fit(name, trace, ender5, rng=rng) for name in OF]
+    told = signs(models, trace, ender5, (1, 2))
+    assert told.shape == (2, 3)
+    assert np.isfinite(told).all()
+    np.testing.assert_allclose(signs(models[::-1], trace, ender5, (1, 2))[:, :2], -told[:, :2], atol=1e-12)
 
 
 def test_a_mean_of_machines_lies_between_them(ender5) -> None:

@@ -1,35 +1,36 @@
-"""The learner ``weighed``: the grey box and ``meta``, each motor's by how well it foretold what it had not seen.
+"""The learner ``weighed``: the grey box and ``meta``, each motor's by what tells which of them errs less.
 
-Measured rows are held out in blocks of consecutive ones. Both learners learn from the rest and predict them. For each
-block and motor, the logarithm of the ratio of their mean square errors is one vote. The weight of ``meta`` is
-1/(1 + exp(−2t − c)) with the votes' mean over its standard error, t, and the odds exp(c) before any was counted: the
-grey box is right about most printers, so meta must be clearly ahead. A motor's tables are the weighted mean of both
-learners' tables, so play and pulley stay what a drive can have.
+Three signs say it, each the logarithm of the grey box's over meta's, 0 where both are alike: the misfit of the rows
+that they learned from, the deviation that they state, and the error beyond what they learned from. For the last one
+both learn again without the rows at one end of the motors' ways, and foretell these. The weight of ``meta`` is
+1/(1 + exp(−s)), s the signs times `STACKED`. These numbers were found once, by stacking on machines of every kind
+(Yao et al. 2018; weights that depend on what is seen: Yao et al. 2022): few rows cannot choose between two learners,
+many machines can say what chooses. `benchmarks/stack_weighed.py` makes them.
 
-Where a learner says that the frame couples the axes, tables of different learners do not fit together. Then both motors
-take the learner whose whole machine foretold more.
+A motor's tables are the weighted mean of both learners' tables, so play and pulley stay what a drive can have; so is
+the frame, as far as it moves that motor.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from printmend.errors import PrintmendError
 from printmend.learn.mechanism_model import MachineLearned
 from printmend.learn.registry import learner
-from printmend.machine import Mechanism, Transmission
+from printmend.machine import Frame, Mechanism, Transmission
 from printmend.machine.printing import print_path
 from printmend.path import Trace
 from printmend.printer import Printer
 
 OF = ("greybox", "meta")
-BLOCKS = 5  # of consecutive measured rows; each is held out once
-LOG_ODDS = -4.0  # of meta before any vote; with -4 the geometric mean of errors was least on the seed developed on
-_FEWEST = 10  # measured rows of a trace, below which nothing is held out and the grey box is taken
-_MOST_ROWS = 2000  # measured rows that are held out in a block at most: more decide nothing
-_ALIKE, _MOST_LOG = 1e-6, 50.0  # of votes: the least standard error; of a logarithm of odds: the most
-_EXACT_MM = 1e-4  # a smaller error is rounding, and no reason to prefer anyone
+STACKED = (3.4, 1.3, 4.4)  # of misfit, stated deviation, error beyond
+END_SHARE = 0.12  # of the rows, at either end of a motor's way, that are foretold by what was learned from the others
+BEYOND_MM = 20.0  # beyond the measured way, to where the stated deviation counts
+_LEAST_MM = 1e-4  # a smaller error is rounding, and no reason to prefer anyone
+_MOST_LOG = 50.0  # of the logarithm of odds
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,59 +53,72 @@ class Weighed:
 
     def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> MachineLearned:
         """Learn with both. Raise `TraceError` where neither can; where one cannot, the other's is the machine."""
-        seeds = rng.integers(2**32, size=len(OF))
-        whole = [_learned(name, trace, printer, int(seed)) for name, seed in zip(OF, seeds, strict=True)]
-        if whole[0] is None or whole[1] is None:
-            only = whole[0] if whole[1] is None else whole[1]
-            if only is None:
-                return learner(OF[0]).fit(trace, printer, rng=rng)  # type: ignore[return-value] # it says why
-            return _model([only], np.ones((2, 1)))
-        squares = _held_out(trace, printer, [int(seed) for seed in seeds])
-        if all(one.frame.is_identity for one in whole if one is not None):
-            shares = np.array([share(squares[:, :, k]) for k in range(2)])
-        else:
-            shares = np.full(2, float(share(squares.sum(axis=2)) > 0.5))
-        weights = np.stack([1 - shares, shares], axis=1)
-        return _model([one for one in whole if one is not None], weights)
+        seeds = [int(seed) for seed in rng.integers(2**32, size=len(OF))]
+        models = learned(trace, printer, seeds)
+        found = [one for one in models if one is not None]
+        if not found:
+            return learner(OF[0]).fit(trace, printer, rng=rng)  # type: ignore[return-value] # it says why
+        shares = share(signs(models, trace, printer, seeds)) if len(found) == len(OF) else np.zeros(2)
+        weights = np.stack([1 - shares, shares], axis=1)[:, : len(found)]
+        return _model([one.mechanism for one in found], weights)
 
 
-def _learned(name: str, trace: Trace, printer: Printer, seed: int) -> Mechanism | None:
-    try:
-        return learner(name).fit(trace, printer, rng=np.random.default_rng(seed)).mechanism  # type: ignore[attr-defined]
-    except PrintmendError:
-        return None
+def share(signs: np.ndarray) -> np.ndarray:
+    """Return the weight of ``meta`` [2] by the signs of both motors [2, 3]."""
+    return np.asarray(1 / (1 + np.exp(-np.clip(signs @ STACKED, -_MOST_LOG, _MOST_LOG))))
 
 
-def _held_out(trace: Trace, printer: Printer, seeds: Sequence[int]) -> np.ndarray:
-    """Return the mean squares [blocks, learners, motors] mm² of held-out blocks, of those that both can do without."""
-    known = np.flatnonzero(np.isfinite(trace.measured_mm).all(axis=1))
-    found = []
-    for block in np.array_split(known, BLOCKS) if len(known) >= _FEWEST else ():
-        measured = trace.measured_mm.copy()
-        measured[block] = np.nan
-        rest = replace(trace, measured_mm=measured)
-        machines = [_learned(name, rest, printer, seed) for name, seed in zip(OF, seeds, strict=True)]
-        judged = block[np.unique(np.linspace(0, len(block) - 1, min(len(block), _MOST_ROWS)).astype(int))]
-        squares = []
-        for machine in machines:
-            if machine is None:
-                break
-            left = trace.measured_mm - _printed(machine, trace)
-            if not trace.placed:  # a scan has an origin of its own
-                left = left - np.nanmean(np.where(np.isfinite(measured), left, np.nan), axis=0)
-            squares.append((printer.to_motor(left[judged]) ** 2).mean(axis=0))
-        if len(squares) == len(OF):
-            found.append(squares)
-    return np.array(found).reshape(-1, len(OF), 2)
+def signs(models: Sequence[Any], trace: Trace, printer: Printer, seeds: Sequence[int]) -> np.ndarray:
+    """Return the three signs of both motors [2, 3]; the last is the mean over both ends of a way."""
+    known = np.isfinite(trace.measured_mm).all(axis=1)
+    motor = printer.to_motor(trace.commanded_mm)
+    low, high = np.quantile(motor[known], [END_SHARE, 1 - END_SHARE], axis=0)
+    misfit = _behind([_left_mm(one, trace, known) for one in models], np.stack([known, known], axis=1))
+    beyond = np.zeros((2, 2))
+    for number, end in enumerate((motor < low, motor > high)):
+        end = end & known[:, None]
+        rest = replace(trace, measured_mm=np.where(end.any(axis=1)[:, None], np.nan, trace.measured_mm))
+        again = learned(rest, printer, seeds)
+        if all(one is not None for one in again):
+            seen = known & ~end.any(axis=1)
+            beyond[number] = _behind([_left_mm(one, trace, seen) for one in again], end)
+    stated = np.zeros(2)
+    for k in range(2):
+        way = np.linspace(motor[known, k].min() - BEYOND_MM, motor[known, k].max() + BEYOND_MM, 61)
+        stated[k] = _log_ratio([np.concatenate(one.drives[k].sd_mm(way)) for one in models])
+    return np.stack([misfit, stated, beyond.mean(axis=0)], axis=1)
 
 
-def share(squares: np.ndarray) -> float:
-    """Return the weight of ``meta`` by mean squares [blocks, learners]."""
-    if len(squares) < 2:
+def learned(trace: Trace, printer: Printer, seeds: Sequence[int]) -> list[Any]:
+    """Return what both learners make of a trace; None of one that cannot."""
+    found: list[Any] = []
+    for name, seed in zip(OF, seeds, strict=True):
+        try:
+            found.append(learner(name).fit(trace, printer, rng=np.random.default_rng(seed)))
+        except PrintmendError:
+            found.append(None)
+    return found
+
+
+def _behind(left_mm: Sequence[np.ndarray], judged: np.ndarray) -> np.ndarray:
+    """Return by which logarithm the first learner's residuals [N, 2] are larger, of the judged ones [N, 2], a motor."""
+    return np.array([_log_ratio([each[judged[:, k], k] for each in left_mm]) for k in range(2)])
+
+
+def _log_ratio(sizes_mm: Sequence[np.ndarray]) -> float:
+    """Return the logarithm of the ratio of two root mean squares, 0 where there is nothing."""
+    if not len(sizes_mm[0]):
         return 0.0
-    votes = np.log(np.maximum(squares[:, 0], _EXACT_MM**2) / np.maximum(squares[:, 1], _EXACT_MM**2))
-    doubt = max(float(votes.std(ddof=1)) / np.sqrt(len(votes)), _ALIKE)
-    return float(1 / (1 + np.exp(-np.clip(2 * votes.mean() / doubt + LOG_ODDS, -_MOST_LOG, _MOST_LOG))))
+    first, second = (np.log(max(float(np.sqrt(np.mean(each**2))), _LEAST_MM)) for each in sizes_mm)
+    return float(first - second)
+
+
+def _left_mm(model: Any, trace: Trace, seen: np.ndarray) -> np.ndarray:
+    """Return what a model did not foresee [N, 2] of both motors; ``seen`` [N] rows say where a scan's origin was."""
+    left = trace.measured_mm - _printed(model.mechanism, trace)
+    if not trace.placed:
+        left = left - left[seen].mean(axis=0)
+    return np.asarray(model.printer.to_motor(left))
 
 
 def _printed(machine: Mechanism, trace: Trace) -> np.ndarray:
@@ -124,17 +138,20 @@ def _printed(machine: Mechanism, trace: Trace) -> np.ndarray:
 
 
 def _model(machines: Sequence[Mechanism], weights: np.ndarray) -> WeighedModel:
-    """Return the machine whose motors' tables are means of theirs, with the frame of the one that weighs most."""
-    first = machines[int(np.argmax(weights.sum(axis=0)))]
-    tables = []
+    """Return the machine whose motors' tables, and what the frame moves of each motor, are means of theirs."""
+    printer, tables = machines[0].printer, []
     for k in range(2):
-        grid = first.transmissions[k]
+        grid = machines[0].transmissions[k]
         branches = np.zeros((2, len(grid.lower_mm)))
         for machine, weight in zip(machines, weights[k], strict=True):
             if weight > 0:
                 branches += weight * np.stack(machine.transmissions[k].branches_mm(grid.motor_mm))
         tables.append(Transmission(grid.first_mm, grid.pitch_mm, branches[0], branches[1]))
-    mechanism = Mechanism(first.printer, (tables[0], tables[1]), first.frame)
+    motors = sum(
+        weight * printer.to_motor(machine.frame.coefficients_mm.T)
+        for machine, weight in zip(machines, weights.T, strict=True)
+    )
+    mechanism = Mechanism(printer, (tables[0], tables[1]), Frame(printer.from_motor(motors).T))
     return WeighedModel(mechanism, weights)
 
 
