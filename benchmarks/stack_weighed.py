@@ -62,8 +62,8 @@ def worse(shares: np.ndarray, squares: np.ndarray) -> float:
 
 def compared(options: argparse.Namespace, case: tuple[str, str, int, int]) -> dict[str, float]:
     """Return both motors' signs, and the mean products of both learners' errors; nothing where one cannot learn."""
-    *which, number = case
-    trace, twin, asked = drawn(*which, (options.seed, number))
+    kind, shape, points, number = case
+    trace, twin, asked = drawn(kind, shape, points, (options.seed, number))
     models = learned(trace, twin.printer, (0, 0))
     if any(one is None for one in models):
         return {}
