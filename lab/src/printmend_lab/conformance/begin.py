@@ -72,7 +72,8 @@ printmend bench submit-check results/Families-v1/{row}.json
 
 The other suites, and the data that one of them reads, are in printmend's documentation, "Suites that do not change".
 
-Without an installation, in this folder: `PYTHONPATH=src printmend conformance {package}.{kind}:MINE`.
+Without an installation, in this folder: `PYTHONPATH=src printmend conformance {package}.{kind}:MINE`. Tables and
+suites take `{package}.{kind}:MINE` in place of `{name}`, too.
 """
 
 
