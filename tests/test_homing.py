@@ -1,7 +1,6 @@
 """From one homing to the next: what a shift of the motors does to effects, to what acts, to a promise, to an update."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,12 +14,9 @@ from printmend.errors import ConfigError
 from printmend.infer.fit import fitted
 from printmend.infer.posterior import Posterior, posterior_of
 from printmend.infer.update import both_seen, renewed
-from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism, healthy_mechanism
-from printmend.mend import check_gcode, mend_gcode
 from printmend.model import saved_model
 from printmend.path import Trace
-from printmend.plan import Fineness
 from printmend.printer import Homing, Printer, read_printer
 from printmend.printer.convert import printer_text
 from printmend.printer.klipper import parse_klipper
@@ -30,7 +26,6 @@ from printmend.promise.homing import after_homing
 from printmend.twin import Twin
 from printmend.twin.twin import drawn_shift_mm, homed_again, refitted_mm
 from tests.believed import SCENES
-from tests.promised import CIRCLE
 from tests.test_greybox_learning import stairs
 from tests.test_printer_convert import KLIPPER
 
@@ -173,20 +168,6 @@ def test_a_ripple_that_a_homing_loses_is_named_and_not_mended(period_steps: floa
     assert not part.acts_mm.any()
     (fault,) = faults_of(found.parts, found.scene)
     assert (fault.part, fault.value) == ("x", pytest.approx(0.03, abs=0.005))
-
-
-def test_a_fine_ripple_is_mended_with_fewer_moves_unless_somebody_asks_for_more(tmp_path: Path) -> None:
-    machine = Corruption((Drive(Ripple((0.2,), (10.0,), (1.0,))), Drive(Ripple((0.2,), (10.0,), (2.0,))))).lower(ENDER3)
-    assert isinstance(machine, Mechanism)
-    model, part = learn_model(printed(machine, 1), of_switch("phase")), tmp_path / "part.gcode"
-    head, *lines = CIRCLE.partition("F6000\n")[::2]
-    part.write_text(head + "F6000\n" + "\n".join(lines[0].splitlines()[2::3]) + "\n")  # lines of 3 mm
-    said = check_gcode(part, model)
-    assert "to keep the number of moves low" in said.warnings[0]
-    fine = mend_gcode(part, model, tmp_path / "fine.gcode", fineness=Fineness(0.009)).prediction  # asked for: kept
-    assert fine.commands > 1.3 * said.commands
-    same = mend_gcode(part, model, tmp_path / "out.gcode").prediction
-    assert (same.commands, same.after) == (said.commands, said.after)
 
 
 def test_what_is_known_of_homing_is_kept_in_printer_and_model() -> None:

@@ -133,7 +133,8 @@ def test_a_loose_nozzle_is_no_play_of_belts(preset: str, rng: np.random.Generato
             at = wanted + away * min(1.0, play_mm / 2 / max(float(np.hypot(*away)), 1e-9))
         places[row] = at
     learned = learn(Trace(path, places + rng.normal(0, NOISE_MM, path.shape), homed=True), printer).saved
-    assert [each["kind"] for each in learned.document["misfit"]["found"]] == ["loose"]
+    told = [each["kind"] for each in learned.document["misfit"]["found"] if each["severity"] != "note"]
+    assert told == ["loose"]
     for table in learned.mechanism.transmissions:
         assert np.abs(table.upper_mm - table.lower_mm).max() < 1e-3
 

@@ -91,7 +91,7 @@ def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
     moved_mm = np.concatenate([acts_mm, means_mm], axis=2)
     flat = (moved_mm if scene.placed else _of_shape(moved_mm, places)).reshape(2 * len(places), -1)
     products = flat.T @ flat
-    kept = machine & [part.acts_mm.any() for part in parts]
+    kept = machine & np.array([part.acts_mm.any() for part in parts], bool)
     while kept.any():
         gains = 2 * (products[:-1, -1] - products[:-1, :-1] @ kept) + np.diag(products)[:-1]
         worst = int(np.argmin(np.where(kept, gains, np.inf)))
