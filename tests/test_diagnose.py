@@ -194,10 +194,10 @@ def test_the_pulley_in_the_picture_is_the_pulley_in_the_machine(examined: Examin
 
 
 @pytest.mark.parametrize("name", ["ender3", "corexy"])
-def test_most_points_lie_in_the_band(name: str, examined: Examination, rng: np.random.Generator) -> None:
+def test_most_points_lie_in_the_band(name: str, rng: np.random.Generator) -> None:
     printer = read_printer(name)
-    examination = examined if name == "ender3" else examine(probe_trace(BROKEN, printer), printer, rng=rng)
-    for one in examination.portraits:
+    trace = replace(probe_trace(BROKEN, printer), placed=True)  # a scan leaves the scale open, and so the band wide
+    for one in examine(trace, printer, rng=rng).portraits:
         band = 2 * np.hypot(one.sd_mm, one.noise_mm)
         off = np.empty(len(one.point_side))
         for side in (0, 1):

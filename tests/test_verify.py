@@ -108,7 +108,7 @@ def test_a_smaller_change_is_told_beside_a_promise_that_is_kept(bent: SavedModel
     [
         (BENT, 0.0, FLATBED, KEPT),
         (BENT, 0.002, FLATBED, KEPT),  # no more than such a scanner may do
-        (BENT, 0.006, FLATBED, BROKEN),
+        (BENT, 0.01, FLATBED, BROKEN),
         (BENT, 0.003, KNOWN_SCALE, BROKEN),
         (machine(0.4, 0.3), 0.0, FLATBED, BROKEN),
     ],
