@@ -1,4 +1,4 @@
-"""A slow drift of unknown cause: a random walk in time."""
+"""A drift of unknown cause: a random walk in time, or a smooth process of the way, as `uneven` is one of the place."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -8,16 +8,17 @@ import numpy as np
 from printmend.effects.effect import OTHERWISE, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
+from printmend.effects.uneven import LENGTHS_MM, spectrum
 from printmend.effects.words import Found, Told
 from printmend.messages import say
 
-COUNT = 24
+COUNT = 24  # of the cosines: over a long way smooth processes are finer than these
 
 WANDERS = partial(say, "measurement-wanders-mm-fix-what-measures")
 
 
 class Wander(Usual):
-    """Cosines over the print with the spectrum of a random walk."""
+    """Cosines over the print with the spectrum of a random walk, or that of a smooth process of one length."""
 
     name = "wander"
     of = Of.SESSION
@@ -26,8 +27,10 @@ class Wander(Usual):
     keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
+        smooth = [length for length in LENGTHS_MM if scene.way_mm < COUNT * length]
+        profiles = [spectrum((0.0, scene.way_mm), length, COUNT) for length in smooth]
         for axis in range(2):
-            yield from alternatives(self.name, axis, [()], tuple(1.0 / np.arange(1, COUNT + 1)))
+            yield from alternatives(self.name, axis, [()], tuple(1.0 / np.arange(1, COUNT + 1)), *profiles)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, np.cos(np.pi * np.clip(places.done, 0.0, 1.0)[:, None] * np.arange(1, COUNT + 1)))
