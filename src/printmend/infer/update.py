@@ -15,7 +15,7 @@ import numpy as np
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.effect import SCALE_MM
 from printmend.effects.homing import spread_mm
-from printmend.effects.prior import happens_share
+from printmend.effects.prior import happens_share, wear_share
 from printmend.infer.fit import (
     FINER_ROUNDS,
     Fit,
@@ -227,13 +227,15 @@ def _search(sums: Sums, story: Story, left: Left) -> Search:
 
 @lru_cache(maxsize=16)  # each story is searched more than once
 def _seldom(blocks: tuple[Block, ...], whole: bool, anew: tuple[int, ...]) -> tuple[Block, ...]:
-    """Return blocks with the odds of changes: what a machine has since, it seldom has."""
-    seldom = math.log(happens_share("changed"))
+    """Return blocks with the odds of changes: what a machine has since, it seldom has; what does not wear comes only
+    with other parts."""
 
     def block(one: Block) -> Block:
         effect = EFFECTS[one.effect]
-        is_new = whole or (effect.acts is Acts.DRIVE and one.where in anew)
-        return one if is_new or effect.of is not Of.MACHINE else replace(one, log_odds=one.log_odds + seldom)
+        if effect.of is not Of.MACHINE or whole or (effect.acts is Acts.DRIVE and one.where in anew):
+            return one
+        seldom = happens_share("changed" if wear_share(one.effect) else "replaced")
+        return replace(one, log_odds=one.log_odds + math.log(seldom))
 
     return tuple(map(block, blocks))
 
