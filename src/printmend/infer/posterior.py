@@ -1,11 +1,10 @@
 """The posterior of a machine: draws from all likely sets of effects, weighted by evidence.
 
-Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999): those of a chain that
-begins at the likeliest (Madigan & York 1995). A draw is one of these sets, with sizes from its posterior. An effect of
+Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999): those that a chain from the
+likeliest comes by (Madigan & York 1995). A draw is one of these sets, with sizes from its posterior. An effect of
 the likeliest set acts where its mean lowers the expected square of the drawn machines' errors.
 """
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from printmend.infer.part import DRAWS, Part
 from printmend.infer.search import LEAST_BETTER, Gains, Search, Set, State
 
 LEAST_LOG_WEIGHT = -9.0  # the chain leaves out sets less likely than e^−9 of the likeliest
-STEPS, FIRST_STEPS = 3, 40  # from one drawn set to the next, and from the likeliest one to the first
+STEPS = 150  # of the chain
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,33 +110,37 @@ def _of_shape(moved_mm: np.ndarray, places: Places) -> np.ndarray:
     return np.asarray(flat - rigid.T @ (rigid @ flat)).reshape(2, len(x), -1)
 
 
-def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> Iterator[Set]:
-    """Yield a set for each draw, by its weight.
+def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> list[Set]:
+    """Return a set for each draw, by its weight among all that a chain came by.
 
     A step takes one member away, or none, and chooses what comes in its place, or nothing, by what each adds to the
-    score (Gibbs sampling; what the number of members does to the odds of a step is made up for). Members that nothing
-    replaces stay.
+    score (Gibbs sampling). Members that nothing replaces stay. How often the chain is somewhere counts for nothing: it
+    seldom goes where two members have to change at once, and then stays there for long.
     """
     blocks, sure = _beside(search, likeliest)
     search = search.narrowed(blocks)
     members: Set = tuple((blocks.index(b), variant) for b, variant in likeliest.members)
-    known: dict[Set, tuple[np.ndarray, np.ndarray]] = {}
-    for step in range(FIRST_STEPS + DRAWS * STEPS):
+    known: dict[Set, Gains] = {}
+    scores: dict[Set, float] = {}
+    for _ in range(STEPS):
         doubted = [member for member in members if blocks[member[0]] not in sure]
         taken = [*doubted, None][int(rng.integers(len(doubted) + 1))]
         others = tuple(sorted(member for member in members if member != taken))
         if others not in known:
             without = search.posterior(others, likeliest.sigma_mm, rounds=0)
-            gains = search.gains(without, search.offered(others))
-            kept = gains.values > LEAST_LOG_WEIGHT + gains.values.max(initial=0.0)
-            known[others] = gains.keys[kept], gains.values[kept]
-        keys, values = known[others]
-        left = len(doubted) - (taken is not None)
-        weights = np.append(values, math.log((left + 2) / (left + 1)))
-        choice = int(np.argmax(weights + rng.gumbel(size=len(weights))))  # the largest is one drawn by its weight
-        members = others if choice == len(keys) else (*others, (int(keys[choice, 0]), int(keys[choice, 1])))
-        if step >= FIRST_STEPS and not (step - FIRST_STEPS) % STEPS:
-            yield tuple(sorted((blocks[b], variant) for b, variant in members))
+            found = search.gains(without, search.offered(others))
+            kept = found.values > LEAST_LOG_WEIGHT + found.values.max(initial=0.0)
+            known[others] = Gains(found.keys[kept], found.values[kept])
+            scores[others] = without.score
+            for (b, variant), gain in zip(known[others].keys.tolist(), known[others].values.tolist(), strict=True):
+                scores[tuple(sorted((*others, (b, variant))))] = without.score + gain
+        gains = np.append(known[others].values, 0.0)
+        choice = int(np.argmax(gains + rng.gumbel(size=len(gains))))  # the largest is one drawn by its weight
+        chosen = known[others].keys[choice : choice + 1].tolist()  # none where it is the last
+        members = (*others, *((b, variant) for b, variant in chosen))
+    sets, weights = list(scores), np.exp(np.array(list(scores.values())) - max(scores.values()))
+    drawn = rng.choice(len(sets), DRAWS, p=weights / weights.sum())
+    return [tuple(sorted((blocks[b], variant) for b, variant in sets[each])) for each in drawn]
 
 
 def _beside(search: Search, likeliest: State) -> tuple[list[int], set[int]]:
