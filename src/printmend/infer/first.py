@@ -64,8 +64,15 @@ def among(names: tuple[str, ...]) -> Callable[[Term], bool]:
 
 def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
     """Return a fit of few effects, in whose scene the motors' turns are as long as the trace says, and the trace as the
-    motors really went: where one lost steps, its pulley turned by less. Each length is judged at its own contacts."""
-    still = fitted(trace, scene, healthy_mechanism(scene.printer), kept=among(STILL), quick=True)
+    motors really went: where one lost steps, its pulley turned by less. Each length is judged at its own contacts, and
+    so is play: a loose nozzle resembles it where belts are thought to touch everywhere."""
+    healthy = healthy_mechanism(scene.printer)
+    still = fitted(trace, scene, healthy, kept=among(STILL), quick=True)
+    if any(block.effect == "loose" for block in still.blocks):
+        tight = tuple(name for name in STILL if name != "loose")
+        still = max(
+            still, fitted(trace, scene, healthy, kept=among(tight), quick=True), key=lambda fit: fit.state.score
+        )
 
     def told(scene: Scene, before: Fit) -> Fit:
         return fitted(trace, scene, before.mechanism, kept=among(FEW), quick=True)
