@@ -71,7 +71,6 @@ def test_one_part_teaches_how_to_print_another(scanned):
     # the part as it was before mending: the promise does not hold for it
     again = verify(model, replace(trace, offset_mm=trace.offset_mm + 1e-5))
     assert again.result == "broken"
-    assert "as far off as before mending. Was the mended file printed?" in again.words
     assert again.now_mm == pytest.approx(again.before_mm, abs=0.03)
 
 

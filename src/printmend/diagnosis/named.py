@@ -15,7 +15,7 @@ from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.homing import lasting
 from printmend.effects.pulley import shape_words
 from printmend.effects.sample import drawn_places
-from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Told, carrier_name
+from printmend.effects.words import LEAST, LEAST_SHOWN_MM, NAMED_SIGMAS, Fault, Found, Told, carrier_name
 from printmend.infer.part import Part
 from printmend.messages import Said, catalogue, is_one_of, parts_of, say, together
 from printmend.model.notes import NOTE, SEVERITIES, WARNING, Misfit
@@ -133,7 +133,7 @@ def misfits_of(parts: Sequence[Part], scene: Scene, nats: Sequence[float] = ()) 
         for told in _told(one, beside, scene):
             words = _either([told.words, *_words(rivals, beside, scene)])
             words = words if chance >= CERTAIN or rivals else say("likely-certain", words)
-            if size_mm >= LEAST_COST_MM or told.is_harmless:
+            if size_mm >= (LEAST_SHOWN_MM if told.is_harmless else LEAST_COST_MM):
                 severity = WARNING if size_mm >= WARNED_MM and not told.is_harmless else NOTE
                 found.append(Misfit(told.kind, severity, size_mm, nats_of, words))
                 said.append(group)
