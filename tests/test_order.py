@@ -8,7 +8,8 @@ import pytest
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.learn.learned import learn
-from printmend.learn.order import in_order
+from printmend.learn.order import in_order, roughly
+from printmend.learn.other_printer import another_printers
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
@@ -71,3 +72,8 @@ def test_what_no_order_explains_is_left_as_it_came(
 def test_a_table_of_other_kinematics_is_asked_whose_it_is(of: Printer, said_of: Printer) -> None:
     found = learn(table(of, rows=400), said_of).saved.document["misfit"]["found"]
     assert ("printer" in {each["kind"] for each in found}) == (of is not said_of)
+
+
+def test_of_few_places_nobody_is_asked_whose_they_are() -> None:
+    few = table(COREXY, rows=16)
+    assert another_printers(roughly(few, CARTESIAN), few) == ()

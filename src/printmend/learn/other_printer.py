@@ -15,6 +15,7 @@ from printmend.infer.fit import Fit
 from printmend.infer.scatter import independent_share, robust_sigma_mm
 from printmend.infer.search import LEAST_SIGMA_MM
 from printmend.learn.order import roughly
+from printmend.learn.rows import LEAST_ROWS
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say
 from printmend.metrics.robust import log_likelihood
@@ -33,6 +34,8 @@ def another_printers(fit: Fit, trace: Trace) -> tuple[Misfit, ...]:
     other = roughly(trace, replace(fit.scene.printer, kinematics="cartesian" if is_corexy else "corexy"))
     theirs_mm, ours_mm = other.left_by_mark_mm(trace), fit.left_by_mark_mm(trace)
     known = np.isfinite(theirs_mm + ours_mm).all(axis=1)
+    if known.sum() < LEAST_ROWS:
+        return ()
     their, our = (log_likelihood(each[known].ravel(), LEAST_SIGMA_MM) for each in (theirs_mm, ours_mm))
     share = min(independent_share(each, robust_sigma_mm(each)) for each in theirs_mm[known].T)
     nats = share * (their - our) + _of_set(other) - _of_set(fit) + math.log(share_of("other_printer"))
