@@ -170,11 +170,12 @@ def _shifted(trace: Trace, seen: np.ndarray, printer: Printer, places_mm: np.nda
         for again, words in _undone(trace, seen, places_mm):
             if not np.isfinite(least_mm):
                 least_mm = BETTER_SHARE * _left_mm(trace, printer)
-            if (left_mm := _left_mm(again, printer)) < least_mm:
-                best, least_mm, learned = (again, words), left_mm, again
+            one = _roughly_unhomed(again, printer)
+            if (left_mm := _mean_mm(one, again)) < least_mm:
+                best, least_mm, learned = (again, words), left_mm, one
         if learned is None:
             break
-        places_mm = roughly(replace(learned, homed=False), printer).places_mm()
+        places_mm = learned.places_mm()
     return best
 
 
@@ -247,10 +248,19 @@ def roughly(trace: Trace, printer: Printer) -> Fit:
         return fitted(trace, scene, healthy_mechanism(printer), kept=among(ROUGH), quick=True)
 
 
+def _roughly_unhomed(trace: Trace, printer: Printer) -> Fit:
+    """Return the roughly learned drives of a trace of which nobody knows yet whose home it begins at."""
+    return roughly(replace(trace, homed=False), printer)
+
+
+def _mean_mm(fit: Fit, trace: Trace) -> float:
+    """Return the mean distance of places from where drives have them."""
+    return float(np.nanmean(np.abs(fit.left_by_mark_mm(trace))) * 2)
+
+
 def _left_mm(trace: Trace, printer: Printer) -> float:
-    """Return the mean distance of places from where drives that were learned roughly have them; whose home the trace
-    begins at nobody knows yet."""
-    return float(np.nanmean(np.abs(roughly(replace(trace, homed=False), printer).left_by_mark_mm(trace))) * 2)
+    """Return the mean distance of places from where their roughly learned drives have them."""
+    return _mean_mm(_roughly_unhomed(trace, printer), trace)
 
 
 def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:
