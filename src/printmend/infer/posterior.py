@@ -128,9 +128,7 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
         others = tuple(sorted(member for member in members if member != taken))
         if others not in known:
             without = search.posterior(others, likeliest.sigma_mm, rounds=0)
-            found = search.gains(without, search.offered(others))
-            kept = found.values > LEAST_LOG_WEIGHT + found.values.max(initial=0.0)
-            known[others] = Gains(found.keys[kept], found.values[kept])
+            known[others] = search.gains(without, search.offered(others)).above(LEAST_LOG_WEIGHT)
             scores[others] = without.score
             for (b, variant), gain in zip(known[others].keys.tolist(), known[others].values.tolist(), strict=True):
                 scores[tuple(sorted((*others, (b, variant))))] = without.score + gain
@@ -147,15 +145,13 @@ def _beside(search: Search, likeliest: State) -> tuple[list[int], set[int]]:
     """Return the blocks of the likeliest set, and those that may well come beside one, or in its place; and the blocks
     whose place none does."""
     members, beside = likeliest.members, search.beside(likeliest)
-
-    def likely(gains: Gains) -> list[int]:
-        return gains.keys[gains.values > LEAST_LOG_WEIGHT + gains.values.max(initial=0.0), 0].tolist()
-
-    found, sure = [*(b for b, _ in members), *likely(beside.gains(search.offered(members)))], set()
+    found, sure = [b for b, _ in members], set()
+    found += beside.gains(search.offered(members)).above(LEAST_LOG_WEIGHT).keys[:, 0].tolist()
     for at, own in enumerate(search.dictionary.own(members)):
-        gains = beside.without(own).gains(search.offered((*members[:at], *members[at + 1 :])))
-        found += (others := likely(gains))
-        if {*others} == {members[at][0]} and gains.values.max() > -LEAST_LOG_WEIGHT:
+        others = (*members[:at], *members[at + 1 :])
+        gains = beside.without(own).gains(search.offered(others)).above(LEAST_LOG_WEIGHT)
+        found += gains.keys[:, 0].tolist()
+        if set(gains.keys[:, 0]) == {members[at][0]} and gains.values.max() > -LEAST_LOG_WEIGHT:
             sure.add(members[at][0])
     return list(dict.fromkeys(found)), sure
 

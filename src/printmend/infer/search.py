@@ -53,6 +53,11 @@ class Gains:
         kept = (self.keys != key).any(axis=1)
         return Gains(self.keys[kept], self.values[kept])
 
+    def above(self, log_weight: float) -> "Gains":
+        """Return those that weigh more than e^``log_weight`` of the largest, or of adding nothing."""
+        kept = self.values > log_weight + self.values.max(initial=0.0)
+        return Gains(self.keys[kept], self.values[kept])
+
     def best(self) -> tuple[tuple[int, int], float]:
         """Return the key that adds most, and how much; none does where there is nothing to add."""
         if not len(self.values):
