@@ -61,7 +61,7 @@ class _Group:
 def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = (), lift: Lift | None = None) -> Diagnosis:
     """Return the faults that act in one sentence, motor by motor; ``gaps`` is what the trace could not tell, ``lift``
     what is known of how Z lifts."""
-    faults = faults_of(parts, scene)
+    faults = list(filter(is_named, faults_of(parts, scene)))
     said = {name: [fault.words for fault in faults if fault.part == name] for name in (*scene.printer.motors, "frame")}
     motors = [
         say("motor-has", name.upper(), together(", ", said[name])) if said[name] else say("motor-healthy", name.upper())
@@ -93,18 +93,19 @@ def kind_words(kind: str) -> str:
 
 
 def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:
-    """Name the faults that act, motor by motor and the frame last; one that another effect explains as well says so."""
+    """Return the faults that act, motor by motor and the frame last; one that another effect explains as well says so.
+    Some are too small or too uncertain to be named."""
     groups = _groups(parts)
     beside = [each.found for each in groups]
-    named: list[Fault] = []
+    found: list[Fault] = []
     for group in groups:
         if group.found.law.of is not Of.MACHINE or not (group.found.acts or _is_lost(group.found, scene)):
             continue
-        faults = [fault for fault in _faults(group.found, beside, scene) if _is_named(fault)]
+        faults = _faults(group.found, beside, scene)
         other = _other_words(group, groups, scene)
-        named += [replace(fault, words=say("or-else", fault.words, other)) if other else fault for fault in faults]
+        found += [replace(fault, words=say("or-else", fault.words, other)) if other else fault for fault in faults]
     order = [*scene.printer.motors, "frame"]
-    return sorted(named, key=lambda fault: order.index(fault.part) if fault.part in order else len(order))
+    return sorted(found, key=lambda fault: order.index(fault.part) if fault.part in order else len(order))
 
 
 def misfits_of(parts: Sequence[Part], scene: Scene, nats: Sequence[float] = ()) -> list[Misfit]:
@@ -229,7 +230,7 @@ def _plain(found: Found) -> str:
     return found.effect.replace("_", " ")
 
 
-def _is_named(fault: Fault) -> bool:
+def is_named(fault: Fault) -> bool:
     return abs(fault.value) > max(NAMED_SIGMAS * fault.sd, LEAST.get(fault.unit, 0.0))
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.diagnosis.named import diagnose, faults_of, misfits_of
+from printmend.diagnosis.named import diagnose, faults_of, is_named, misfits_of
 from printmend.diagnosis.scale import seen_scales
 from printmend.diagnosis.screw import Z_SAID, Lift, find_lift, lift_of, renewed_lift
 from printmend.effects import Scene, scene_of
@@ -233,20 +233,21 @@ def changes_of(found: Renewed) -> list[Change]:
     of_motors = [scene.printer.motors[motor] for motor in story.anew]
     changes = [_turn(found, motor, by) for motor, by in enumerate(story.turned_rad) if by and motor not in story.anew]
     changes = [each for each in changes if abs(each.now) > max(NAMED_SIGMAS * each.sd, LEAST_CHANGE["°"])]
-    before, now = (_named(parts, scene) for parts in (found.before, found.now.parts))
+    before, now = (_acting(parts, scene) for parts in (found.before, found.now.parts))
     for key in dict.fromkeys([*before, *now]):
         if key[0] in of_motors or key[1] in OF_ONE_PRINT:
             continue
         other = before.get(key) or now[key]
         was, new = (each.get(key) or replace(other, value=0.0) for each in (before, now))
         sd = float(np.hypot(was.sd, new.sd))
-        if abs(new.value - was.value) > max(NAMED_SIGMAS * sd, LEAST_CHANGE.get(new.unit, 0.0)):
+        is_sure = abs(new.value - was.value) > max(NAMED_SIGMAS * sd, LEAST_CHANGE.get(new.unit, 0.0))
+        if is_sure and (is_named(was) or is_named(new)):
             changes.append(_change(was, new, sd))
     return changes
 
 
-def _named(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]:
-    """Return the acting faults by part and kind, from those drawn machines that have them."""
+def _acting(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]:
+    """Return the acting faults, named or not, by part and kind, from those drawn machines that have them."""
 
     def sure(part: Part) -> Part:
         there = np.flatnonzero(part.draws_mm.any(axis=0))
