@@ -56,7 +56,7 @@ def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float, float
     first, turned = begun(trace, scene)
     if first.scene.turns_mm != scene.turns_mm:
         return None
-    fit = fitted(turned, scene, first.mechanism)
+    fit = fitted(turned, scene, first)
     posterior = posterior_of(fit, rng)
     places = _places(printer, rng)
     true_mm, places = _printed(true, places, scene)

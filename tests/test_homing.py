@@ -51,7 +51,7 @@ def printed(machine: Mechanism, seed: int, points: int = 400, noise_mm: float = 
 
 def believed(machine: Mechanism, seed: int = 0) -> Posterior:
     trace = printed(machine, seed)
-    fit = fitted(trace, scene_of(trace, machine.printer, (40.0, 40.0)), healthy_mechanism(machine.printer))
+    fit = fitted(trace, scene_of(trace, machine.printer, (40.0, 40.0)))
     return posterior_of(fit, np.random.default_rng(0))
 
 

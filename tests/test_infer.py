@@ -19,7 +19,7 @@ from printmend.effects.words import Found
 from printmend.infer.fit import HOME_SD_MM, fitted, weighed
 from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, gram_of, seen
 from printmend.infer.machine import machine_of
-from printmend.infer.normal import log_below
+from printmend.infer.normal import inverse_of, log_below
 from printmend.infer.part import DRAWS
 from printmend.infer.posterior import drawn_sets, posterior_of
 from printmend.infer.search import Search
@@ -146,7 +146,7 @@ def test_noise_alone_makes_no_machine(preset: str) -> None:
     dots[0] = False
     for seed in range(4):
         trace = measured(path, dots, scene, [], NOISE_MM, np.random.default_rng(seed))
-        posterior = posterior_of(fitted(trace, scene, healthy_mechanism(printer)), np.random.default_rng(0))
+        posterior = posterior_of(fitted(trace, scene), np.random.default_rng(0))
         assert not any(part.acts_mm.any() for part in posterior.parts)
 
 
@@ -196,8 +196,7 @@ def test_drawn_printers_rank_evenly_among_their_draws() -> None:
         rng = np.random.default_rng([7, seed])
         true = [part for part in drawn_parts(scene, rng) if part.effect in COMMON]
         trace = measured(path, dots, scene, true, NOISE_MM, rng)
-        first, _ = machine_of(scene, [part for part in true if part.effect in ("scale", "play")])
-        fit = fitted(trace, scene, first, kept=lambda term: term.effect in COMMON, quick=True)
+        fit = fitted(trace, scene, kept=lambda term: term.effect in COMMON, quick=True)
         parts = posterior_of(fit, rng).parts
         none = np.zeros((len(places), 2, 1))
         acts = sum((_moved(part, part.acts_mm[:, None], places, scene) for part in parts), none)
@@ -264,12 +263,37 @@ def test_dropping_a_member_is_as_if_it_had_not_been_there(rng: np.random.Generat
     search = Search(Dictionary(tuple(blocks), columns), gram_of(columns, rows, one))
     members, offered = ((2, 1), (0, 0), (1, 0)), np.array([0, 3, 4])
     state = search.posterior(members, 1.0, rounds=0)
-    gains = search.beside(state).without(slice(3, 5)).gains(offered)
+    less = search.beside(state).without((0, 0))
+    gains = less.gains(offered)
     fewer = (members[0], members[2])
     without = search.posterior(fewer, 1.0, rounds=0)
+    assert less.score == pytest.approx(without.score, rel=1e-9)
     grown = [search.posterior((*fewer, (b, variant)), 1.0, rounds=0) for b, variant in gains.keys.tolist()]
     assert sorted(gains.keys.tolist()) == [[b, variant] for b in offered for variant in range(2)]
     np.testing.assert_allclose(gains.values, [each.score - without.score for each in grown], rtol=1e-9)
+
+
+def test_what_is_given_is_summed_out(rng: np.random.Generator) -> None:
+    """Beside members that stay, others add to the score what they add to that of all, in every search."""
+    columns = rng.standard_normal((30, 6)) + 0.8 * rng.standard_normal((30, 1))
+    blocks = tuple(
+        Block(name, 0, (), slice(2 * b, 2 * b + 2), rng.uniform(0.5, 2.0, (1, 2)), np.array([-0.5]))
+        for b, name in enumerate(("scale", "skew", "bend"))
+    )
+    one = np.ones(30)
+    rows = Rows(np.arange(30), np.ones((30, 2)), columns @ rng.standard_normal(6) + rng.standard_normal(30), one, one)
+    search = Search(Dictionary(blocks, columns), gram_of(columns, rows, one))
+    given = search.given(((0, 0),), 0.8).given(((1, 0),), 0.8)
+    more = [given.posterior(each, 0.8, rounds=0) for each in ((), ((2, 0),))]
+    whole = [search.posterior(((0, 0), (1, 0), *each), 0.8, rounds=0) for each in ((), ((2, 0),))]
+    assert more[1].score - more[0].score == pytest.approx(whole[1].score - whole[0].score, rel=1e-9)
+    np.testing.assert_allclose(more[1].mean_mm, whole[1].mean_mm[4:], rtol=1e-9)
+
+
+def test_a_triangle_is_inverted_by_halves(rng: np.random.Generator) -> None:
+    for size in (0, 1, 47, 131):
+        lower = np.tril(rng.standard_normal((size, size))) + 10 * np.eye(size)
+        np.testing.assert_allclose(inverse_of(lower), np.linalg.inv(lower), atol=1e-12)
 
 
 def test_the_normal_tail_is_that_of_scipy() -> None:

@@ -13,7 +13,6 @@ from printmend.infer.known import directions, rebased, turned
 from printmend.infer.part import DRAWS, Part
 from printmend.infer.posterior import Posterior, posterior_of
 from printmend.infer.update import Renewed, both_seen, renewed
-from printmend.machine import healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
@@ -38,7 +37,7 @@ def printed(corruption: Corruption, points: int, seed: int, low: float = 60.0, h
 @pytest.fixture(scope="module")
 def old() -> tuple[Fit, Posterior]:
     trace = printed(machine(), 400, 0, 6.0, 214.0)
-    fit = fitted(trace, scene_of(trace, ENDER3, (40.0, 40.0)), healthy_mechanism(ENDER3))
+    fit = fitted(trace, scene_of(trace, ENDER3, (40.0, 40.0)))
     return fit, posterior_of(fit, np.random.default_rng(0))
 
 

@@ -23,7 +23,6 @@ from printmend.infer.fit import fitted
 from printmend.infer.part import DRAWS
 from printmend.infer.posterior import posterior_of
 from printmend.learn.learned import Learned, learn, learn_model, report
-from printmend.machine import healthy_mechanism
 from printmend.measure import read_trace
 from printmend.measure.table import write_trace
 from printmend.mend import check_gcode, mend_gcode
@@ -317,7 +316,7 @@ def test_drawn_screws_push_as_their_doubt_says(rng: np.random.Generator) -> None
         trace = Trace(points[:, :2], seen, z_mm=points[:, 2], homed=True)
         scene = scene_of(trace, SHORT, (SHORT.x.mm_per_turn, SHORT.y.mm_per_turn))
         kept = among(("wobble", "layer", "place"))
-        posterior = posterior_of(fitted(trace, scene, healthy_mechanism(SHORT), kept=kept), rng)
+        posterior = posterior_of(fitted(trace, scene, kept=kept), rng)
         drawn = [
             pushed_mm(scene, [part.acting().of(sizes_mm=part.draws_mm[:, draw])], at)
             - pushed_mm(scene, [part.acting().of(sizes_mm=part.draws_mm[:, draw])], np.zeros(1))

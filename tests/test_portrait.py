@@ -10,7 +10,6 @@ from printmend.effects.sized import Sized
 from printmend.infer.fit import fitted
 from printmend.infer.machine import machine_of
 from printmend.infer.posterior import posterior_of
-from printmend.machine import healthy_mechanism
 from printmend.machine.printing import print_from_home
 from printmend.path import Trace
 from printmend.printer import read_printer
@@ -41,7 +40,7 @@ def test_the_curves_of_a_motor_are_the_machines(preset: str) -> None:
     true, _ = machine_of(scene, [Sized("scale", 0, (), np.array([0.5])), Sized("play", 0, (), np.array([0.3]))])
     places = print_from_home(true, np.hstack([path, np.full((len(path), 1), printer.z.home_mm)]))[:, :2]
     trace = Trace(path, places + rng.normal(0, 0.01, places.shape), homed=True)
-    fit = fitted(trace, scene, healthy_mechanism(printer))
+    fit = fitted(trace, scene)
     parts = posterior_of(fit, rng).parts
     drawn = portrait(parts, fit.scene, 0, contacts_of_fit(fit, 0), fit.state.sigma_mm)
     assert drawn.name == printer.motors[0].upper()

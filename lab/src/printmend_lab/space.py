@@ -17,7 +17,7 @@ from printmend.infer.first import FEW, among
 from printmend.infer.fit import fitted
 from printmend.infer.screw import Height, fit_height
 from printmend.learn.registry import ORACLE, fit
-from printmend.machine import GainMechanism, Mechanism, PlayTables, ScrewDrive, healthy_mechanism, run_motors, z_grid_mm
+from printmend.machine import GainMechanism, Mechanism, PlayTables, ScrewDrive, run_motors, z_grid_mm
 from printmend.model.screw import ScrewSeries
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -66,7 +66,7 @@ def fit_space(
 def _pushes(trace: Trace, printer: Printer, effects: tuple[str, ...]) -> list[Sized]:
     """Return the screw's push as a trace shows it, beside some effects."""
     scene = scene_of(replace(trace, homed=False), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
-    fit = fitted(trace, scene, healthy_mechanism(printer), kept=among(effects), quick=True)
+    fit = fitted(trace, scene, kept=among(effects), quick=True)
     return [part for part in fit.parts() if part.effect == "wobble"]
 
 

@@ -6,7 +6,7 @@ and the likelier one stays.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -20,7 +20,6 @@ from printmend.effects.teeth import TOOTH_MM
 from printmend.infer.fit import Fit, fitted, weighed
 from printmend.infer.gram import Block, Dictionary, Rows, gram_of, laid_side_by_side, narrowed, seen
 from printmend.infer.search import Search, Set, State
-from printmend.machine import healthy_mechanism
 from printmend.path import Trace
 
 # Effects that do not turn, and those that decide where a belt touches.
@@ -66,16 +65,13 @@ def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
     """Return a fit of few effects, in whose scene the motors' turns are as long as the trace says, and the trace as the
     motors really went: where one lost steps, its pulley turned by less. Each length is judged at its own contacts, and
     so is play: a loose nozzle resembles it where belts are thought to touch everywhere."""
-    healthy = healthy_mechanism(scene.printer)
-    still = fitted(trace, scene, healthy, kept=among(STILL), quick=True)
+    still = fitted(trace, scene, kept=among(STILL), quick=True)
     if any(block.effect == "loose" for block in still.blocks):
         tight = tuple(name for name in STILL if name != "loose")
-        still = max(
-            still, fitted(trace, scene, healthy, kept=among(tight), quick=True), key=lambda fit: fit.state.score
-        )
+        still = max(still, fitted(trace, scene, kept=among(tight), quick=True), key=lambda fit: fit.state.score)
 
     def told(scene: Scene, before: Fit) -> Fit:
-        return fitted(trace, scene, before.mechanism, kept=among(FEW), quick=True)
+        return fitted(trace, scene, before, kept=among(FEW), quick=True)
 
     best, odds = told(scene, still), 0.0
     for round_, base in enumerate((still, None)):
@@ -109,10 +105,10 @@ def _rival(fit: Fit, motor: int, *, near: bool) -> tuple[Turn, float] | None:
     if near and not any(block.effect in REPEATING and block.where == motor for block in fit.blocks):
         return None
     beside = _Beside(fit, motor)
-    own = beside.gain(Turn(motor, fit.scene.turns_mm[motor]))
-    tried = [(turn, beside.gain(turn) + turn.log_odds) for turn in _lengths(fit.scene, motor, near=near)]
-    best, gain = max(tried, key=lambda each: each[1])
-    if gain < own - SHARPER_NATS:
+    tried = [Turn(motor, fit.scene.turns_mm[motor]), *_lengths(fit.scene, motor, near=near)]
+    own, *gains = beside.gains(tried)
+    best = tried[1 + int(np.argmax(gains))]
+    if max(gains) < own - SHARPER_NATS:
         return None
     best, gain = _sharpened(beside, best)
     return (best, gain - own) if gain > own else None
@@ -150,21 +146,23 @@ class _Beside:
     def marks(self) -> tuple[Places, Rows]:
         return narrowed(self.fit.places, self.fit.rows)
 
-    def gain(self, turn: Turn) -> float:
-        """Return the score of the set with a pulley of this turn, whose play breathes or not."""
+    def gains(self, turns: Sequence[Turn]) -> list[float]:
+        """Return the score of the set with a pulley of each turn, whose play breathes or not, and its log odds."""
         search, beside, weight = self.known
-        (places, rows), scene = self.marks, turn.of(self.fit.scene)
+        (places, rows), sizes, count = self.marks, _sizes_mm(), len(search.dictionary.blocks)
         new = [
-            seen(name, turn.motor, (most,), places, rows, scene)
+            seen(name, turn.motor, (most,), places, rows, turn.of(self.fit.scene))
+            for turn in turns
             for name, most in (("pulley", ROUND_MOST), ("breathing", BREATH_MOST))
         ]
-        sizes, count = _sizes_mm(), len(search.dictionary.blocks)
-        block = Block("pulley", turn.motor, (), slice(0, sizes.shape[1]), sizes, np.zeros(len(sizes)))
-        blocks = laid_side_by_side((*search.dictionary.blocks, block))
-        whole = Dictionary(blocks, np.hstack([search.dictionary.columns, *new]))
-        search = search.with_more(whole, self.fit.rows, weight)
-        best, _ = search.gains(beside, np.array([count])).best()
-        return search.posterior((*beside.members, best), self.fit.state.sigma_mm).score
+        own = Block("pulley", self.motor, (), slice(0, sizes.shape[1]), sizes, np.zeros(len(sizes)))
+        blocks = laid_side_by_side((*search.dictionary.blocks, *[own] * len(turns)))
+        columns = np.hstack([search.dictionary.columns, *new])
+        search = search.with_more(Dictionary(blocks, columns), self.fit.rows, weight)
+        gains = search.gains(beside, count + np.arange(len(turns))).values.reshape(len(turns), -1)
+        likeliest = enumerate(np.argmax(gains, axis=1).tolist(), start=count)
+        found = [search.posterior((*beside.members, one), beside.sigma_mm).score for one in likeliest]
+        return [score + turn.log_odds for score, turn in zip(found, turns, strict=True)]
 
 
 def _sizes_mm() -> np.ndarray:
@@ -179,10 +177,11 @@ def _sharpened(beside: _Beside, turn: Turn) -> tuple[Turn, float]:
     spacing, gain = NEAR_SPACING, -np.inf
     for _ in range(FINER_ROUNDS):
         around = [replace(turn, length_mm=turn.length_mm * (1 + spacing * each)) for each in FINER]
-        gains = [beside.gain(each) for each in around]
+        gains = beside.gains(around)
         turn, gain = around[int(np.argmax(gains))], max(gains)
         spacing /= 2
     toothed = replace(turn, length_mm=TOOTH_MM * round(turn.length_mm / TOOTH_MM))
     if toothed.length_mm != beside.fit.scene.turns_mm[turn.motor]:
-        turn, gain = max((turn, gain), (toothed, beside.gain(toothed) + TOOTHED_NATS), key=lambda each: each[1])
-    return turn, gain + turn.log_odds
+        (other,) = beside.gains([toothed])
+        turn, gain = max((turn, gain), (toothed, other + TOOTHED_NATS), key=lambda each: each[1])
+    return turn, gain

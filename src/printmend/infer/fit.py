@@ -18,13 +18,13 @@ from printmend.infer.gram import (
     gram_of,
     laid_side_by_side,
     narrowed,
-    reweighed,
     seen,
     seen_blocks,
+    summed,
 )
 from printmend.infer.machine import machine_of
 from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
-from printmend.machine import Contacts, Mechanism, contacts_of
+from printmend.machine import Contacts, Mechanism, contacts_of, healthy_mechanism
 from printmend.metrics.robust import own_share, scale_of, weights_of
 from printmend.path import Trace
 
@@ -98,22 +98,27 @@ class Fit:
 
 
 def fitted(
-    trace: Trace, scene: Scene, first: Mechanism, *, kept: Callable[[Term], bool] | None = None, quick: bool = False
-) -> Fit:
-    """Return the effects that a trace shows; ``first`` is a machine that is nearly right, for the first contacts. Only
-    terms that are ``kept`` are looked for, all without; where it is to be ``quick`` in few marks."""
+    trace: Trace, scene: Scene, first: Fit | None = None, *, kept: Callable[[Term], bool] | None = None,
+    quick: bool = False,
+) -> Fit:  # fmt: skip
+    """Return the effects that a trace shows; the machine of the ``first`` fit, or else a healthy one, tells the first
+    contacts. Only terms that are ``kept`` are looked for, all without; where it is to be ``quick`` in few marks."""
     most = FEW_MARKS if quick else MOST_MARKS
-    mechanism, whole, turned_rad = first, trace, 0.0
+    mechanism = healthy_mechanism(scene.printer) if first is None else first.mechanism
+    whole, turned_rad, parts = trace, *((0.0, []) if first is None else (first.turned_rad, first.parts()))
     fit: Fit | None = None
     if scene.homed:
-        scene = replace(scene, home_sd_mm=home_sd_of(first, scene))
+        scene = replace(scene, home_sd_mm=home_sd_of(mechanism, scene))
     blocks = blocks_of(scene, kept)
     for _ in range(PASSES):
         trace = turned_back(whole, turned_rad, scene)
-        contacts, places, rows = looked(trace, scene, mechanism, most, fit.parts() if fit else (), is_first=fit is None)
+        contacts, places, rows = looked(trace, scene, mechanism, most, parts, is_first=first is None and fit is None)
         rows = _with_turn(rows, places, turned_rad, scene)
-        if fit is not None and len(rows.mark) < MOST_LOST_SHARE * len(fit.rows.mark):
-            break  # with that play hardly a belt would ever touch
+        if fit is not None and (
+            len(rows.mark) < MOST_LOST_SHARE * len(fit.rows.mark)  # with that play hardly a belt would ever touch
+            or _settled(fit, contacts, places, turned_rad)
+        ):
+            break
         if fit is None:
             weight = weighed(rows, _left_by(mechanism, trace, contacts, rows))
         elif len(rows.mark) == len(fit.rows.mark):
@@ -123,19 +128,18 @@ def fitted(
         newer = _searched(scene, places, rows, contacts, weight, fit, blocks)
         if fit is not None and _typical_mm(newer) > WORSE * _typical_mm(fit):
             break  # its contacts are no better than the last
-        again = (
-            fit is not None
-            and np.array_equal(contacts.row, fit.contacts.row)
-            and float(np.abs(places.bed_mm - fit.places.bed_mm).max()) < SETTLED_MM
-        )
-        fit, mechanism = replace(newer, turned_rad=turned_rad), newer.mechanism
-        turns_mm = [] if trace.wall_rows.any() else [p.sizes_mm[0] for p in fit.parts() if p.effect == "turn"]
-        found_rad = math.atan(sum(turns_mm) / SCALE_MM)
-        if again and abs(found_rad - turned_rad) * SCALE_MM < SETTLED_MM:
-            break
-        turned_rad = found_rad
+        fit, mechanism, parts = replace(newer, turned_rad=turned_rad), newer.mechanism, newer.parts()
+        turns_mm = [] if trace.wall_rows.any() else [part.sizes_mm[0] for part in parts if part.effect == "turn"]
+        turned_rad = math.atan(sum(turns_mm) / SCALE_MM)
     assert fit is not None
     return fit if quick else _on_all_marks(fit, turned_back(whole, fit.turned_rad, scene))
+
+
+def _settled(fit: Fit, contacts: Contacts, places: Places, turned_rad: float) -> bool:
+    """Tell whether a fit's machine touches where the fit took it to touch: another pass would find the same."""
+    turned_mm = abs(turned_rad - fit.turned_rad) * SCALE_MM
+    moved_mm = np.abs(places.bed_mm - fit.places.bed_mm).max()
+    return bool(np.array_equal(contacts.row, fit.contacts.row) and max(moved_mm, turned_mm) < SETTLED_MM)
 
 
 def looked(
@@ -207,20 +211,18 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
     gains = fit.search.gains(fit.state, fit.search.offered(fit.state.members))
     beside = np.unique(gains.keys[gains.values > LEAST_BESIDE, 0]).tolist()
     dictionary = fit.search.narrowed((*members, *beside)).dictionary
-    kept, first = dictionary.blocks, dictionary.columns.shape[1]
     numbered: Set = tuple((at, variant) for at, (_, variant) in enumerate(fit.state.members))
     known = slice(0, len(fit.state.columns))  # the members come first
-    whole = Gram(np.zeros((first, first)), np.zeros(first), 0.0, 0.0)
-    for at in range(0, len(rows.mark), CHUNK_ROWS):
-        part = rows.some(slice(at, at + CHUNK_ROWS))
-        some = _columns_of(kept, fit.places, part, fit.scene)
+
+    def gram(first: int) -> Gram:
+        part = rows.some(slice(first, first + CHUNK_ROWS))
+        some = _columns_of(dictionary.blocks, fit.places, part, fit.scene)
         left_mm = part.error_mm - some[:, known] @ fit.state.mean_mm
         away = left_mm * np.sqrt(part.weight) / fit.state.sigma_mm
-        one = gram_of(some, part, part.weight * weights_of(away, 1.0))
-        whole = Gram(
-            whole.matrix + one.matrix, whole.slope + one.slope, whole.square + one.square, whole.count + one.count
-        )
-    search = Search(dictionary, whole)
+        return gram_of(some, part, part.weight * weights_of(away, 1.0))
+
+    grams = map(gram, range(0, len(rows.mark), CHUNK_ROWS))
+    search = Search(dictionary, summed(grams, dictionary.columns.shape[1]))
     state = search.posterior(numbered, fit.state.sigma_mm)
     mechanism, _ = machine_of(fit.scene, sized(dictionary, state.members, state.mean_mm))
     return replace(fit, search=search, state=state, mechanism=mechanism)
@@ -258,11 +260,8 @@ def _searched(
         sigma_mm = last.state.sigma_mm
     state: State | None = None
     begun = [members] if last is None else []
-    search, before = Search(dictionary, gram_of(dictionary.columns, rows, weight)), weight * rows.share
-    for weighing in range(WEIGHINGS):
-        if weighing:
-            more = weight * rows.share - before
-            search, before = Search(dictionary, reweighed(search.gram, dictionary.columns, rows, more)), before + more
+    for _ in range(WEIGHINGS):
+        search = Search(dictionary, gram_of(dictionary.columns, rows, weight))
         # From the beginning, too: what came in beside a shape that was too coarse need not come beside a finer one.
         starts = dict.fromkeys([members, *begun])
         state = max((searched(search, each, sigma_mm) for each in starts), key=lambda each: each.score)

@@ -3,14 +3,13 @@
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Effect, Of, Places, Scene, Term, columns_of
 
 HIDDEN_MM = 2.0  # of a motor's way that play may hide: the widest of any printer
-MOST_SHARED = 1.25  # columns of both directions, over all: with more, one product of all rows is quicker than two
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +133,51 @@ def block_of(terms: Sequence[Term]) -> Block:
 
 
 @dataclass(frozen=True, eq=False)
-class Gram:
-    """Weighted sums of products: of all columns ``matrix`` [P, P] less what was summed out, whose products ``out``
-    [K, P] makes; ``slope`` [P] of each column with the errors, ``square`` of the errors; ``count`` rows tell something
-    of their own."""
+class Table:
+    """Weighted sums of products [P, P] of columns [M, P], made where they are asked for: a search looks at few columns,
+    each beside all others. Rows of ``matrix`` that are ``known`` [P] hold them; rows of numbers have ``weight`` [M]."""
 
+    columns: np.ndarray
+    weight: np.ndarray
     matrix: np.ndarray
+    known: np.ndarray
+
+    def rows(self, first: np.ndarray) -> np.ndarray:
+        """Return the products [A, P] of some columns with all."""
+        missing = np.unique(first[~self.known[first]])
+        if len(missing):
+            told = self.columns[:, missing]
+            seen = np.flatnonzero(told.any(axis=1))  # numbers along X come first; they see nothing of what moves Y
+            some = slice(seen[0], seen[-1] + 1) if len(seen) else slice(0)
+            self.matrix[missing] = (told[some] * self.weight[some, None]).T @ self.columns[some]
+            self.known[missing] = True
+        return np.asarray(self.matrix[first])
+
+    def within(self, columns: np.ndarray) -> np.ndarray:
+        """Return the products [B, P, P] of the columns [B, P] of each of some blocks, which lie side by side."""
+        return np.array([self._own(int(each[0]), int(each[-1]) + 1) for each in columns])
+
+    def _own(self, first: int, end: int) -> np.ndarray:
+        if (first, end) not in self._owned:
+            mine = slice(first, end)
+            told = self.columns[:, mine]
+            is_known = self.known[mine].all()
+            self._owned[first, end] = self.matrix[mine, mine] if is_known else (told * self.weight[:, None]).T @ told
+        return self._owned[first, end]
+
+    @cached_property
+    def _owned(self) -> dict[tuple[int, int], np.ndarray]:
+        return {}
+
+
+@dataclass(frozen=True, eq=False)
+class Gram:
+    """Weighted sums of products: of columns [P], those ``at`` some places of a ``table``, less what was summed out,
+    whose products ``out`` [K, P] makes; ``slope`` [P] of each column with the errors, ``square`` of the errors;
+    ``count`` rows tell something of their own."""
+
+    table: Table
+    at: np.ndarray
     slope: np.ndarray
     square: float
     count: float
@@ -147,17 +185,38 @@ class Gram:
 
     def between(self, first: np.ndarray, second: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Return the products [A, B] of some columns with others, or with all."""
-        told = self.matrix[np.ix_(first, second)] if isinstance(second, np.ndarray) else self.matrix[first, second]
+        told = self.table.rows(self.at[first])[:, self.at[second]]
         return told if self.out is None else told - self.out[:, first].T @ self.out[:, second]
 
     def within(self, columns: np.ndarray) -> np.ndarray:
         """Return the products [B, P, P] of the columns [B, P] of each of some blocks among themselves."""
-        told = self.matrix[columns[:, :, None], columns[:, None, :]]
+        told = self.table.within(self.at[columns])
         return told if self.out is None else told - products(self.out, columns)
 
     def some(self, columns: np.ndarray) -> "Gram":
         """Return the sums of some columns alone."""
-        return replace(self, matrix=self.between(columns, columns), slope=self.slope[columns], out=None)
+        out = None if self.out is None else self.out[:, columns]
+        return replace(self, at=self.at[columns], slope=self.slope[columns], out=out)
+
+    def summed_out(
+        self, old: np.ndarray, mean: np.ndarray, ways: np.ndarray, sigma_mm: float, few: np.ndarray | None = None
+    ) -> tuple["Gram", np.ndarray, np.ndarray]:
+        """Sum out what moves the sizes of columns ``old`` [P] off their ``mean`` [P], along ``ways`` [P, K], each by a
+        standard normal value.
+
+        Return the sums of the ``few`` columns, or all; the root [K, K] of what the noise and the rows make of the
+        values' information, and how the rows pull [K] on them, both in the root's axes.
+        """
+        few = np.arange(len(self.slope)) if few is None else few
+        told = self.between(old)
+        inner, cross = told[:, old], told[:, few].T
+        left = self.slope[old] - inner @ mean
+        root = np.linalg.cholesky(sigma_mm**2 * np.eye(ways.shape[1]) + ways.T @ inner @ ways)
+        half, pull = np.linalg.solve(root, (cross @ ways).T), np.linalg.solve(root, ways.T @ left)
+        square = self.square - mean @ (self.slope[old] + left) - pull @ pull
+        few_slope = self.slope[few] - cross @ mean - half.T @ pull
+        out = half if self.out is None else np.vstack([self.out[:, few], half])
+        return replace(self, at=self.at[few], slope=few_slope, square=float(square), out=out), root, pull
 
 
 def products(half: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -168,40 +227,22 @@ def products(half: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 def gram_of(columns: np.ndarray, rows: Rows, weight: np.ndarray) -> Gram:
     """Return the sums of products of columns [M, P] and errors of rows with weights [M]."""
-    count = columns.shape[1]
-    nothing = Gram(np.zeros((count, count)), np.zeros(count), 0.0, 0.0)
-    return reweighed(nothing, columns, rows, weight * rows.share)
+    weight, count = weight * rows.share, columns.shape[1]
+    table = Table(columns, weight, np.empty((count, count)), np.zeros(count, bool))
+    pull = weight * rows.error_mm
+    return Gram(table, np.arange(count), columns.T @ pull, float(pull @ rows.error_mm), float(rows.share.sum()))
 
 
-def reweighed(gram: Gram, columns: np.ndarray, rows: Rows, more: np.ndarray) -> Gram:
-    """Return the sums where rows count ``more`` [M] than before, or less: of most rows the weight stays."""
-    matrix, slope = gram.matrix.copy(), gram.slope.copy()
-    for sign in (1.0, -1.0):
-        which = np.flatnonzero(sign * more > 0)
-        root = np.sqrt(sign * more[which])
-        some, error = columns[which] * root[:, None], rows.error_mm[which] * root
-        slope += sign * (some.T @ error)
-        for part, own in _apart(some, rows.along[which]):
-            matrix[own] += sign * (part.T @ part)
-    square = gram.square + float(more @ rows.error_mm**2)
-    return replace(gram, matrix=matrix, slope=slope, square=square, count=float(rows.share.sum()))
+def summed(grams: Iterable[Gram], count: int) -> Gram:
+    """Return the sums of the same ``count`` columns over all rows of some, one after the other: a trace may be long."""
+    every = np.arange(count)
+    whole = Gram(_told(np.zeros((count, count))), every, np.zeros(count), 0.0, 0.0)
+    for each in grams:
+        table = _told(whole.table.matrix + each.between(every))
+        whole = Gram(table, every, whole.slope + each.slope, whole.square + each.square, whole.count + each.count)
+    return whole
 
 
-def _apart(columns: np.ndarray, along: np.ndarray) -> list[tuple[np.ndarray, tuple[np.ndarray | slice, ...]]]:
-    """Return the rows that see different columns, each with its own: those along X see nothing of what moves Y alone.
-
-    Where the motors move both, as a CoreXY's do, all rows are left together.
-    """
-    of_x = along[:, 1] == 0
-    own = [np.flatnonzero(columns[some].any(axis=0)) for some in (of_x, ~of_x)]
-    if sum(map(len, own)) > MOST_SHARED * columns.shape[1]:
-        return [(columns, (slice(None),))]
-    return [(columns[some][:, each], np.ix_(each, each)) for some, each in zip((of_x, ~of_x), own, strict=True)]
-
-
-def extended(gram: Gram, old: np.ndarray, new: np.ndarray, rows: Rows, weight: np.ndarray) -> Gram:
-    """Return the sums of products of ``old`` columns [M, P], whose own are known, and ``new`` ones [M, Q]."""
-    weighed = new * (weight * rows.share)[:, None]
-    crossing = old.T @ weighed
-    matrix = np.block([[gram.matrix, crossing], [crossing.T, new.T @ weighed]])
-    return Gram(matrix, np.concatenate([gram.slope, weighed.T @ rows.error_mm]), gram.square, gram.count)
+def _told(matrix: np.ndarray) -> Table:
+    """Return the table of sums of products that are all known."""
+    return Table(np.zeros((0, len(matrix))), np.zeros(0), matrix, np.ones(len(matrix), bool))

@@ -135,23 +135,12 @@ class Sums:
     def without(self, mean: np.ndarray, ways: np.ndarray, sigma_mm: float, at: np.ndarray | None = None) -> "Left":
         """Sum out an old machine; with ``at`` only these columns of the dictionary are left."""
         known = len(self.gram.slope) - self.own
-        few, old = slice(known, None) if at is None else known + at, slice(known)
-        inner, cross = self.gram.matrix[old, old], self.gram.matrix[few, old]
-        pull = ways.T @ (self.gram.slope[old] - inner @ mean)
-        square = self.gram.square - 2 * mean @ self.gram.slope[old] + mean @ inner @ mean
-        open_ = ways.T @ inner @ ways
-        root = np.linalg.cholesky(sigma_mm**2 * np.eye(len(open_)) + open_)
-        half, pulled = np.linalg.solve(root, (cross @ ways).T), np.linalg.solve(root, pull)
-        gram = Gram(
-            self.gram.matrix[known:, known:] if at is None else self.gram.between(known + at, known + at),
-            self.gram.slope[few] - cross @ mean - half.T @ pulled,
-            float(square - pulled @ pulled),
-            self.gram.count,
-            half,
-        )
-        log_det = 2 * float(np.log(np.diag(root)).sum()) - 2 * len(open_) * math.log(sigma_mm)
-        covariance = np.linalg.inv(np.eye(len(open_)) + open_ / sigma_mm**2)
-        return Left(gram, log_det, mean, ways, covariance, pull / sigma_mm**2, (cross @ ways).T / sigma_mm**2)
+        few = known + (np.arange(self.own) if at is None else at)
+        gram, root, pull = self.gram.summed_out(np.arange(known), mean, ways, sigma_mm, few)
+        assert gram.out is not None
+        log_det = 2 * float(np.log(np.diag(root)).sum()) - 2 * len(root) * math.log(sigma_mm)
+        covariance = sigma_mm**2 * np.linalg.inv(root @ root.T)
+        return Left(gram, log_det, mean, ways, covariance, root @ pull / sigma_mm**2, root @ gram.out / sigma_mm**2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -118,17 +118,17 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     seldom goes where two members have to change at once, and then stays there for long.
     """
     blocks, sure = _beside(search, likeliest)
-    search = search.narrowed(blocks)
-    members: Set = tuple((blocks.index(b), variant) for b, variant in likeliest.members)
+    staying: Set = tuple((blocks.index(b), variant) for b, variant in sure)
+    members: Set = tuple((blocks.index(b), variant) for b, variant in likeliest.members if (b, variant) not in sure)
+    search = search.narrowed(blocks).given(staying, likeliest.sigma_mm)
     known: dict[Set, Gains] = {}
     scores: dict[Set, float] = {}
     for _ in range(STEPS):
-        doubted = [member for member in members if blocks[member[0]] not in sure]
-        taken = [*doubted, None][int(rng.integers(len(doubted) + 1))]
+        taken = [*members, None][int(rng.integers(len(members) + 1))]
         others = tuple(sorted(member for member in members if member != taken))
         if others not in known:
             without = search.posterior(others, likeliest.sigma_mm, rounds=0)
-            known[others] = search.gains(without, search.offered(others)).above(LEAST_LOG_WEIGHT)
+            known[others] = search.gains(without, search.offered((*staying, *others))).above(LEAST_LOG_WEIGHT)
             scores[others] = without.score
             for (b, variant), gain in zip(known[others].keys.tolist(), known[others].values.tolist(), strict=True):
                 scores[tuple(sorted((*others, (b, variant))))] = without.score + gain
@@ -138,22 +138,22 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
         members = (*others, *((b, variant) for b, variant in chosen))
     sets, weights = list(scores), np.exp(np.array(list(scores.values())) - max(scores.values()))
     drawn = rng.choice(len(sets), DRAWS, p=weights / weights.sum())
-    return [tuple(sorted((blocks[b], variant) for b, variant in sets[each])) for each in drawn]
+    return [tuple(sorted((blocks[b], variant) for b, variant in (*staying, *sets[each]))) for each in drawn]
 
 
-def _beside(search: Search, likeliest: State) -> tuple[list[int], set[int]]:
-    """Return the blocks of the likeliest set, and those that may well come beside one, or in its place; and the blocks
+def _beside(search: Search, likeliest: State) -> tuple[list[int], Set]:
+    """Return the blocks of the likeliest set, and those that may well come beside one, or in its place; and the members
     whose place none does."""
     members, beside = likeliest.members, search.beside(likeliest)
-    found, sure = [b for b, _ in members], set()
+    found, sure = [b for b, _ in members], []
     found += beside.gains(search.offered(members)).above(LEAST_LOG_WEIGHT).keys[:, 0].tolist()
-    for at, own in enumerate(search.dictionary.own(members)):
+    for at, member in enumerate(members):
         others = (*members[:at], *members[at + 1 :])
-        gains = beside.without(own).gains(search.offered(others)).above(LEAST_LOG_WEIGHT)
+        gains = beside.without(member).gains(search.offered(others)).above(LEAST_LOG_WEIGHT)
         found += gains.keys[:, 0].tolist()
-        if set(gains.keys[:, 0]) == {members[at][0]} and gains.values.max() > -LEAST_LOG_WEIGHT:
-            sure.add(members[at][0])
-    return list(dict.fromkeys(found)), sure
+        if set(gains.keys[:, 0]) == {member[0]} and gains.values.max() > -LEAST_LOG_WEIGHT:
+            sure.append(member)
+    return list(dict.fromkeys(found)), tuple(sure)
 
 
 def _nats(fit: Fit) -> tuple[float, ...]:

@@ -14,11 +14,12 @@ import numpy as np
 
 from printmend.effects import EFFECTS
 from printmend.infer import kernels
-from printmend.infer.gram import Block, Dictionary, Gram, Rows, extended, laid_side_by_side, products
-from printmend.infer.normal import log_below
+from printmend.infer.gram import Block, Dictionary, Gram, Rows, gram_of, laid_side_by_side, products
+from printmend.infer.normal import inverse_of, log_below
 
 LEAST_SIGMA_MM = 2e-3  # of any instrument; tables and G-code are written to half of it
 LEAST_BETTER = 1e-6  # of the score: what rounding leaves
+SETTLED_SHARE = 1e-3  # of the noise's variance: a score near its maximum changes by the square
 MOST_STEPS = 80  # of the search: more blocks than any printer's
 Set = tuple[tuple[int, int], ...]  # (block, alternative in size) of each member
 
@@ -81,15 +82,19 @@ class Search:
         odds = sum(float(blocks[b].log_odds[v]) for b, v in members)
         matrix, slope = self.gram.between(columns, columns), self.gram.slope[columns]
         scaled, scaled_slope = matrix * np.outer(sd, sd), slope * sd
-        variance = max(sigma_mm, LEAST_SIGMA_MM) ** 2
+        newer = max(sigma_mm, LEAST_SIGMA_MM) ** 2
         for at in range(rounds + 1):
+            variance = newer
             factor = np.linalg.cholesky(np.eye(len(sd)) + scaled / variance)
-            inverse = np.linalg.inv(factor)
+            inverse = inverse_of(factor)
             covariance = inverse.T @ inverse
             mean = covariance @ scaled_slope / variance
-            if at < rounds:
-                left = self.gram.square - 2 * mean @ scaled_slope + mean @ scaled @ mean + np.sum(scaled * covariance)
-                variance = max(float(left) / max(self.gram.count, 1), LEAST_SIGMA_MM**2)
+            if at == rounds:
+                break
+            left = self.gram.square - 2 * mean @ scaled_slope + mean @ scaled @ mean + np.sum(scaled * covariance)
+            newer = max(float(left) / max(self.gram.count, 1), LEAST_SIGMA_MM**2)
+            if abs(newer - variance) < SETTLED_SHARE * variance:
+                break
         log_det = 2 * np.log(np.diag(factor)).sum()
         quadratic = (self.gram.square - scaled_slope @ mean) / variance
         evidence = -0.5 * (self.gram.count * np.log(variance) + log_det + quadratic)
@@ -109,10 +114,17 @@ class Search:
         half = state.root @ crossing
         slope = self.gram.slope / variance - crossing.T @ state.mean_mm
         information = []
-        for group, own in zip(self._groups, self._own, strict=True):
+        for group, own in zip(self.groups, self._own, strict=True):
             told = own / variance
             information.append(told - products(half, group.columns) if len(half) else told)
-        return Beside(tuple(self._groups), state, state.root.T @ half, tuple(information), slope)
+        return Beside(self, state, state.score, state.root.T @ half, tuple(information), slope)
+
+    def given(self, members: Set, sigma_mm: float) -> "Search":
+        """Return the search beside members that stay, whatever their sizes: these are summed out."""
+        columns = _columns_of(self.dictionary.blocks[b] for b, _ in members)
+        sd = np.concatenate([self.dictionary.blocks[b].sds_mm[v] for b, v in members] or [np.zeros(0)])
+        gram, _, _ = self.gram.summed_out(columns, np.zeros(len(sd)), np.diag(sd), sigma_mm)
+        return replace(self, gram=gram)
 
     def narrowed(self, numbers: Sequence[int]) -> "Search":
         """Return the search among some blocks alone, in this order."""
@@ -123,12 +135,11 @@ class Search:
 
     def with_more(self, dictionary: Dictionary, rows: Rows, weight: np.ndarray) -> "Search":
         """Return the search in a dictionary whose first columns are this one's, for the rows of these weights."""
-        first = len(self.gram.slope)
-        new = dictionary.columns[:, first:]
-        return Search(dictionary, extended(self.gram, dictionary.columns[:, :first], new, rows, weight))
+        return Search(dictionary, gram_of(dictionary.columns, rows, weight))
 
     @cached_property
-    def _groups(self) -> list["_Group"]:
+    def groups(self) -> list["_Group"]:
+        """The blocks of each width and sign."""
         by_size: dict[tuple[tuple[int, ...], bool], list[int]] = {}
         for number, block in enumerate(self.dictionary.blocks):
             by_size.setdefault((block.sds_mm.shape, block.positive), []).append(number)
@@ -147,7 +158,7 @@ class Search:
     @cached_property
     def _own(self) -> list[np.ndarray]:
         """The products of the columns of each group's blocks among themselves."""
-        return [self.gram.within(group.columns) for group in self._groups]
+        return [self.gram.within(group.columns) for group in self.groups]
 
     @cached_property
     def _positive(self) -> np.ndarray:
@@ -175,13 +186,15 @@ class Search:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """What rows tell of the blocks of each group [B, P, P], and how they pull on all columns [P], beside a set.
+    """What rows tell of the blocks of each group [B, P, P], and how they pull on all columns [P], beside a set with a
+    ``score``: that of a state, or all of it but one member.
 
-    ``reach`` [A, P]: how far the set's sizes move for a size of a column.
+    ``reach`` [A, P]: how far the state's sizes move for a size of a column.
     """
 
-    groups: "tuple[_Group, ...]"
+    search: Search
     state: State
+    score: float
     reach: np.ndarray
     information: tuple[np.ndarray, ...]
     slope: np.ndarray
@@ -189,9 +202,9 @@ class Beside:
     def gains(self, offered: np.ndarray) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the score of the set that has none of them."""
         found: list[tuple[np.ndarray, np.ndarray]] = []
-        chosen = np.zeros(sum(len(group.blocks) for group in self.groups), bool)
+        chosen = np.zeros(len(self.search.dictionary.blocks), bool)
         chosen[offered] = True
-        for group, information in zip(self.groups, self.information, strict=True):
+        for group, information in zip(self.search.groups, self.information, strict=True):
             mine = chosen[group.blocks]
             if not mine.any():
                 continue
@@ -205,15 +218,26 @@ class Beside:
             return Gains(np.zeros((0, 2), np.int64), np.zeros(0))
         return Gains(np.concatenate([keys for keys, _ in found]), np.concatenate([gains for _, gains in found]))
 
-    def without(self, own: slice) -> "Beside":
-        """Return the same beside the set without the member whose sizes are its ``own``: they are 0."""
+    def without(self, member: tuple[int, int]) -> "Beside":
+        """Return the same beside the state without a member: its sizes are 0.
+
+        How likely that was to come out, before the rows and after, is their evidence (Dickey 1971). A block is taken to
+        leave the sign of others as certain as it was.
+        """
+        block, at = self.search.dictionary.blocks[member[0]], self.state.members.index(member)
+        own = self.search.dictionary.own(self.state.members)[at]
         root = np.asarray(np.linalg.qr(self.state.root[:, own], mode="r")).T
         freed = np.linalg.solve(root, self.reach[own])
         pull = np.linalg.solve(root, self.state.mean_mm[own])
+        told = np.log(block.sds_mm[member[1]] / np.abs(np.diag(root))).sum() - pull @ pull / 2
+        if block.positive:
+            told -= float(log_below(np.sign(root[0]) * pull)[0]) + np.log(2)
         information = tuple(
-            told + products(freed, group.columns) for group, told in zip(self.groups, self.information, strict=True)
+            each + products(freed, group.columns)
+            for group, each in zip(self.search.groups, self.information, strict=True)
         )
-        return replace(self, information=information, slope=self.slope + freed.T @ pull)
+        score = self.state.score + float(told) - float(block.log_odds[member[1]])
+        return Beside(self.search, self.state, score, self.reach, information, self.slope + freed.T @ pull)
 
 
 def _columns_of(blocks: Iterable[Block]) -> np.ndarray:
@@ -255,14 +279,23 @@ def searched(search: Search, start: Set, sigma_mm: float) -> State:
     state = search.posterior(start, sigma_mm)
     for _ in range(MOST_STEPS):
         beside = search.beside(state)
-        better = _grown(search, state, beside) or _exchanged(search, state, beside)
+        better = _more(search, state, beside) or _exchanged(search, state, beside)
         if better is None:
             break
         state = better
     return state
 
 
-def _grown(search: Search, state: State, beside: Beside) -> State | None:
+def by_growing(search: Search, start: Set, sigma_mm: float) -> State:
+    """Return the set that is reached from ``start`` by adding blocks alone: quicker than `searched`, and good enough to
+    compare stories."""
+    state = search.posterior(start, sigma_mm)
+    while (better := _more(search, state, search.beside(state))) is not None:
+        state = better
+    return state
+
+
+def _more(search: Search, state: State, beside: Beside) -> State | None:
     best, gain = beside.gains(search.offered(state.members)).best()
     if gain <= 0:
         return None
@@ -272,14 +305,12 @@ def _grown(search: Search, state: State, beside: Beside) -> State | None:
 
 def _exchanged(search: Search, state: State, beside: Beside) -> State | None:
     """Return a better set with one member dropped, or another in its place, the last that came first; None for none."""
-    own = search.dictionary.own(state.members)
-    for at in reversed(range(len(state.members))):
+    for at, member in reversed(list(enumerate(state.members))):
         others = (*state.members[:at], *state.members[at + 1 :])
-        without = search.posterior(others, state.sigma_mm, rounds=0)
-        gains = beside.without(own[at]).gains(search.offered(others))
-        choice, gain = gains.without(state.members[at]).best()
+        less = beside.without(member)
+        choice, gain = less.gains(search.offered(others)).without(member).best()
         members = (*others, choice) if gain > 0 else others
-        if without.score + max(gain, 0.0) > state.score + LEAST_BETTER:
+        if less.score + max(gain, 0.0) > state.score + LEAST_BETTER:
             tried = search.posterior(members, state.sigma_mm)
             if tried.score > state.score + LEAST_BETTER:
                 return tried

@@ -30,10 +30,8 @@ from printmend.infer.gram import (
     Dictionary,
     Rows,
     dictionary_of,
-    extended,
     gram_of,
     laid_side_by_side,
-    reweighed,
     seen,
 )
 from printmend.infer.known import (
@@ -52,7 +50,7 @@ from printmend.infer.known import (
 from printmend.infer.machine import machine_of
 from printmend.infer.part import DRAWS, Part
 from printmend.infer.posterior import Posterior, after_homing, posterior_here
-from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
+from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, by_growing, searched
 from printmend.machine import Contacts, Mechanism
 from printmend.path import Trace
 
@@ -172,9 +170,8 @@ def _weighed_stories(
     weight = weighed(rows, rows.error_mm - old @ wearing.known(story, like)[0])
     best: _Pass | None = None
     members, sigma_mm = always, _sigma_mm(rows, old, weight, wearing.known(story, like)[0])
-    gram = gram_of(np.hstack([old, dictionary.columns]), rows, weight)
     for _ in range(WEIGHINGS):
-        sums = Sums(dictionary, gram)
+        sums = Sums(dictionary, gram_of(np.hstack([old, dictionary.columns]), rows, weight))
 
         def told(each: Story, start: Set, by: _Steps = searched, sums: Sums = sums, sd_mm: float = sigma_mm) -> _Pass:
             left = sums.without(*wearing.known(each, like), sd_mm)
@@ -195,24 +192,9 @@ def _weighed_stories(
         story, stories = best.story, False
         best = _finer(best, places, rows, scene, weight, old)
         dictionary, members, sigma_mm = best.sums.dictionary, best.state.members, best.state.sigma_mm
-        before, weight = weight, weighed(rows, best.left_mm())
-        columns = np.hstack([old, dictionary.columns])
-        gram = reweighed(best.sums.gram, columns, rows, (weight - before) * rows.share)
+        weight = weighed(rows, best.left_mm())
     assert best is not None
     return best
-
-
-def by_growing(search: Search, start: Set, sigma_mm: float) -> State:
-    """Return the set that is reached from ``start`` by adding blocks alone: quicker than `searched`, and good enough to
-    compare stories."""
-    state = search.posterior(start, sigma_mm)
-    while len((gains := search.gains(state, search.offered(state.members))).values):
-        best, gain = gains.best()
-        more = search.posterior((*state.members, best), state.sigma_mm)
-        if gain <= 0 or more.score <= state.score:
-            break
-        state = more
-    return state
 
 
 def _sigma_mm(rows: Rows, old: np.ndarray, weight: np.ndarray, mean: np.ndarray) -> float:
@@ -301,9 +283,7 @@ def _finer(at: _Pass, places: Places, rows: Rows, scene: Scene, weight: np.ndarr
         dictionary = with_finer(at.sums.dictionary, at.state.members, round_, places, rows, scene)
         if dictionary is at.sums.dictionary:
             break
-        first = at.sums.own
-        known, new = np.hstack([old, dictionary.columns[:, :first]]), dictionary.columns[:, first:]
-        sums = Sums(dictionary, extended(at.sums.gram, known, new, rows, weight))
+        sums = Sums(dictionary, gram_of(np.hstack([old, dictionary.columns]), rows, weight))
         left = sums.without(at.left.mean, at.left.ways, at.state.sigma_mm)
         state = searched(_search(sums, at.story, left), at.state.members, at.state.sigma_mm)
         at = replace(at, sums=sums, left=left, state=state)

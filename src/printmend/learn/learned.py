@@ -95,7 +95,7 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     lift = find_lift(trace, printer)
     first, turned = begun(trace, scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn)))
     told = (*told, *skipped(trace, turned, printer))
-    fit = fitted(turned, first.scene, first.mechanism)
+    fit = fitted(turned, first.scene, first)
     return Learned(searched_model(fit, turned, told, {DIGESTS: list(digests)}, rng, lift), turned, fit)
 
 

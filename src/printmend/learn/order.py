@@ -16,7 +16,6 @@ from printmend.effects import scene_of
 from printmend.errors import TraceError
 from printmend.infer.first import among
 from printmend.infer.fit import Fit, fitted
-from printmend.machine import healthy_mechanism
 from printmend.measure.checks import AXES_TODO, FARTHEST_MM, wrong_axes
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say, together
@@ -245,7 +244,7 @@ def roughly(trace: Trace, printer: Printer) -> Fit:
     """Return the drives' main parts alone, as some rows show them."""
     scene = scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
     with threadpool_limits(1, user_api="blas"):
-        return fitted(trace, scene, healthy_mechanism(printer), kept=among(ROUGH), quick=True)
+        return fitted(trace, scene, kept=among(ROUGH), quick=True)
 
 
 def _roughly_unhomed(trace: Trace, printer: Printer) -> Fit:

@@ -12,7 +12,7 @@ from printmend.effects import scene_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import TraceError
 from printmend.infer.fit import fitted
-from printmend.machine import contacts_of, healthy_mechanism
+from printmend.machine import contacts_of
 from printmend.messages import say
 from printmend.path import Instrument, Trace
 from printmend.printer import Printer
@@ -50,7 +50,7 @@ def fit_walls(trace: Trace, printer: Printer) -> WallFit:
         )  # fmt: skip
     whole = replace(trace, instrument=Instrument())  # where walls lie in the picture, its own stretch included
     scene = scene_of(whole, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
-    fit = fitted(trace, scene, healthy_mechanism(printer), kept=lambda term: not term.shape)
+    fit = fitted(trace, scene, kept=lambda term: not term.shape)
     belt_mm = contacts_of(fit.mechanism, printer.to_motor(trace.commanded_mm)).belt_mm
     sizes = {part.effect: part.sizes_mm for part in fit.parts()}
     left = np.full(len(trace), np.nan)

@@ -173,7 +173,7 @@ def learning_finds_it(candidate: EffectCandidate) -> str:
         path, np.where(dots[:, None], seen, np.nan), homed=True, placed=not read, instrument=FLATBED if read else None
     )
     scene = scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
-    fit = fitted(trace, scene, healthy_mechanism(printer))
+    fit = fitted(trace, scene)
     parts = posterior_of(fit, np.random.default_rng(0)).parts
     true = candidate.example().part(printer)
     found = [part for part in parts if part.effect == candidate.name and part.where == true.where]
