@@ -142,8 +142,8 @@ class Table:
     matrix: np.ndarray
     known: np.ndarray
 
-    def rows(self, first: np.ndarray) -> np.ndarray:
-        """Return the products [A, P] of some columns with all."""
+    def between(self, first: np.ndarray, second: np.ndarray | None) -> np.ndarray:
+        """Return the products [A, B] of some columns with others, or with all."""
         missing = np.unique(first[~self.known[first]])
         if len(missing):
             told = self.columns[:, missing]
@@ -151,7 +151,7 @@ class Table:
             some = slice(seen[0], seen[-1] + 1) if len(seen) else slice(0)
             self.matrix[missing] = (told[some] * self.weight[some, None]).T @ self.columns[some]
             self.known[missing] = True
-        return np.asarray(self.matrix[first])
+        return np.asarray(self.matrix[first] if second is None else self.matrix[np.ix_(first, second)])
 
     def within(self, columns: np.ndarray) -> np.ndarray:
         """Return the products [B, P, P] of the columns [B, P] of each of some blocks, which lie side by side."""
@@ -172,31 +172,36 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Weighted sums of products: of columns [P], those ``at`` some places of a ``table``, less what was summed out,
+    """Weighted sums of products: of a ``table``'s columns [P] or those ``at`` some places, less what was summed out,
     whose products ``out`` [K, P] makes; ``slope`` [P] of each column with the errors, ``square`` of the errors;
     ``count`` rows tell something of their own."""
 
     table: Table
-    at: np.ndarray
     slope: np.ndarray
     square: float
     count: float
+    at: np.ndarray | None = None
     out: np.ndarray | None = None
 
-    def between(self, first: np.ndarray, second: np.ndarray | slice = slice(None)) -> np.ndarray:
+    def between(self, first: np.ndarray, second: np.ndarray | None = None) -> np.ndarray:
         """Return the products [A, B] of some columns with others, or with all."""
-        told = self.table.rows(self.at[first])[:, self.at[second]]
-        return told if self.out is None else told - self.out[:, first].T @ self.out[:, second]
+        told = self.table.between(self._of(first), self.at if second is None else self._of(second))
+        if self.out is None:
+            return told
+        return told - self.out[:, first].T @ (self.out if second is None else self.out[:, second])
+
+    def _of(self, columns: np.ndarray) -> np.ndarray:
+        return columns if self.at is None else self.at[columns]
 
     def within(self, columns: np.ndarray) -> np.ndarray:
         """Return the products [B, P, P] of the columns [B, P] of each of some blocks among themselves."""
-        told = self.table.within(self.at[columns])
+        told = self.table.within(self._of(columns))
         return told if self.out is None else told - products(self.out, columns)
 
     def some(self, columns: np.ndarray) -> "Gram":
         """Return the sums of some columns alone."""
         out = None if self.out is None else self.out[:, columns]
-        return replace(self, at=self.at[columns], slope=self.slope[columns], out=out)
+        return replace(self, at=self._of(columns), slope=self.slope[columns], out=out)
 
     def summed_out(
         self, old: np.ndarray, mean: np.ndarray, ways: np.ndarray, sigma_mm: float, few: np.ndarray | None = None
@@ -208,15 +213,14 @@ class Gram:
         values' information, and how the rows pull [K] on them, both in the root's axes.
         """
         few = np.arange(len(self.slope)) if few is None else few
-        told = self.between(old)
-        inner, cross = told[:, old], told[:, few].T
+        inner, cross = self.between(old, old), self.between(old, few).T
         left = self.slope[old] - inner @ mean
         root = np.linalg.cholesky(sigma_mm**2 * np.eye(ways.shape[1]) + ways.T @ inner @ ways)
         half, pull = np.linalg.solve(root, (cross @ ways).T), np.linalg.solve(root, ways.T @ left)
         square = self.square - mean @ (self.slope[old] + left) - pull @ pull
         few_slope = self.slope[few] - cross @ mean - half.T @ pull
         out = half if self.out is None else np.vstack([self.out[:, few], half])
-        return replace(self, at=self.at[few], slope=few_slope, square=float(square), out=out), root, pull
+        return replace(self, at=self._of(few), slope=few_slope, square=float(square), out=out), root, pull
 
 
 def products(half: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -230,16 +234,16 @@ def gram_of(columns: np.ndarray, rows: Rows, weight: np.ndarray) -> Gram:
     weight, count = weight * rows.share, columns.shape[1]
     table = Table(columns, weight, np.empty((count, count)), np.zeros(count, bool))
     pull = weight * rows.error_mm
-    return Gram(table, np.arange(count), columns.T @ pull, float(pull @ rows.error_mm), float(rows.share.sum()))
+    return Gram(table, columns.T @ pull, float(pull @ rows.error_mm), float(rows.share.sum()))
 
 
 def summed(grams: Iterable[Gram], count: int) -> Gram:
     """Return the sums of the same ``count`` columns over all rows of some, one after the other: a trace may be long."""
     every = np.arange(count)
-    whole = Gram(_told(np.zeros((count, count))), every, np.zeros(count), 0.0, 0.0)
+    whole = Gram(_told(np.zeros((count, count))), np.zeros(count), 0.0, 0.0)
     for each in grams:
         table = _told(whole.table.matrix + each.between(every))
-        whole = Gram(table, every, whole.slope + each.slope, whole.square + each.square, whole.count + each.count)
+        whole = Gram(table, whole.slope + each.slope, whole.square + each.square, whole.count + each.count)
     return whole
 
 
