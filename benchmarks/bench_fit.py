@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from tests import foreign_part as foreign
 
-from printmend.diagnosis.scale import axis_scales
 from printmend.gcode.read import read_gcode
 from printmend.measure.distance import choose_widths
 from printmend.measure.walls import read_walls
@@ -24,6 +23,7 @@ from printmend.path import Instrument, Trace
 from printmend.printer import read_printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.filament import UNTOLD, known_filaments
+from printmend.promise.scale import axis_scales
 
 POLYMERS = ("pla", "petg", "abs", "asa")
 

@@ -38,7 +38,7 @@ from printmend.model import SavedModel
 from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.probe import design_probe, write_probe
-from printmend.twin.camera import render_photo
+from printmend_lab.camera import render_photo
 
 KINDS = ("traces", "scans", "pictures", "photos", "callipers")
 QUIET = {"unseen"}

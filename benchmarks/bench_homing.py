@@ -32,7 +32,7 @@ from printmend.printer import Homing, Printer, read_printer
 from printmend.probe import PHASE_MARKS, design_probe, phase_size_mm
 from printmend.twin import Twin
 from printmend.twin.gcode import follow_finely
-from printmend.twin.twin import drawn_shift_mm, homed_again, refitted_mm
+from printmend_lab.homing import drawn_shift_mm, homed_again, refitted_mm
 
 NOISE_MM = 0.02
 TWOFOLD = 2 * np.pi

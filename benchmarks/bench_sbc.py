@@ -29,10 +29,10 @@ from printmend.infer.fit import fitted
 from printmend.infer.machine import machine_of
 from printmend.infer.part import DRAWS, Part
 from printmend.infer.posterior import posterior_of
-from printmend.infer.simulate import drawn_parts, measured
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
+from printmend_lab.simulate import drawn_parts, measured
 
 sys.path.insert(0, str(Path(__file__).parent))
 from runner import parsed, parser_of, rows_of

@@ -29,8 +29,8 @@ from printmend.measure.scan import read_scan
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
-from printmend.twin.camera import render_photo
 from printmend.twin.scanner import DEFAULT, HEAVY, Degradations, render_scan
+from printmend_lab.camera import render_photo
 
 PRINTER = read_printer("ender3")
 OFF_MM = 10.0

@@ -8,7 +8,6 @@ from click.testing import CliRunner
 
 from printmend.cli.learn import command
 from printmend.cli.twin import command as twin
-from printmend.diagnosis.scale import axis_scales
 from printmend.effects import scene_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError, RefusedError
@@ -25,6 +24,7 @@ from printmend.path import Instrument, Trace
 from printmend.printer import Printer, read_printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.filament import UNTOLD, known_filaments, parse_entries
+from printmend.promise.scale import axis_scales
 from printmend.report.examination import examine
 from printmend.twin import Twin
 

@@ -24,7 +24,7 @@ from printmend.printer.toml import parse_printer
 from printmend.promise.belief import Belief, belief_section, parse_belief
 from printmend.promise.homing import after_homing
 from printmend.twin import Twin
-from printmend.twin.twin import drawn_shift_mm, homed_again, refitted_mm
+from printmend_lab.homing import drawn_shift_mm, homed_again, refitted_mm
 from tests.believed import SCENES
 from tests.test_greybox_learning import stairs
 from tests.test_printer_convert import KLIPPER

@@ -23,13 +23,13 @@ from printmend.infer.normal import inverse_of, log_below
 from printmend.infer.part import DRAWS
 from printmend.infer.posterior import drawn_sets, posterior_of
 from printmend.infer.search import Search
-from printmend.infer.simulate import drawn_parts, measured
 from printmend.learn.learned import learn, learn_model
 from printmend.machine import healthy_mechanism, print_from_home
 from printmend.model.model import LEAST_WAVE_MM
 from printmend.path import FLATBED, Trace
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
+from printmend_lab.simulate import drawn_parts, measured
 
 NOISE_MM = 0.02
 

@@ -24,8 +24,8 @@ from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.probe.tags import write_sheet
 from printmend.twin import Twin
-from printmend.twin.camera import render_photo
 from printmend.twin.scanner import CLEAN, DEFAULT, HEAVY, Scan, render_scan
+from printmend_lab.camera import render_photo
 from tests.naive_measure import best_similarity
 
 PRINTER = read_printer("ender3")
@@ -136,7 +136,7 @@ def test_another_colour_and_resolution_are_read_too(tmp_path, plan, printed):
 
 
 def test_a_photo_with_the_sheet_is_read_to_a_hundredth(tmp_path, plan, printed, monkeypatch):
-    monkeypatch.setattr("printmend.twin.camera.PHOTO_PX", (2250, 3000))
+    monkeypatch.setattr("printmend_lab.camera.PHOTO_PX", (2250, 3000))
     photo = render_photo(printed, plan, rng=np.random.default_rng(6))
     measurement = measure_scans([saved(tmp_path / "photo.jpg", photo, dpi=72)], plan)
     assert rms(error_mm(measurement.measured_mm, printed, scale=False)) < 0.05

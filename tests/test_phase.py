@@ -20,7 +20,7 @@ from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import PHASE_MARKS, cost, design_probe, phase_size_mm
 from printmend.twin import Twin
-from printmend.twin.twin import homed_again
+from printmend_lab.homing import homed_again
 from tests.mending import SQUARE
 from tests.test_greybox_learning import stairs
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, CrookedFrame, Drive, Play
-from printmend.diagnosis.scale import in_words, scale_words
 from printmend.errors import RefusedError, TraceError
 from printmend.export.supported import export_supported
 from printmend.learn.learned import learn_model, report
@@ -28,6 +27,7 @@ from printmend.probe import design_probe
 from printmend.promise.predict import (
     Promise,
 )
+from printmend.promise.scale import in_words, scale_words
 from printmend.twin import Twin
 from tests.promised import CIRCLE, ENDER3, HEALTHY, measured, scanned
 from tests.test_greybox_learning import stairs

@@ -27,7 +27,6 @@ from printmend.client import Studio, StudioError
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, Screw
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import misfits_of, unseen
-from printmend.diagnosis.scale import in_words
 from printmend.effects import EFFECTS, Of
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import InputError
@@ -51,6 +50,7 @@ from printmend.plan import start
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe, expected_error_mm
 from printmend.promise import words as promise_words
+from printmend.promise.scale import in_words
 from printmend.studio import kernels, serve, work
 from printmend.studio import said as studio_said
 from printmend.studio import scene as studio_scene

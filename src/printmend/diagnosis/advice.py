@@ -11,6 +11,10 @@ from printmend.messages import is_one_of, parts_of, say, together, within
 CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations from 0 at which a fault is certain, or very likely
 REPAIR_MM = 0.5  # effect on a print above which a part should be replaced
 SPAN_MM = 100.0  # size of the print whose error is stated, for faults that grow with it
+LEAST_ADVICE_MM = 0.01  # a fault with a smaller effect gets no paragraph
+URGENCY = {  # the most urgent first
+    "repair": say("urgency-repair"), "soon": say("urgency-soon"), "software": say("urgency-software"),
+}  # fmt: skip
 
 
 _NOTHING = (  # messages: nothing is broken, so nothing needs a repair

@@ -15,7 +15,7 @@ import numpy as np
 
 from printmend.errors import ScanError
 from printmend.fit.outline import NOWHERE, OUTER, Outline, Round
-from printmend.machine import Mechanism, healthy_mechanism
+from printmend.machine import healthy_mechanism
 from printmend.machine.printing import contacts_of
 from printmend.measure.silhouette import ACROSS_MM
 from printmend.measure.walls import Walls
@@ -23,7 +23,6 @@ from printmend.messages import say
 from printmend.metrics.robust import own_share, scale_of, weights_of
 from printmend.path import FLATBED, Instrument
 from printmend.printer import Printer
-from printmend.twin import Twin
 
 SHARE_MM = 100.0  # scales, turns and skew are in mm per this distance
 OFFSET_SD_MM, HOLE_SD_MM, SHIFT_SD_MM = 0.3, 0.3, 1.0  # before anything is measured
@@ -49,12 +48,16 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """One scanned layer: which (from 1), its walls, their outline, and how far each place stands out [S] mm."""
+    """One scanned layer: which (from 1), its walls, their outline, and how far each place stands out [S] mm.
+
+    ``off_mm`` [N, 2] are the machine's errors at the walls' way-points, None where they are not known.
+    """
 
     number: int
     walls: Walls
     outline: Outline
     stands_mm: np.ndarray
+    off_mm: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -117,12 +120,11 @@ class Estimate:
         return self.first.outline_mm - self.upper.outline_mm, sd
 
 
-def estimated(
-    layers: Sequence[Layer], printer: Printer, instrument: Instrument | None, known: Known, mechanism: Mechanism | None
-) -> Estimate:
-    """Return what scanned layers show of a part. ``mechanism`` is what is known of the machine: its errors are taken
-    off. Raises `ScanError` where too few walls were seen."""
-    blocks = [_block(layer, printer, mechanism) for layer in layers]
+def estimated(layers: Sequence[Layer], printer: Printer, instrument: Instrument | None, known: Known) -> Estimate:
+    """Return what scanned layers show of a part; the machine's errors are taken off where all layers know them. Raises
+    `ScanError` where too few walls were seen."""
+    blocks = [_block(layer, printer) for layer in layers]
+    is_machine_off = all(layer.off_mm is not None for layer in layers)
     own, shared = blocks[0].own.shape[1], blocks[0].shared.shape[1]
     count = shared + own * len(blocks)
     columns = np.zeros((sum(len(block.wanted) for block in blocks), count))
@@ -136,7 +138,7 @@ def estimated(
     mean[:2] = SHARE_MM * np.array(known.mean)
     prior[:2, :2] = np.diag(np.square(SHARE_MM * np.array(known.sd)))
     prior[2:5, 2:5] = SHARE_MM**2 * (instrument or FLATBED).covariance + 1e-12 * np.eye(3)
-    play = 1e-6 if mechanism is not None else PLAY_SD_MM
+    play = 1e-6 if is_machine_off else PLAY_SD_MM
     prior[5:shared, 5:shared] = np.diag(np.square([SKEW_SD_MM, play, play]))
     sds = [OFFSET_SD_MM, HOLE_SD_MM, TURN_SD_MM, SHIFT_SD_MM, SHIFT_SD_MM]
     prior[shared:, shared:] = np.diag(np.square(np.tile(sds, len(blocks))))
@@ -149,7 +151,7 @@ def estimated(
     scale_sd = np.sqrt(np.diag(covariance)[:2]) / SHARE_MM
     return Estimate(
         tuple(sides), (float(values[0] / SHARE_MM), float(values[1] / SHARE_MM)),
-        (float(scale_sd[0]), float(scale_sd[1])), mechanism is not None,
+        (float(scale_sd[0]), float(scale_sd[1])), is_machine_off,
     )  # fmt: skip
 
 
@@ -165,7 +167,7 @@ class _Block:
     own: np.ndarray
 
 
-def _block(layer: Layer, printer: Printer, mechanism: Mechanism | None) -> _Block:
+def _block(layer: Layer, printer: Printer) -> _Block:
     walls, outline = layer.walls, layer.outline
     seen = np.flatnonzero(np.isfinite(layer.stands_mm) & (outline.group != NOWHERE))
     if len(seen) < 20:
@@ -178,8 +180,8 @@ def _block(layer: Layer, printer: Printer, mechanism: Mechanism | None) -> _Bloc
     side = contacts_of(healthy_mechanism(printer), motor).side[walls.row[seen]]
     play = np.stack([n @ np.asarray(printer.from_motor(each)) for each in np.eye(2)], axis=1) * side / 2
     wanted = layer.stands_mm[seen] + _BENT_MM2 * outline.curvature[seen]
-    if mechanism is not None:
-        off_mm = Twin(mechanism).follow(walls.commanded_mm)[walls.row[seen]] - walls.commanded_mm[walls.row[seen]]
+    if layer.off_mm is not None:
+        off_mm = layer.off_mm[walls.row[seen]]
         wanted = wanted - np.sum((off_mm - off_mm.mean(axis=0)) * n, axis=1)
     common, half, lean = n[:, 0] * x + n[:, 1] * y, n[:, 0] * x - n[:, 1] * y, n[:, 0] * y + n[:, 1] * x
     shared = np.column_stack([n[:, 0] * x, n[:, 1] * y, common, half, lean, n[:, 0] * y, play])

@@ -13,7 +13,6 @@ from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.gaps import gaps_of
 from printmend.diagnosis.named import Diagnosis, diagnose, misfits_of
-from printmend.diagnosis.scale import scale_words, seen_scales, shown_scales
 from printmend.diagnosis.screw import Z_SAID, Lift, find_lift, is_gap_of_z
 from printmend.effects import EFFECTS, Scene, scene_of
 from printmend.errors import ConfigError
@@ -36,6 +35,7 @@ from printmend.model.screw import HARMONICS
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import belief_section
+from printmend.promise.scale import scale_words, seen_scales, shown_scales
 from printmend.twin import Twin
 
 AUTO = "auto"

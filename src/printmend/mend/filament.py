@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from printmend.diagnosis.named import diagnose, words_of_z
-from printmend.diagnosis.scale import axis_scales, instrument_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError
 from printmend.filament import CLAIM_SD, Entry, Split, material_of, split
@@ -36,6 +35,7 @@ from printmend.promise.filament import (
     known_filaments,
     parse_entries,
 )
+from printmend.promise.scale import axis_scales, instrument_of
 
 PLAIN = 0.025  # share: a machine's scale error beyond this is no filament's, for none of the table shrinks by as much
 SURE_SDS = 2.0  # … and this many, where a print without filament shows it

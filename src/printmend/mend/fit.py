@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.scale import axis_scales
 from printmend.effects.effect import SCALE_MM
 from printmend.filament import material_of
 from printmend.fit import (
@@ -33,6 +32,8 @@ from printmend.model import SavedModel
 from printmend.printer import Printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.filament import known_filaments
+from printmend.promise.scale import axis_scales
+from printmend.twin import Twin
 
 LEAST_TALL_MM = 8.0  # height of a part, from which on its foot lies in the dark while its top is scanned
 LOW = "part-is-low"  # message: the foot may show beside the top
@@ -103,9 +104,13 @@ def fits(
     knows."""
     with open_gcode(path) as opened:
         file = sliced(*opened.parts[0].hints())
-    layers = [Layer(number, each.walls, outline_of(each.walls), each.stands_mm) for number, each in measured]
-    known, mechanism = _known(model, filament), None if model is None else model.mechanism
-    estimate = estimated(layers, printer, measured[0][1].trace.instrument, known, mechanism)
+    twin = None if model is None else Twin(model.mechanism)
+    layers = []
+    for number, each in measured:
+        path_mm = each.walls.commanded_mm
+        off_mm = None if twin is None else twin.follow(path_mm) - path_mm
+        layers.append(Layer(number, each.walls, outline_of(each.walls), each.stands_mm, off_mm))
+    estimate = estimated(layers, printer, measured[0][1].trace.instrument, _known(model, filament))
     corrections = wanted(estimate, file)
     settings = {name: settings_for(slicer, corrections, file) for name, slicer in SLICERS.items()}
     notes = list(measured[0][1].notes)

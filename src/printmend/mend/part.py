@@ -163,7 +163,7 @@ def _beads(
     fault."""
     outline = outline_of(walls)
     seen = Layer(layer, walls, outline, edges.offset_mm)
-    side = estimated([seen], printer, instrument, Known(), None).sides[0]
+    side = estimated([seen], printer, instrument, Known()).sides[0]
     if side.hole_mm is not None and (outline.group == OUTER).any():
         more_mm = side.hole_mm - side.outline_mm
         if abs(more_mm) > max(SURE_SDS * side.extra_sd_mm, LEAST_HOLES_MM):

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from printmend.clock import Duration
-from printmend.diagnosis.scale import knows_a_length, knows_all_but_a_reading
 from printmend.messages import is_one_of, parts_of, say, say_count, together
 from printmend.model.model import SavedModel
 from printmend.model.notes import said_of
@@ -16,6 +15,7 @@ from printmend.plan import Planner
 from printmend.plan import layout as k
 from printmend.promise.belief import parse_belief
 from printmend.promise.predict import Errors, PathPlaces, Promise, best_shift, promised, shape_of, without_doubt
+from printmend.promise.scale import knows_a_length, knows_all_but_a_reading
 from printmend.promise.words import in_a_line, in_words
 
 _EDGE_MM = 0.5  # slicers round: a print that reaches less than this beyond the bed's edge is on the bed

@@ -12,7 +12,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.named import diagnose, faults_of, is_named, misfits_of
-from printmend.diagnosis.scale import seen_scales
 from printmend.diagnosis.screw import Z_SAID, Lift, find_lift, lift_of, renewed_lift
 from printmend.effects import Scene, scene_of
 from printmend.effects.pulley import HARMONICS
@@ -42,6 +41,7 @@ from printmend.model.notes import Misfit, misfit_section
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, belief_section, says_nothing
+from printmend.promise.scale import seen_scales
 
 LEAST_CHANGE = {"mm": 0.01, "%": 0.02, "°": 0.02}  # a smaller change is not reported
 PLAIN_CHANGE = 0.05  # a larger change is reported with two decimals

@@ -1,11 +1,10 @@
 """The model file: a learned machine as readable, versioned JSON, and the values that it is made of.
 
-`SavedModel` is the machine with its document, `Branches` and `ScrewSeries` a motor and Z as short series, `Design`
-which columns a motor has. `values` holds the checks of what was read.
+`SavedModel` is the machine with its document, `Branches` and `ScrewSeries` a motor and Z as short series. `values`
+holds the checks of what was read.
 """
 
 from printmend.model.branches import SCALE_MM, Branches, Wave
-from printmend.model.layout import CROSS, Design, bed_middle
 from printmend.model.model import (
     SavedModel,
     branches_of,
@@ -21,14 +20,11 @@ from printmend.model.model import (
 from printmend.model.screw import ScrewSeries
 
 __all__ = [
-    "CROSS",
     "SCALE_MM",
     "Branches",
-    "Design",
     "SavedModel",
     "ScrewSeries",
     "Wave",
-    "bed_middle",
     "branches_of",
     "exact_model",
     "model_text",

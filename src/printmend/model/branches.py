@@ -32,11 +32,6 @@ def warp_angle(span_mm: tuple[float, float], motor_mm: np.ndarray) -> np.ndarray
     return np.asarray(np.pi * np.clip((motor_mm - span_mm[0]) / (span_mm[1] - span_mm[0]), 0.0, 1.0))
 
 
-def warp_columns(count: int, span_mm: tuple[float, float], motor_mm: np.ndarray) -> np.ndarray:
-    """Return cos(k π t) [N, count] for k = 1…count at places t of a span."""
-    return np.cos(warp_angle(span_mm, motor_mm)[:, None] * np.arange(1, count + 1))
-
-
 @dataclass(frozen=True, eq=False)
 class Wave:
     """A polynomial and a Fourier series: ``powers_mm`` [P], ``harmonics`` [H] and their ``cos_mm``, ``sin_mm`` [H]."""

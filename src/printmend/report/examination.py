@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 
 import printmend
-from printmend.diagnosis.advice import Advice, advise
+from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, Advice, advise
 from printmend.diagnosis.portrait import Portrait, contacts_of_fit, portrait
-from printmend.diagnosis.scale import scale_words
 from printmend.diagnosis.standard import Circle, Positioning, circle, positioning
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import InputError
@@ -25,16 +24,11 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.predict import Promise
+from printmend.promise.scale import scale_words
 from printmend.report.part import before_and_after
 
 SUFFIXES = (".html", ".htm", ".pdf")
 MOST_ARROWS = 1200  # in a picture
-LEAST_ADVICE_MM = 0.01  # a fault with a smaller effect gets no paragraph
-URGENCY = {
-    "repair": say("urgency-repair"), "soon": say("urgency-soon"), "software": say("urgency-software"),
-}  # fmt: skip
-
-
 AFTER_WORK = say("after-work")
 
 

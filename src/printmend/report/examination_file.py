@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import printmend
+from printmend.diagnosis.advice import URGENCY
 from printmend.draw.document import Block, Card, Items, Numbers, Strip, Words
 from printmend.files import replacing
 from printmend.mend.mend import is_healthy
 from printmend.messages import ENGLISH, Tell, say, tell_in
 from printmend.report.examination import (
-    URGENCY,
     Examination,
     check_name,
     closing,

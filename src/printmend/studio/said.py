@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.advice import Advice, advise
-from printmend.diagnosis.scale import scale_words
+from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, Advice, advise
 from printmend.effects.words import Fault as NamedFault
 from printmend.learn.learned import todo
 from printmend.machine import Mechanism
 from printmend.model import SavedModel
 from printmend.model.notes import misfit_words, said_of
-from printmend.report.examination import LEAST_ADVICE_MM, URGENCY
+from printmend.promise.scale import scale_words
 from printmend.units import TURN_RAD
 
 _ANGLES = 180  # of a pulley's outline

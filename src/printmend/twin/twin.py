@@ -2,8 +2,7 @@
 
 `Twin.run` prints lattice controls, the paper's experiment. `Twin.follow` prints way-points in mm at micro-step
 resolution from the home position, for G-code. Both take two axes, or three. `Twin.seen` is what an instrument reads of
-the same way-points. `homed_again` is the same machine after another homing: all that repeats with its motors' turns
-sits elsewhere.
+the same way-points.
 """
 
 from collections.abc import Sequence
@@ -16,12 +15,10 @@ from printmend.corruption.jump import Jumps
 from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import STAYS
 from printmend.effects.sized import Sized, scene_of_printer, with_effects
-from printmend.effects.teeth import TOOTH_MM
 from printmend.errors import InputError
 from printmend.machine import (
     GainMechanism,
     Mechanism,
-    Transmission,
     drive_belts,
     lattice_tables,
     reach_bed,
@@ -32,36 +29,6 @@ from printmend.messages import say
 from printmend.printer import Printer
 from printmend.twin import kernels
 from printmend.twin.along import moved_mm
-
-STEPS_A_TURN = 4  # full steps of an electrical turn
-
-
-def homed_again(mechanism: Mechanism, by_mm: np.ndarray) -> Mechanism:
-    """Return a machine whose motors [2] homed ``by_mm`` of belt further on than before."""
-
-    def moved(table: Transmission, by: float) -> Transmission:
-        lower, upper = table.branches_mm(table.motor_mm + by)
-        return replace(table, lower_mm=lower, upper_mm=upper)
-
-    a, b = (moved(table, float(by)) for table, by in zip(mechanism.transmissions, by_mm, strict=True))
-    return replace(mechanism, transmissions=(a, b))
-
-
-def drawn_shift_mm(
-    printer: Printer, rng: np.random.Generator, *, scatter_mm: float = 0.1, wake_ups: float = 0.0
-) -> np.ndarray:
-    """Draw the shift of both motors [2] by one homing.
-
-    End stops scatter by ``scatter_mm``; in the share ``wake_ups`` of homings a motor stands an electrical turn aside.
-    """
-    turns = rng.choice((-1.0, 1.0), 2) * (rng.uniform(size=2) < wake_ups)
-    turn_mm = STEPS_A_TURN * np.array(printer.mm_per_step)
-    return np.asarray(printer.to_motor(scatter_mm * rng.standard_normal(2)) + turn_mm * turns)
-
-
-def refitted_mm(printer: Printer, rng: np.random.Generator) -> np.ndarray:
-    """Draw the shift of both motors [2] by belts that were taken off and put back on any tooth."""
-    return np.array([TOOTH_MM * rng.integers(round(axis.mm_per_turn / TOOTH_MM)) for axis in printer.axes[:2]])
 
 
 @dataclass(frozen=True, eq=False)

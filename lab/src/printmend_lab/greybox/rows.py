@@ -8,7 +8,6 @@ import numpy as np
 from printmend.errors import TraceError
 from printmend.learn.walls import wall_shares
 from printmend.measure.checks import LEAST_MEASURED
-from printmend.model.layout import TABLE_PHASES, bed_middle
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
@@ -16,6 +15,7 @@ from printmend_lab.greybox.drive import Jump
 from printmend_lab.greybox.drive.design import Rows, contacts, cross_columns
 from printmend_lab.greybox.drive.kernels import columns as kernels
 from printmend_lab.greybox.drive.select import HARMONICS, Choice
+from printmend_lab.greybox.layout import TABLE_PHASES, bed_middle
 
 TRIAL_ROWS = 4000  # measured rows that the search for contacts and parts looks at; the last fit uses all
 SIGMA_RANGE_MM = (1e-3, 10.0)  # stated standard deviations beyond these are taken for these

@@ -22,8 +22,9 @@ import numpy as np
 
 from printmend.machine import Transmission
 from printmend.machine.kernels import run
-from printmend.model.branches import rising, warp_columns
+from printmend.model.branches import rising
 from printmend.units import SIGMA_PER_MEDIAN, TURN_RAD
+from printmend_lab.greybox.layout import warp_columns
 from printmend_lab.hybrid.continued import continued
 
 log = logging.getLogger(__name__)

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.model import SCALE_MM, Design
+from printmend.model import SCALE_MM
 from printmend_lab.greybox.drive.kernels import columns as kernels
+from printmend_lab.greybox.layout import Design
 
 CHUNK_ROWS = 1 << 12  # rows that are summed at once: their columns stay in the processor's cache
 PHASE_CELLS = 1024  # cells of a turn for the moments: of two harmonics up to 32 their product is off by 2 % at most

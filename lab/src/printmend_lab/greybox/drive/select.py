@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from printmend.model import CROSS
 from printmend.path import last_way
 from printmend_lab.greybox.drive.design import Design, Normal, Rows
 from printmend_lab.greybox.drive.fit import Fit, Posterior, Prior, refine, solve, variances
 from printmend_lab.greybox.drive.sight import crosses
+from printmend_lab.greybox.layout import CROSS
 
 COARSE_HARMONICS = 8  # of the search for contacts
 TRIAL_HARMONICS = 16  # of the choice of parts

@@ -5,13 +5,18 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from printmend.model.branches import SCALE_MM, Branches, Wave, warp_columns
+from printmend.model.branches import SCALE_MM, Branches, Wave, warp_angle
 from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
 TABLE_PHASES = 4096  # phases of the tables over a turn with which the play is followed
 CROSS = ((0, 1), (0, 2), (1, 1), (0, 3), (1, 2), (2, 1))  # exponents (own, other) of the frame's terms
+
+
+def warp_columns(count: int, span_mm: tuple[float, float], motor_mm: np.ndarray) -> np.ndarray:
+    """Return cos(k π t) [N, count] for k = 1…count at places t of a span."""
+    return np.cos(warp_angle(span_mm, motor_mm)[:, None] * np.arange(1, count + 1))
 
 
 @dataclass(frozen=True)
