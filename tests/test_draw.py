@@ -11,22 +11,19 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 
-from printmend.draw import (
-    PrintedLayer,
-    comparison,
-    draw_above,
-    draw_alike,
+from printmend.draw import PrintedLayer, comparison, draw_above, draw_alike, new_figure, save
+from printmend.draw.body import above_view, add_beads, runs
+from printmend.draw.figure import points_per_unit
+from printmend.printer import Printer
+from printmend_lab.draw import (
     draw_axis_error,
     draw_histogram,
     draw_log_histogram,
     draw_solid,
-    new_figure,
     printed_layer,
-    save,
+    project,
+    solid_view,
 )
-from printmend.draw.body import add_beads, project, runs
-from printmend.draw.figure import points_per_unit
-from printmend.printer import Printer
 from tests.bodies import circle_body
 
 COLOURS = Normalize(0, 1)
@@ -59,9 +56,9 @@ def test_runs_cover_each_extruded_segment_once_and_no_travel(rng: np.random.Gene
     assert sum(len(line) - 1 for line in lines) == extruding.sum()
 
 
-@pytest.mark.parametrize("draw", [draw_above, draw_solid])
-def test_a_body_is_drawn_within_its_axes(draw, layers: list[PrintedLayer], axes: Axes) -> None:
-    assert draw(axes, layers, colours=COLOURS) is axes
+@pytest.mark.parametrize(("draw", "view"), [(draw_above, above_view), (draw_solid, solid_view)])
+def test_a_body_is_drawn_within_its_axes(draw, view, layers: list[PrintedLayer], axes: Axes) -> None:
+    assert draw(axes, layers, colours=COLOURS, view_mm=view(layers)) is axes
     shown = [path.vertices for item in axes.collections for path in item.get_paths()]
     points = np.concatenate(shown)
     assert len(shown) >= 3 * 20
@@ -72,8 +69,8 @@ def test_a_body_is_drawn_within_its_axes(draw, layers: list[PrintedLayer], axes:
 
 def test_a_layer_that_does_not_extrude_draws_nothing(layers: list[PrintedLayer], axes: Axes) -> None:
     idle = PrintedLayer(0.2, layers[0].points_mm, np.zeros_like(layers[0].extruding), layers[0].error_mm)
-    draw_solid(axes, [idle], colours=COLOURS)
-    draw_above(axes, [idle], colours=COLOURS)
+    draw_solid(axes, [idle], colours=COLOURS, view_mm=solid_view([idle]))
+    draw_above(axes, [idle], colours=COLOURS, view_mm=above_view([idle]))
     assert not axes.collections
 
 
@@ -125,7 +122,7 @@ def test_histograms_count_every_body(axes: Axes) -> None:
 def test_a_comparison_is_the_same_file_twice(layers: list[PrintedLayer], tmp_path: Path) -> None:
     drawn = []
     for name in ("one.png", "two.png"):
-        draw = [lambda axes: draw_above(axes, layers, colours=COLOURS)] * 2
+        draw = [lambda axes: draw_above(axes, layers, colours=COLOURS, view_mm=above_view(layers))] * 2
         drawn.append(
             save(comparison(["a", "b"], draw, title="both", colours=COLOURS), tmp_path / name, dpi=50).read_bytes()
         )

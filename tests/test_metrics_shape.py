@@ -9,12 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from printmend.errors import TraceError
 from printmend.metrics import rmse
-from printmend.metrics.shape import (
-    bead_difference_area,
-    contour_error,
-    frechet,
-    symmetric_difference_area,
-)
+from printmend_lab.shape import bead_difference_area, frechet, symmetric_difference_area
 
 paths = arrays(float, (6, 2), elements=st.integers(-20, 20).map(float))
 SQUARE = np.array([[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]], float)
@@ -31,23 +26,6 @@ def test_frechet_is_a_metric_and_bounds_hausdorff(a: np.ndarray, b: np.ndarray, 
     assert frechet(a, b) == frechet(b, a)
     assert frechet(a, c) <= frechet(a, b) + frechet(b, c) + 1e-9
     assert shapely.LineString(a).hausdorff_distance(shapely.LineString(b)) <= frechet(a, b) + 1e-9
-
-
-@given(paths, paths)
-def test_contour_error_against_the_slow_definition(target: np.ndarray, printed: np.ndarray) -> None:
-    line = shapely.LineString(target)
-    slow = np.array([line.distance(shapely.Point(p)) for p in printed])
-    fast = contour_error(target, printed)
-    assert fast.rms == pytest.approx(np.sqrt((slow**2).mean()), abs=1e-9)
-    assert fast.max == pytest.approx(slow.max(), abs=1e-9)
-    assert fast.p95 <= fast.max
-
-
-def test_contour_error_forgives_timing_but_rmse_does_not() -> None:
-    line = np.stack([np.arange(100.0), np.zeros(100)], axis=1)
-    late = np.vstack([line[:1].repeat(10, axis=0), line[:-10]])
-    assert contour_error(line, late).max == 0
-    assert rmse(line, late) > 5
 
 
 def test_areas_of_known_figures() -> None:
@@ -85,7 +63,7 @@ def test_area_and_pointwise_metrics_disagree_as_in_the_papers_figure_4() -> None
 @pytest.mark.parametrize("points", [np.zeros((1, 2)), np.zeros((4, 3)), np.array([[0, 0], [np.nan, 1]])])
 def test_paths_that_are_no_paths_are_refused(points: np.ndarray) -> None:
     with pytest.raises(TraceError):
-        contour_error(SQUARE, points)
+        frechet(SQUARE, points)
 
 
 def test_a_bead_needs_a_width() -> None:

@@ -97,7 +97,4 @@ def contour_error(ideal: Way, printed: Way) -> tuple[ContourError, np.ndarray]:
         # Distances to lines see only the part across them: about half, for strokes in all directions.
         shift = shift + 2 * steps.mean(axis=0)
     distance = np.concatenate([stroke_distances(s, b + shift)[0] for s, b in zip(strokes, beads, strict=True)])
-    error = ContourError(
-        float(np.sqrt(np.mean(distance**2))), float(np.percentile(distance, 95)), float(distance.max())
-    )
-    return error, shift
+    return ContourError.of(distance), shift

@@ -18,7 +18,6 @@ from printmend.corruption.sampling import Severity
 from printmend.errors import InputError
 from printmend.executor import HERE, Executor
 from printmend.metrics import rmse
-from printmend.metrics.shape import bead_difference_area, frechet
 from printmend.path import Layer
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
@@ -30,6 +29,7 @@ from printmend_lab.bench.table1 import drawn_layers
 from printmend_lab.body import body_of, demo_body_gcode, load_body
 from printmend_lab.dataset.bodies import digest
 from printmend_lab.published import layer_trace
+from printmend_lab.shape import bead_difference_area, frechet
 
 TABLE, PULLEY = "objectives", "timing pulley"
 BEAD_MM = 0.4  # a bead's width

@@ -342,7 +342,8 @@ def figure6(results: Sequence[Result], rows: Sequence[str]) -> "Figure | None":
     values = {name: errors for name, errors in values.items() if len(errors)}
     if not values:
         return None
-    from printmend.draw import draw_histogram, draw_log_histogram, new_figure
+    from printmend.draw import new_figure
+    from printmend_lab.draw import draw_histogram, draw_log_histogram
 
     shown = next((name for name in ("lightgbm", *rows) if name in values), rows[0])
     figure, axes = new_figure(2, width_in=6.0, height_in=4.2)

@@ -52,7 +52,7 @@ def area_cost(wanted: np.ndarray, printed: np.ndarray) -> float:
     """Return the area between a print [T + 1, 2] and where it was wanted [T + 1, 2], in the square of their unit.
 
     It is counted tick by tick, so that a way gone twice counts twice, with a share of the squared distances;
-    `metrics.shape` measures figures.
+    `shape` measures figures.
     """
     return float(kernels.total(kernels.AREA, wanted, printed))
 

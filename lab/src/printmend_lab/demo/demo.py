@@ -165,8 +165,9 @@ def _write_pictures(demo: Demo, out: Path, tick: Callable[[str], None]) -> list[
     """Write three pictures: all layers from above, from the side, and the error along the test layer."""
     from matplotlib.colors import Normalize
 
-    from printmend.draw import comparison, draw_above, draw_axis_error, draw_solid, new_figure, printed_layer, save
-    from printmend.draw.body import above_view, solid_view
+    from printmend.draw import comparison, draw_above, new_figure, save
+    from printmend.draw.body import above_view
+    from printmend_lab.draw import draw_axis_error, draw_solid, printed_layer, solid_view
 
     body, printer = demo.body, demo.printer
     attempts = {attempt.row: attempt for attempt in demo.attempts}

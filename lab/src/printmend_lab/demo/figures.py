@@ -12,19 +12,12 @@ from matplotlib.figure import Figure
 from scipy.optimize import minimize
 
 from printmend.corruption import read_corruption
-from printmend.draw import (
-    comparison,
-    draw_above,
-    draw_solid,
-    new_figure,
-    printed_layer,
-)
-from printmend.draw.body import above_view, project, solid_view
+from printmend.draw import comparison, draw_above, new_figure
+from printmend.draw.body import above_view
 from printmend.draw.document import svg
 from printmend.draw.figure import INK, PALETTE, fit_view, plain
 from printmend.files import replacing
 from printmend.metrics import rmse
-from printmend.metrics.shape import symmetric_difference_area
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend_lab.bench.case import Case, Result
@@ -34,7 +27,9 @@ from printmend_lab.bench.table1 import HEADER, Part, cells, figure6, parts
 from printmend_lab.dataset.bodies import thinned
 from printmend_lab.dataset.parquet import read_body
 from printmend_lab.dataset.places import body_file, corruption_file
+from printmend_lab.draw import draw_solid, printed_layer, project, solid_view
 from printmend_lab.published import layer_trace
+from printmend_lab.shape import symmetric_difference_area
 
 SHOWN_LAYERS = 60  # of a body: more cannot be told apart on paper
 OURS = "greybox+optimal"

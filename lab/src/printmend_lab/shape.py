@@ -1,0 +1,56 @@
+"""Metrics of drawn shapes: the leash between two paths, and the area that only one of two figures covers."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from printmend.errors import TraceError
+from printmend.messages import say
+
+
+def frechet(target: np.ndarray, printed: np.ndarray) -> float:
+    """Return the discrete Fréchet distance of two polylines: the shortest leash for two walkers who never turn back.
+
+    Time and memory grow with the product of the lengths: a layer of 6500 points takes seconds.
+    """
+    return float(shapely.frechet_distance(shapely.LineString(_points(target)), shapely.LineString(_points(printed))))
+
+
+def symmetric_difference_area(target: Sequence[np.ndarray], printed: Sequence[np.ndarray]) -> float:
+    """Return the area that only one of two figures covers; each is a list of closed contours [N, 2].
+
+    Contours are filled by the even-odd rule, so a contour inside another is a hole. Unit: that of the inputs, squared.
+    """
+    return float(_filled(target).symmetric_difference(_filled(printed)).area)
+
+
+def bead_difference_area(target: Sequence[np.ndarray], printed: Sequence[np.ndarray], width: float) -> float:
+    """Return the area that only one of two prints covers; each is a list of strokes [N, 2] of beads ``width`` wide."""
+    return float(_beads(target, width).symmetric_difference(_beads(printed, width)).area)
+
+
+def _filled(contours: Sequence[np.ndarray]) -> shapely.Geometry:
+    figure: shapely.Geometry = shapely.Polygon()
+    for contour in contours:
+        figure = figure.symmetric_difference(shapely.make_valid(shapely.Polygon(_points(contour))))
+    return figure
+
+
+def _beads(strokes: Sequence[np.ndarray], width: float) -> shapely.Geometry:
+    if not width > 0:
+        raise TraceError(
+            say("subject-bead-width"), wanted=say("width-above-0"), came=f"{width}", todo=say("give-nozzle-line-width")
+        )
+    lines = [shapely.LineString(_points(stroke)) for stroke in strokes]
+    return shapely.unary_union([shapely.buffer(line, width / 2) for line in lines])
+
+
+def _points(points: np.ndarray) -> np.ndarray:
+    points = np.asarray(points, float)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
+        came = f"{points.shape}" if np.isfinite(points).all() else say("nan-infinity-2", points.shape)
+        raise TraceError(
+            say("subject-shapes"), wanted=say("finite-points-n-2-n-2"), came=came, todo=say("correct-path")
+        )
+    return points
