@@ -6,7 +6,6 @@ import numpy as np
 import shapely
 
 from printmend.errors import TraceError
-from printmend.messages import say
 
 
 def frechet(target: np.ndarray, printed: np.ndarray) -> float:
@@ -39,9 +38,7 @@ def _filled(contours: Sequence[np.ndarray]) -> shapely.Geometry:
 
 def _beads(strokes: Sequence[np.ndarray], width: float) -> shapely.Geometry:
     if not width > 0:
-        raise TraceError(
-            say("subject-bead-width"), wanted=say("width-above-0"), came=f"{width}", todo=say("give-nozzle-line-width")
-        )
+        raise TraceError("bead width", wanted="a width above 0", came=f"{width}", todo="give the nozzle's line width")
     lines = [shapely.LineString(_points(stroke)) for stroke in strokes]
     return shapely.unary_union([shapely.buffer(line, width / 2) for line in lines])
 
@@ -49,8 +46,6 @@ def _beads(strokes: Sequence[np.ndarray], width: float) -> shapely.Geometry:
 def _points(points: np.ndarray) -> np.ndarray:
     points = np.asarray(points, float)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
-        came = f"{points.shape}" if np.isfinite(points).all() else say("nan-infinity-2", points.shape)
-        raise TraceError(
-            say("subject-shapes"), wanted=say("finite-points-n-2-n-2"), came=came, todo=say("correct-path")
-        )
+        came = f"{points.shape}" if np.isfinite(points).all() else f"{points.shape} with NaN or infinity"
+        raise TraceError("a metric of shapes", wanted="finite points [N, 2], N ≥ 2", came=came, todo="correct the path")
     return points

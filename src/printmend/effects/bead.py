@@ -1,7 +1,6 @@
 """Lines wider or narrower than set: every wall is offset by the same amount."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -10,9 +9,6 @@ from printmend.effects.keys import Numbers
 from printmend.effects.prior import size_mm
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Told
 from printmend.messages import say
-
-WIDER = partial(say, "walls-stand-out-mm-either-side")
-NARROWER = partial(say, "walls-fall-short-mm-either-side")
 
 
 class Bead(Usual):
@@ -34,4 +30,5 @@ class Bead(Usual):
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = float(found.sizes_mm[0])
         if abs(size) >= LEAST_SHOWN_MM:
-            yield Told("bead", (WIDER if size > 0 else NARROWER)(f"{abs(size):.2f}"), is_harmless=True)
+            message = "walls-stand-out-mm-either-side" if size > 0 else "walls-fall-short-mm-either-side"
+            yield Told("bead", say(message, f"{abs(size):.2f}"), is_harmless=True)

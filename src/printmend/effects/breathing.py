@@ -1,7 +1,6 @@
 """Play that changes over the turn: a loose belt, or a loose set screw on an uneven pulley (eq. 7, 10)."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -14,11 +13,11 @@ from printmend.effects.words import Fault, Found, amount, motor_name, those_of
 from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 17.0)
-_SAID = {  # by the kind of the fault, and whether play depends on the place, too
-    ("loose-belt", False): partial(say, "fault-loose-belt"),
-    ("loose-belt", True): partial(say, "fault-loose-belt-by-place"),
-    ("play-by-angle", False): partial(say, "fault-play-by-angle"),
-    ("play-by-angle", True): partial(say, "fault-play-by-angle-and-place"),
+_SAID = {  # messages by the kind of the fault, and whether play depends on the place, too
+    ("loose-belt", False): "fault-loose-belt",
+    ("loose-belt", True): "fault-loose-belt-by-place",
+    ("play-by-angle", False): "fault-play-by-angle",
+    ("play-by-angle", True): "fault-play-by-angle-and-place",
 }
 
 
@@ -47,6 +46,6 @@ class Breathing(Usual):
         mean, sd, least, most = play_mm(beside, found.where, scene)
         kind = "loose-belt" if is_loose(found) else "play-by-angle"
         message = _SAID[kind, bool(those_of("friction", beside, found.where))]
-        words = message(amount(mean, sd), f"{least:.2f}", f"{most:.2f}")
+        words = say(message, amount(mean, sd), f"{least:.2f}", f"{most:.2f}")
         yield Fault(motor_name(scene, found.where), kind, mean, sd, "mm", words)
         yield from harmonic_faults(found, beside, scene)

@@ -2,7 +2,6 @@
 where the carriage yaws."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -15,8 +14,6 @@ from printmend.messages import say
 # Cosines over the picture, of a random process whose power falls with the square of the frequency, and of how many
 # coordinates: along the carriage's way, where steps of its motor jitter from line to line, or, more smoothly, of both.
 COURSES = ((64.0, 1.0), (24.0, 2.0))
-
-RUNS = partial(say, "scanner-carriage-runs-unevenly-along-up")
 
 
 class Carriage(Usual):
@@ -46,7 +43,8 @@ class Carriage(Usual):
         moved = _series(np.linspace(0.0, 1.0, 241), found.shape) @ found.sizes_mm.reshape(int(found.shape[1]), -1).T
         largest = float(np.linalg.norm(moved, axis=1).max())
         if largest >= LEAST_SHOWN_MM:
-            yield Told("carriage", RUNS("XY"[found.where], f"{largest:.2f}"), is_harmless=True)
+            words = say("scanner-carriage-runs-unevenly-along-up", "XY"[found.where], f"{largest:.2f}")
+            yield Told("carriage", words, is_harmless=True)
 
 
 def _series(place: np.ndarray, shape: tuple[float, ...]) -> np.ndarray:

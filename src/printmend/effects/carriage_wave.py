@@ -1,7 +1,6 @@
 """A wave that a scanner's carriage makes with its own screw or belt: along one axis of the picture alone."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -26,8 +25,6 @@ from printmend.messages import say
 SHORTEST_MM, LONGEST_MM = 10.0, 150.0  # of a period
 CAMERA_MM = 0.004  # a more uneven picture is a camera's, which has no carriage
 ONE_TURN_SD = 5e-4  # of the axes' difference: scans at two turns know it better, and they cancel the wave
-
-SAID = partial(say, "wave-mm-scanner-carriage-makes-too")
 
 
 class CarriageWave(Usual):
@@ -59,4 +56,5 @@ class CarriageWave(Usual):
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size_mm = float(np.linalg.norm(found.sizes_mm)) / 2**0.5
-        yield Told("carriage", SAID("XY"[found.where], f"{size_mm:.3f}"), is_harmless=True)
+        words = say("wave-mm-scanner-carriage-makes-too", "XY"[found.where], f"{size_mm:.3f}")
+        yield Told("carriage", words, is_harmless=True)

@@ -1,7 +1,6 @@
 """A shift that slows down, as a set screw that gives way or a clamp that settles."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -12,8 +11,6 @@ from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say
 
 TIMES = (0.06, 0.1, 0.16, 0.25, 0.4, 0.7)
-
-CREPT = partial(say, "crept-mm-most-first-print-something")
 
 
 class Creep(Usual):
@@ -41,4 +38,5 @@ class Creep(Usual):
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         crept_mm = found.sizes_mm[0] * (1.0 - np.exp(-1.0 / found.shape[0]))  # a slow one has not settled yet
         soon = f"{100 * found.shape[0]:.0f}"
-        yield Told("creep", CREPT(carrier_name(scene, found.where), f"{crept_mm:+.2f}", soon))
+        words = say("crept-mm-most-first-print-something", carrier_name(scene, found.where), f"{crept_mm:+.2f}", soon)
+        yield Told("creep", words)

@@ -1,7 +1,6 @@
 """A crooked or dented guide without a pattern: it pushes the head aside by a Gaussian process of the place on it."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -11,10 +10,6 @@ from printmend.effects.prior import alternatives
 from printmend.effects.uneven import COUNT, LENGTHS_MM, mirrored, spectrum
 from printmend.effects.words import LEAST_SHOWN_MM, PLACES, Care, Fault, Found
 from printmend.messages import say
-
-TITLE = partial(say, "guide-crooked-or-dented")
-MEANING = partial(say, "head-pushed-aside-mm")
-REPAIR = partial(say, "feel-along-guides")
 
 
 class Crooked(Usual):
@@ -53,7 +48,8 @@ class Crooked(Usual):
         """Return the meaning and the repair of a crooked guide."""
         if fault.kind != "crooked":
             return None
-        return Care(TITLE(), MEANING(f"{fault.value:.2f}"), fault.value, REPAIR())
+        title, meaning = say("guide-crooked-or-dented"), say("head-pushed-aside-mm", f"{fault.value:.2f}")
+        return Care(title, meaning, fault.value, say("feel-along-guides"))
 
 
 def plane_waves(rates: np.ndarray, phase_rad: np.ndarray, axis: int, sizes_mm: np.ndarray) -> np.ndarray:

@@ -1,7 +1,6 @@
 """A distortion of the bed that neither axis makes alone: a Gaussian process of both places."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -16,10 +15,6 @@ from printmend.messages import say
 
 COUNT = 7  # cosines along either axis: over 200 mm the shortest is 57 mm long
 LENGTHS_MM = (25.0, 40.0, 65.0)
-
-TITLE = partial(say, "bed-distorted")
-MEANING = partial(say, "prints-off-here-and-there")
-REPAIR = partial(say, "look-loose-frame-bed-head")
 
 
 class Distortion(Usual):
@@ -61,4 +56,5 @@ class Distortion(Usual):
         """Return the meaning and the repair of a distortion."""
         if fault.kind != "distortion":
             return None
-        return Care(TITLE(), MEANING(f"{fault.value:.2f}"), fault.value, REPAIR())
+        title, meaning = say("bed-distorted"), say("prints-off-here-and-there", f"{fault.value:.2f}")
+        return Care(title, meaning, fault.value, say("look-loose-frame-bed-head"))

@@ -1,7 +1,6 @@
 """A belt, or on a CoreXY an axis, that shifts evenly while it prints."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -10,8 +9,6 @@ from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say
-
-DRIFTED = partial(say, "drifted-evenly-during-print-mm-first")
 
 
 class Drift(Usual):
@@ -33,4 +30,7 @@ class Drift(Usual):
         return carrier(scene, where, course[:, None])
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        yield Told("linear", DRIFTED(carrier_name(scene, found.where), f"{found.sizes_mm[0]:+.2f}"))
+        words = say(
+            "drifted-evenly-during-print-mm-first", carrier_name(scene, found.where), f"{found.sizes_mm[0]:+.2f}"
+        )
+        yield Told("linear", words)

@@ -1,7 +1,6 @@
 """Two sheets that were measured as one: one part of the bed is offset from the other."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -14,8 +13,6 @@ from printmend.messages import say, together
 BORDERS = 25  # places of a border that are tried
 OTHER_SHARE = 0.1  # a smaller share along the other axis is not reported
 
-ONE_OFF = partial(say, "off-mm-upper-part-mm")
-BOTH_OFF = partial(say, "off-mm-mm-upper-part-mm")
 SHEETS = say("two-sheets-measured-show-guide-two")
 
 
@@ -46,10 +43,10 @@ class Halves(Usual):
         off = [(name, size) for name, size in zip("XY", found.sizes_mm, strict=True) if abs(size) >= least_mm]
         where = "XY"[found.where], f"{found.shape[0]:.0f}"
         if len(off) == 1:
-            words = ONE_OFF(off[0][0], f"{off[0][1]:+.2f}", *where)
+            words = say("off-mm-upper-part-mm", off[0][0], f"{off[0][1]:+.2f}", *where)
             yield Told("halves", together(". ", [words, SHEETS]))
         elif off:
-            words = BOTH_OFF(*(f"{size:+.2f}" for _, size in off), *where)
+            words = say("off-mm-mm-upper-part-mm", *(f"{size:+.2f}" for _, size in off), *where)
             yield Told("halves", together(". ", [words, SHEETS]))
 
 

@@ -1,7 +1,6 @@
 """A head that has play in its guides, whichever motor turns: it lags within that play, as a belt does in its own."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -10,8 +9,6 @@ from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told
 from printmend.messages import say
-
-LAGS = partial(say, "head-lags-along-mm-whichever-motor")
 
 
 class Lag(Usual):
@@ -32,4 +29,5 @@ class Lag(Usual):
         return along(where, -0.5 * places.ways[:, [where]])
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        yield Told("rail-play", LAGS("XY"[found.where], f"{abs(found.sizes_mm[0]):.2f}"))
+        words = say("head-lags-along-mm-whichever-motor", "XY"[found.where], f"{abs(found.sizes_mm[0]):.2f}")
+        yield Told("rail-play", words)

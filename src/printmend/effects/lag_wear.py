@@ -1,7 +1,6 @@
 """Play of a head in its guides that grows while it prints."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -9,8 +8,6 @@ from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told
 from printmend.messages import say
-
-LOOSE = partial(say, "play-head-along-grew-mm-while")
 
 
 class LagWear(Usual):
@@ -30,4 +27,4 @@ class LagWear(Usual):
         return along(where, (-0.5 * places.ways[:, where] * places.done)[:, None])
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        yield Told("wear", LOOSE("XY"[found.where], f"{found.sizes_mm[0]:.2f}"))
+        yield Told("wear", say("play-head-along-grew-mm-while", "XY"[found.where], f"{found.sizes_mm[0]:.2f}"))

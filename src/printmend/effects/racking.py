@@ -1,7 +1,6 @@
 """A gantry that lags on one side, or one of two motors that is loose."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -12,8 +11,6 @@ from printmend.effects.words import Found, Told, span_mm
 from printmend.messages import say
 
 ACROSS_SHARE = 2.0  # a gantry racks across if that error is so many times the one along
-RACKS = partial(say, "play-changes-mm-end-other-gantry")
-ACROSS = partial(say, "where-comes-lie-depends-way-moved")
 
 
 class Racking(Usual):
@@ -47,6 +44,7 @@ class Racking(Usual):
         names = "AB" if scene.corexy and found.where < 2 else "XY"
         mine, other = names[axis], names[1 - axis]
         if abs(across_mm) > ACROSS_SHARE * abs(along_mm):
-            yield Told("racking-across", ACROSS(other, mine, f"{abs(across_mm) / 2:.2f}"))
+            words = say("where-comes-lie-depends-way-moved", other, mine, f"{abs(across_mm) / 2:.2f}")
+            yield Told("racking-across", words)
         else:
-            yield Told("racking", RACKS(mine, f"{along_mm:+.2f}", other))
+            yield Told("racking", say("play-changes-mm-end-other-gantry", mine, f"{along_mm:+.2f}", other))

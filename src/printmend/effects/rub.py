@@ -1,7 +1,6 @@
 """Lost motion that varies along the belt without a pattern, where it rubs or a guide binds: a Gaussian process."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -14,10 +13,6 @@ from printmend.messages import say
 
 COUNT = 24  # cosines: over 200 mm the shortest is 17 mm long
 LENGTHS_MM = (8.0, 16.0, 32.0, 64.0)
-
-TITLE = partial(say, "axis-binds-or-rubs")
-MEANING = partial(say, "lost-motion-changes-along-axis")
-REPAIR = partial(say, "move-by-hand-feel-where-binds")
 
 
 class Rub(Usual):
@@ -49,4 +44,5 @@ class Rub(Usual):
         """Return the meaning and the repair of lost motion that varies along the axis."""
         if fault.kind != "rub":
             return None
-        return Care(TITLE(where), MEANING(f"{fault.value:.2f}"), fault.value, REPAIR())
+        title, meaning = say("axis-binds-or-rubs", where), say("lost-motion-changes-along-axis", f"{fault.value:.2f}")
+        return Care(title, meaning, fault.value, say("move-by-hand-feel-where-binds"))

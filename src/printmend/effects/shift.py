@@ -1,7 +1,6 @@
 """A plate that was shifted, or a nozzle with an offset: the whole print is displaced from home."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -10,8 +9,6 @@ from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told
 from printmend.messages import say
-
-MOVED = partial(say, "everything-lies-mm-where-home-says")
 
 
 class Shift(Usual):
@@ -32,5 +29,5 @@ class Shift(Usual):
         return np.concatenate([along(0, one), along(1, one)], axis=2)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        words = MOVED(*(f"{each:+.2f}" for each in found.sizes_mm))
+        words = say("everything-lies-mm-where-home-says", *(f"{each:+.2f}" for each in found.sizes_mm))
         yield Told("moved", words, is_harmless=True)

@@ -1,7 +1,6 @@
 """An error of long, fast moves that short ones do not have."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -12,9 +11,6 @@ from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say
 
 LONG_MM = 10.0  # on longer moves the head reaches its speed
-
-BACK = partial(say, "lies-mm-further-back-after-long")
-ON = partial(say, "lies-mm-further-after-long-fast")
 
 
 class Speed(Usual):
@@ -37,5 +33,5 @@ class Speed(Usual):
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = float(found.sizes_mm[0])
-        say = BACK if size > 0 else ON
-        yield Told("speed", say(carrier_name(scene, found.where), f"{abs(size) / 2:.2f}"))
+        message = "lies-mm-further-back-after-long" if size > 0 else "lies-mm-further-after-long-fast"
+        yield Told("speed", say(message, carrier_name(scene, found.where), f"{abs(size) / 2:.2f}"))

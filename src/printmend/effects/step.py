@@ -1,7 +1,6 @@
 """A motor that slipped or a plate that was pushed: a constant offset from one moment on."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -13,8 +12,6 @@ from printmend.messages import say
 
 APART = 0.02  # of a print: distance of the moments that are tried
 BREAKS = np.arange(0.04, 0.97, APART)
-
-SUDDENLY = partial(say, "suddenly-off-mm-after-print")
 
 
 class Step(Usual):
@@ -42,4 +39,4 @@ class Step(Usual):
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size, done = f"{found.sizes_mm[0]:+.2f}", f"{100 * found.shape[0]:.0f}"
-        yield Told("step", SUDDENLY(carrier_name(scene, found.where), size, done))
+        yield Told("step", say("suddenly-off-mm-after-print", carrier_name(scene, found.where), size, done))

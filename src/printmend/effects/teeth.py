@@ -1,7 +1,6 @@
 """Fine ripple, as vertical fine artefacts (VFA) on walls: a wave of a belt tooth, of motor poles or of full steps."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -20,17 +19,11 @@ NAMES = {
     0.5: "fault-ripple-half-steps",
 }
 
-TEETH = partial(say, "belt-ripples-tooth-tooth")
-POLES = partial(say, "motor-ripples-pole-pole")
-COILS = partial(say, "motor-steps-unevenly-coils-differ")
-DETENT = partial(say, "motor-steps-unevenly")
-MEANING = partial(say, "walls-show-fine-lines-every-mm")
-RIPPLE = partial(say, "walls-show-very-fine-lines-mm")
-BELT_TODO = partial(say, "nothing-repair-walls-look-good-else-4")
-POLES_TODO = partial(say, "nothing-repair-walls-look-good-else-3")
-COILS_TODO = partial(say, "nothing-repair-walls-look-good-else-2")
-DETENT_TODO = partial(say, "nothing-repair-walls-look-good-else")
-SAID = {4.0: (POLES, POLES_TODO), 2.0: (COILS, COILS_TODO)}
+DETENT = "motor-steps-unevenly", "nothing-repair-walls-look-good-else"  # messages: what it is, and what to do
+SAID = {
+    4.0: ("motor-ripples-pole-pole", "nothing-repair-walls-look-good-else-3"),
+    2.0: ("motor-steps-unevenly-coils-differ", "nothing-repair-walls-look-good-else-2"),
+}
 
 
 class Teeth(Usual):
@@ -68,9 +61,12 @@ class Teeth(Usual):
         """Return a ripple's effect on walls, and what helps."""
         size_mm = abs(fault.value)
         if fault.kind == "teeth":
-            return Care(TEETH(where), MEANING(f"{TOOTH_MM:g}", f"{size_mm:.3f}"), size_mm, BELT_TODO())
+            meaning = say("walls-show-fine-lines-every-mm", f"{TOOTH_MM:g}", f"{size_mm:.3f}")
+            repair = say("nothing-repair-walls-look-good-else-4")
+            return Care(say("belt-ripples-tooth-tooth", where), meaning, size_mm, repair)
         if fault.kind.partition("-")[0] != "ripple":
             return None
         _, _, count = fault.kind.partition("-")
-        title, todo = SAID.get(float(count or 1), (DETENT, DETENT_TODO))
-        return Care(title(where), RIPPLE(f"{size_mm:.3f}"), size_mm, todo())
+        title, todo = SAID.get(float(count or 1), DETENT)
+        meaning = say("walls-show-very-fine-lines-mm", f"{size_mm:.3f}")
+        return Care(say(title, where), meaning, size_mm, say(todo))

@@ -1,7 +1,6 @@
 """A head or gantry that tilts: the place of one axis depends on the direction from which the other one came."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -10,8 +9,6 @@ from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told
 from printmend.messages import say
-
-TILTS = partial(say, "where-comes-lie-depends-way-moved-2")
 
 
 class Tilt(Usual):
@@ -33,4 +30,5 @@ class Tilt(Usual):
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = f"{abs(found.sizes_mm[0]):.2f}"
-        yield Told("direction", TILTS("XY"[1 - found.where], "XY"[found.where], size))
+        words = say("where-comes-lie-depends-way-moved-2", "XY"[1 - found.where], "XY"[found.where], size)
+        yield Told("direction", words)

@@ -1,7 +1,6 @@
 """A plate that lay turned: everything turns about the middle of the bed."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -12,9 +11,6 @@ from printmend.effects.words import Found, Told
 from printmend.messages import say
 
 ALWAYS = 0.999  # the turn of a sheet on a scanner is unknown
-
-TURNED = partial(say, "everything-turned-printer-plate-camera-lay")
-TURNED_COREXY = partial(say, "everything-turned-printer-only-frame-skewed")
 
 
 class Turn(Usual):
@@ -37,4 +33,5 @@ class Turn(Usual):
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         if scene.placed:  # otherwise the turn of the sheet is unknown
             turned = f"{np.degrees(np.arctan(found.sizes_mm[0] / SCALE_MM)):+.2f}"
-            yield Told("turned", (TURNED_COREXY if scene.corexy else TURNED)(turned), is_harmless=True)
+            why = "only-frame-skewed" if scene.corexy else "plate-camera-lay"
+            yield Told("turned", say(f"everything-turned-printer-{why}", turned), is_harmless=True)

@@ -1,7 +1,6 @@
 """One axis that two motors drive, with pulleys that differ."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -10,8 +9,6 @@ from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.words import Found, Told, carrier_name, span_mm
 from printmend.messages import say
-
-DIFFER = partial(say, "turn-looks-different-two-ends-two")
 
 
 class TwoMotors(Usual):
@@ -39,4 +36,5 @@ class TwoMotors(Usual):
         turn = waves(np.linspace(0.0, scene.turns_mm[found.where], 120), scene.turns_mm[found.where], np.arange(1, 4))
         differ_mm = np.abs(turn @ found.sizes_mm).max() * span_mm(scene, 1 - found.where) / SCALE_MM
         other = carrier_name(scene, 1 - found.where)
-        yield Told("two-motors", DIFFER(carrier_name(scene, found.where), other, f"{differ_mm:.2f}"))
+        words = say("turn-looks-different-two-ends-two", carrier_name(scene, found.where), other, f"{differ_mm:.2f}")
+        yield Told("two-motors", words)

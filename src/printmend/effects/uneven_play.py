@@ -1,7 +1,6 @@
 """More play in one part of the bed than in the other."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -11,8 +10,6 @@ from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say
-
-MORE = partial(say, "mm-more-play-upper-part-model")
 
 
 class UnevenPlay(Usual):
@@ -41,5 +38,10 @@ class UnevenPlay(Usual):
             yield axis, float(place)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        words = MORE(carrier_name(scene, found.where), f"{found.sizes_mm[0]:+.2f}", "XY"[int(found.shape[0])])
+        words = say(
+            "mm-more-play-upper-part-model",
+            carrier_name(scene, found.where),
+            f"{found.sizes_mm[0]:+.2f}",
+            "XY"[int(found.shape[0])],
+        )
         yield Told("halves-play", words)

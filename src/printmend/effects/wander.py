@@ -1,7 +1,6 @@
 """A drift of unknown cause: a random walk in time, or a smooth process of the way, as `uneven` is one of the place."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -13,8 +12,6 @@ from printmend.effects.words import Found, Told
 from printmend.messages import say
 
 COUNT = 24  # of the cosines: over a long way smooth processes are finer than these
-
-WANDERS = partial(say, "measurement-wanders-mm-fix-what-measures")
 
 
 class Wander(Usual):
@@ -37,4 +34,4 @@ class Wander(Usual):
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size_mm = float(np.sqrt(np.square(found.sizes_mm).sum() / 2))
-        yield Told("walk", WANDERS("XY"[found.where], f"{size_mm:.2f}"))
+        yield Told("walk", say("measurement-wanders-mm-fix-what-measures", "XY"[found.where], f"{size_mm:.2f}"))

@@ -1,7 +1,6 @@
 """A machine that grows as it warms up, and is cold again when a print begins."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -12,9 +11,6 @@ from printmend.effects.words import Found, Told, span_mm
 from printmend.messages import say
 
 TIMES = (0.1, 0.25, 0.7)  # shares of the print
-
-GREW = partial(say, "grew-mm-end-end-while-print")
-MOVED = partial(say, "moved-mm-while-print-went-machine")
 
 
 class Warmth(Usual):
@@ -46,5 +42,5 @@ class Warmth(Usual):
         grown = course * found.sizes_mm[:2] * [span_mm(scene, axis) / SCALE_MM for axis in range(2)]
         moved = course * found.sizes_mm[2:]
         which = int(np.argmax(np.abs([*grown, *moved])))
-        message, size = (GREW if which < 2 else MOVED), [*grown, *moved][which]
-        yield Told("thermal", message("XY"[which % 2], f"{size:+.2f}"))
+        message = "grew-mm-end-end-while-print" if which < 2 else "moved-mm-while-print-went-machine"
+        yield Told("thermal", say(message, "XY"[which % 2], f"{[*grown, *moved][which]:+.2f}"))

@@ -1,7 +1,6 @@
 """Play that grows while it prints, as where something comes loose."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -11,8 +10,6 @@ from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say, together
 
-LOOSE = partial(say, "play-changed-mm-while-print-went-3")
-STICKS = partial(say, "play-changed-mm-while-print-went")
 OF_END = say("model-end-print")
 
 
@@ -35,6 +32,7 @@ class Wear(Usual):
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = float(found.sizes_mm[0])
-        kind, message = ("wear", LOOSE) if size > 0 else ("sticking", STICKS)
-        words = message(carrier_name(scene, found.where), f"{size:+.2f}")
-        yield Told(kind, together(". ", [words, OF_END]) if found.acts else words)
+        grew = size > 0
+        message = "play-changed-mm-while-print-went-3" if grew else "play-changed-mm-while-print-went"
+        words = say(message, carrier_name(scene, found.where), f"{size:+.2f}")
+        yield Told("wear" if grew else "sticking", together(". ", [words, OF_END]) if found.acts else words)
