@@ -17,7 +17,7 @@ from printmend.gcode.read import read_gcode
 from printmend.measure.distance import choose_widths
 from printmend.measure.walls import read_walls
 from printmend.mend.filament import learn_in, parse_travel, update_in
-from printmend.mend.fit import fit_part
+from printmend.mend.fit import fits, measured_part
 from printmend.messages import is_one_of
 from printmend.path import Instrument, Trace
 from printmend.printer import read_printer
@@ -48,10 +48,10 @@ def fit_case(seed, folder, callipers):
     ):
         way = [np.cos(width.angle_rad), np.sin(width.angle_rad)]
         read_mm.append(np.ptp(lower[0] @ way) + rng.normal(0, 0.02))
-    found = fit_part(
-        folder / "under.png", folder / "part.gcode", printer, filament="pla", top=folder / "top.png",
-        distances_mm=read_mm,
-    ).estimate  # fmt: skip
+    measured = measured_part(
+        folder / "under.png", folder / "part.gcode", printer, top=folder / "top.png", distances_mm=read_mm
+    )
+    found = fits(measured, folder / "part.gcode", printer, None, "pla").estimate
     first, above = found.first, found.upper
     rows = {
         "outline": (above.outline_mm - outline, above.outline_sd_mm),

@@ -27,7 +27,7 @@ from printmend.gcode.sliced import sliced
 from printmend.measure.distance import choose_widths
 from printmend.measure.silhouette import Silhouette, find_edges
 from printmend.measure.walls import read_walls
-from printmend.mend.fit import fit_part
+from printmend.mend.fit import fits, measured_part
 from printmend.mend.mend import refuse_grown
 from printmend.mend.part import measure_part
 from printmend.messages import GERMAN, translated
@@ -37,6 +37,10 @@ from tests import foreign_part as foreign
 PRINTER = read_printer("ender3")
 OUTLINE_MM, HOLE_MM, FOOT_MM, SHRINKS = 0.05, 0.12, 0.15, np.array([0.005, 0.002])
 SLICER = shutil.which("prusa-slicer")
+
+
+def fit_part(scan, path, filament=None, **measuring):
+    return fits(measured_part(scan, path, PRINTER, **measuring), path, PRINTER, None, filament)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +57,7 @@ def part(tmp_path_factory):
 
 
 def test_holes_foot_and_width_are_told_from_two_scans(part):
-    found = fit_part(part / "under.png", part / "part.gcode", PRINTER, filament="pla", top=part / "top.png")
+    found = fit_part(part / "under.png", part / "part.gcode", "pla", top=part / "top.png")
     estimate = found.estimate
     assert estimate.first is not None
     assert estimate.upper is not None
@@ -87,9 +91,7 @@ def test_callipers_give_both_scans_their_scale(tmp_path):
     read_mm = []
     for width in choose_widths(read_walls(read_gcode(tmp_path / "part.gcode", printer=PRINTER), PRINTER)):
         read_mm.append(np.ptp(lower[0] @ [np.cos(width.angle_rad), np.sin(width.angle_rad)]) + 0.01)
-    found = fit_part(
-        tmp_path / "under.png", tmp_path / "part.gcode", PRINTER, top=tmp_path / "top.png", distances_mm=read_mm
-    )
+    found = fit_part(tmp_path / "under.png", tmp_path / "part.gcode", top=tmp_path / "top.png", distances_mm=read_mm)
     assert found.estimate.upper is not None
     assert len(found.estimate.upper.rounds) == len(foreign.DIAMETERS_MM)
     for one in found.estimate.upper.rounds:
@@ -110,7 +112,7 @@ def test_narrow_holes_are_no_fault_of_the_machine(part):
 
 
 def test_of_one_scan_it_says_what_it_cannot_tell(part):
-    found = fit_part(part / "under.png", part / "part.gcode", PRINTER)
+    found = fit_part(part / "under.png", part / "part.gcode")
     said = "\n".join(found.words())
     assert "only the first layer was scanned" in said
     assert "including the machine's own scale error" in said

@@ -240,7 +240,7 @@ def test_hostile_screws_end_in_one_line(section: object, names: str) -> None:
     good |= {name: [0.1, 0.0, 0.0, 0.0] for name in ("height_mm", "push_x_mm", "push_y_mm")}
     document = dict(exact_model(HEALTHY.lower(SHORT)).document)
     bare = not isinstance(section, dict) or "kind" in section
-    document |= {"version": 2, "screw": section if bare else good | section}  # type: ignore[operator]
+    document |= {"screw": section if bare else good | section}  # type: ignore[operator]
     text = json.dumps({**document, "digest": _digest(document)})
     with pytest.raises(ModelError, match=names):
         parse_model(text, subject="the model")

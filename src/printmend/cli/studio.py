@@ -110,10 +110,9 @@ def _draw_code(address: str) -> None:
 
 
 def usual_folder() -> Path:
-    """Return the studio's folder: in the system's place for user data, or where earlier versions put it."""
-    before = Path(click.get_app_dir("printmend")) / "studio"
-    if before.is_dir() or sys.platform in ("win32", "darwin"):
-        return before
+    """Return the studio's folder, in the system's place for user data."""
+    if sys.platform in ("win32", "darwin"):
+        return Path(click.get_app_dir("printmend")) / "studio"
     return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local/share") / "printmend/studio"
 
 

@@ -40,7 +40,7 @@ _KEY = re.compile(r"[a-z0-9_-]{1,40}")
 _WORDS = {"effect", "event", "format", "home_side", "kind", "kinematics", "learner", "part", "program", "pulley",
           "result", "severity", "state", "unit"}  # fmt: skip
 _MODEL = ("format", "version", "program", "learner", "printer", "motors", "frame", "screw", "noise_mm", "diagnosis",
-          "trace", "uncertainty", "promise", "misfit")  # fmt: skip
+          "trace", "promise", "misfit")  # fmt: skip
 
 
 @dataclass(frozen=True)

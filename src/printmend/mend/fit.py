@@ -70,15 +70,6 @@ class Fits:
 Measured = Sequence[tuple[int, PartMeasurement]]  # layers of a part, each with its number, from 1
 
 
-def fit_part(
-    scan: str | Path, path: str | Path, printer: Printer, *, model: SavedModel | None = None,
-    filament: str | None = None, top: str | Path | None = None, distances_mm: Sequence[float] = (),
-) -> Fits:  # fmt: skip
-    """Say whether a part fits, from a scan of its underside and of its ``top``, as `measured_part` and `fits` do."""
-    measured = measured_part(scan, path, printer, top=top, distances_mm=distances_mm)
-    return fits(measured, path, printer, model, filament)
-
-
 def measured_part(
     scan: str | Path, path: str | Path, printer: Printer, *, layer: int = 1, top: str | Path | None = None,
     dpi: float | None = None, distances_mm: Sequence[float] = (), overlay: Path | None = None,

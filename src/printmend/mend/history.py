@@ -435,8 +435,7 @@ def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
             at_most = event.get("now_at_most_mm")
             now = f"{event['now_mm']:.3f}" if not isinstance(at_most, float) else say("less-than", f"{at_most:.3f}")
             promised = (f"{event[f'promised_{end}_mm']:.3f}" for end in ("low", "high"))
-            result = str(event.get("result", "kept" if event.get("kept") else "broken"))
-            said = say("history-verified", now, *promised, _said(result))
+            said = say("history-verified", now, *promised, _said(str(event.get("result", ""))))
         elif event.get("event") == "refitted":
             said = say("history-refitted", " + ".join(map(str, event.get("motors", []))))
         else:

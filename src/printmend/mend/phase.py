@@ -22,7 +22,7 @@ from printmend.measure.checks import check_origin, counted_once, digest_of
 from printmend.mend.update import Change, Updated, _updated, believed, measured_again
 from printmend.messages import say, together
 from printmend.model import SavedModel, screw_of, with_screw
-from printmend.model.notes import REFITTED, REFUSAL
+from printmend.model.notes import REFITTED, REFUSAL, found_in
 from printmend.path import Trace
 
 LEAST_SHIFT_MM = 0.05  # of a motor that is told
@@ -40,15 +40,10 @@ def refitted(model: SavedModel, motors: Sequence[str]) -> SavedModel:
         )
     named = [name.upper() for name in names if name in {motor.lower() for motor in motors}]
     words = say("belt-pulley-worked-errors-elsewhere-now", named[0] if len(named) == 1 else say("and", *named))
-    found = [one for one in _found(model) if one.get("kind") != REFITTED]
+    found = [one for one in found_in(model.document) if one.get("kind") != REFITTED]
     refusal = {"kind": REFITTED, "severity": REFUSAL, "size_mm": 0.0, "evidence": 0.0, "words": words}
     misfit = {"misfit": {"found": [refusal, *found]}}
     return with_screw(model, screw_of(model), findings=model.findings, details=misfit)
-
-
-def _found(model: SavedModel) -> list[dict]:
-    section = model.document.get("misfit")
-    return [one for one in section.get("found", []) if isinstance(one, dict)] if isinstance(section, dict) else []
 
 
 def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> Updated:

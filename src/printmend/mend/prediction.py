@@ -365,7 +365,7 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
         return (say("rest-is-scanner-across"),)
     if name == "instrument":
         return (say("rest-is-scanner"),)
-    return (say("rest-unexplained"),) if name == "unexplained" else (say("rest-is-cause", in_words(name)),)
+    return (say("rest-is-cause", in_words(name)),)
 
 
 def _path_places(samples: np.record, layer_z_mm: np.ndarray) -> PathPlaces:

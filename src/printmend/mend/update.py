@@ -210,10 +210,7 @@ def _updated(
         mechanism, learner=old.learner, branches=branches, noise_mm=noise_mm,
         findings=(diagnosis.summary, *diagnosis.gaps), details=details,
     )  # fmt: skip
-    pushes = [part for part in (*belief.parts, *parts) if part.effect == "wobble"]
-    known = screw_of(old)  # older models have a push, but no drawn machines of it
-    push_mm = push_of(parts) if pushes or known is None else known.push_mm
-    return Updated(with_z(model, lift, push_mm), tuple(changes), names)
+    return Updated(with_z(model, lift, push_of(parts)), tuple(changes), names)
 
 
 def _lift_changes(before: Lift, now: Lift) -> Iterator[Change]:

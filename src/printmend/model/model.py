@@ -7,7 +7,7 @@ a `ModelError`; nothing in the file is ever executed.
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +25,12 @@ from printmend.model.notes import check_notes
 from printmend.model.screw import ScrewSeries, parse_screw, parse_series, screw_section
 from printmend.model.values import TODO, number, numbers, refuse, rising, rounded, section_of
 from printmend.printer import Printer
-from printmend.printer.printer import homing_section
-from printmend.printer.toml import parse_printer
+from printmend.printer.toml import parse_printer, printer_section
 from printmend.provenance import seal_key
 
 FORMAT = "printmend model"
-VERSION = 2  # of a file with a screw
+VERSION = 1
 LEAST_WAVE_MM = 2.0  # length of a frame's wave: a shorter one is no bend
-_WITHOUT_SCREW = 1  # written for a machine whose Z is as designed: every version reads it
 MAX_ENTRIES = 1_000_000  # entries of one table that a file may have; 500 mm by sixteenths of a 0.2 mm step are 40 000
 # Entries of one table that are written: of a printer with finer or more micro-steps every n-th, for four tables are a
 # file of 17 MB then.
@@ -108,7 +106,7 @@ def saved_model(
         motors[name] = _table_section(mechanism, motor) if series is None else _series_section(series)
     document: dict[str, Any] = {
         "format": FORMAT,
-        "version": _WITHOUT_SCREW if mechanism.screw is None else VERSION,
+        "version": VERSION,
         "program": __version__,
         "learner": learner,
         "printer": printer_section(mechanism.printer),
@@ -127,9 +125,9 @@ def with_screw(
 ) -> SavedModel:
     """Return the model with another Z, other ``findings``, and ``details`` in place of its own or beside them."""
     document = {key: value for key, value in model.document.items() if key != "screw"}
-    document |= {"version": _WITHOUT_SCREW, "findings": list(findings), **details}
+    document |= {"findings": list(findings), **details}
     if screw is not None:
-        document |= {"version": VERSION, "screw": screw_section(screw)}
+        document["screw"] = screw_section(screw)
     return _through_text(document)
 
 
@@ -225,14 +223,6 @@ def screw_of(model: SavedModel) -> ScrewSeries | None:
     """Return the series of Z, None for a model without one."""
     section = model.document.get("screw")
     return None if section is None or section["kind"] != "series" else parse_series(section, "the model [screw]")
-
-
-def printer_section(printer: Printer) -> dict[str, Any]:
-    """Return a printer as the plain table that `parse_printer` reads."""
-    axes = {axis.name: {key: value for key, value in asdict(axis).items() if key != "name"} for axis in printer.axes}
-    limits = {key: value for key, value in asdict(printer.limits).items() if value is not None}
-    section = {"name": printer.name, "kinematics": printer.kinematics, **axes, **homing_section(printer.homing)}
-    return section | ({"limits": limits} if limits else {})
 
 
 def _text(document: Mapping[str, Any]) -> str:

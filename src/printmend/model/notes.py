@@ -11,7 +11,6 @@ from typing import Any
 from printmend.messages import Said, say
 from printmend.model.values import LARGEST, refuse
 
-MAX_SDS = 1024  # numbers that one part of a motor may have
 MAX_FADING = 32  # the highest harmonic of a wave that fades along the axis; what is learned goes up to 5
 
 
@@ -41,9 +40,7 @@ class Numbers:
         return not self.whole or value == int(value)
 
 
-_SIZE, _SHARE, _COUNT = Numbers(low=0.0), Numbers(0.0, 1.0), Numbers(0, 1e9, whole=True)
-_SIZES = Numbers(low=0.0, most=MAX_SDS)
-_VARIANCE = Numbers(low=0.0, high=LARGEST**2)
+_SIZE, _COUNT = Numbers(low=0.0), Numbers(0, 1e9, whole=True)
 _FADING = Numbers(1, MAX_FADING, whole=True, most=MAX_FADING)
 # A dict gives the shape of each key; a key with "!" is required, "*" stands for every other one. Keys that are not
 # named are for readers and may hold anything. A list gives the shape of its entries.
@@ -51,29 +48,8 @@ _NOTES: dict[str, Any] = {
     "diagnosis": [{"part!": str, "kind!": str, "unit!": str, "value!": Numbers(), "sd!": Numbers()}],
     "z": {"*": str},
     "trace": {"rows": _COUNT, "measured": _COUNT, "residual_before_mm": _SIZE, "residual_after_mm": _SIZE},
-    "uncertainty": {
-        "*": {
-            "structure": dict,
-            "branch_sd_mm": _SIZE,
-            "largest_sd_mm": _SIZE,
-            "sd_mm": {"*": _SIZES},
-            "turns": _SIZE,
-            "angles_seen": _SHARE,
-            "reversals": _COUNT,
-        }
-    },
     "motors": {"*": {"elastic": {"harmonics": _FADING}}},
-    "promise": {
-        "instrument": {"scale_sd": _SIZE, "axes_sd": _SIZE, "lean_sd": _SIZE, "wave_mm": _SIZE},
-        "motors": {
-            "*": {
-                "parameters": {"elastic_harmonics": _FADING},
-                "unexplained_mm2": _VARIANCE,
-                "unexplained_sd_mm2": _VARIANCE,
-                "seen": _SHARE,
-            }
-        },
-    },
+    "promise": {"instrument": {"scale_sd": _SIZE, "axes_sd": _SIZE, "lean_sd": _SIZE, "wave_mm": _SIZE}},
 }  # fmt: skip
 
 
@@ -136,24 +112,25 @@ def misfit_section(found: Sequence[Misfit]) -> dict[str, Any]:
 
 def misfit_words(document: Mapping[str, Any]) -> tuple[Said, ...]:
     """Return the sentences about misfits in a model's document, the gravest first; the id of each is its severity."""
-    section = document.get("misfit")
-    found = section.get("found", []) if isinstance(section, dict) else []
     return tuple(
         say(each["severity"], each["words"])
-        for each in found
-        if isinstance(each, dict) and each.get("severity") in SEVERITIES and "words" in each
+        for each in found_in(document)
+        if each.get("severity") in SEVERITIES and "words" in each
     )
+
+
+def found_in(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the findings of a model's document as plain values."""
+    section = document.get("misfit")
+    found = section.get("found", []) if isinstance(section, dict) else []
+    return [each for each in found if isinstance(each, dict)]
 
 
 def said_of(document: Mapping[str, Any], kind: str) -> tuple[str, ...]:
     """Return the sentences about one kind of misfit in a model's document."""
-    section = document.get("misfit")
-    found = section.get("found", []) if isinstance(section, dict) else []
-    return tuple(each["words"] for each in found if isinstance(each, dict) and each.get("kind") == kind)
+    return tuple(each["words"] for each in found_in(document) if each.get("kind") == kind)
 
 
 def refusals(document: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the refusals in a model's document, a sentence each: reasons not to mend with it."""
-    section = document.get("misfit")
-    found = section.get("found", []) if isinstance(section, dict) else []
-    return tuple(each["words"] for each in found if isinstance(each, dict) and each.get("severity") == REFUSAL)
+    return tuple(each["words"] for each in found_in(document) if each.get("severity") == REFUSAL)

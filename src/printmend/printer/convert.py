@@ -1,6 +1,5 @@
 """A printer from its owner's files: Klipper's printer.cfg, or a slicer's printer profile."""
 
-from dataclasses import asdict
 from pathlib import Path
 
 import tomli_w
@@ -9,9 +8,9 @@ from printmend.errors import ConfigError
 from printmend.files import read_text
 from printmend.messages import say
 from printmend.printer.klipper import is_klipper, parse_klipper
-from printmend.printer.printer import PAUSE, Printer, homing_section
+from printmend.printer.printer import PAUSE, Printer
 from printmend.printer.slicer import is_slicer_profile, parse_slicer, profile_of
-from printmend.printer.toml import parse_printer, read_printer
+from printmend.printer.toml import parse_printer, printer_section, read_printer
 
 _WANTED = say("printer-cfg-slicer-printer-profile-ini")
 _TODO = say("export-printer-profile-slicer-start-preset")
@@ -48,13 +47,9 @@ def convert(path: Path, *, like: str | None = None, model: str | None = None) ->
 
 def printer_text(printer: Printer) -> str:
     """Return a printer as TOML that `read_printer` reads."""
-    head = {"name": printer.name, "kinematics": printer.kinematics, "extruder": printer.extruder}
+    table = {**printer_section(printer), "extruder": printer.extruder}
     if printer.start_gcode:
-        head["start_gcode"] = printer.start_gcode
+        table["start_gcode"] = printer.start_gcode
     if printer.pause_gcode != PAUSE:
-        head["pause_gcode"] = printer.pause_gcode
-    keys = ("min_mm", "max_mm", "steps_per_turn", "mm_per_turn", "microsteps", "home_mm", "home_side")
-    axes = {axis.name: {key: getattr(axis, key) for key in keys} for axis in printer.axes}
-    limits = {key: value for key, value in asdict(printer.limits).items() if value is not None}
-    sections = {**homing_section(printer.homing), **({"limits": limits} if limits else {})}
-    return tomli_w.dumps({**head, **axes, **sections}, multiline_strings=True)
+        table["pause_gcode"] = printer.pause_gcode
+    return tomli_w.dumps(table, multiline_strings=True)

@@ -1,7 +1,7 @@
 """A printer's geometry: what a healthy machine of this kind would do."""
 
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal, get_args
+from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -63,12 +63,6 @@ class Homing:
 
     switch: Switch = "unknown"
     scatter_mm: float | None = None
-
-
-def homing_section(homing: Homing) -> dict[str, Any]:
-    """Return the section [homing] of a printer's table; none where nothing is known."""
-    known = {key: value for key, value in asdict(homing).items() if value != getattr(Homing(), key)}
-    return {"homing": known} if known else {}
 
 
 @dataclass(frozen=True)

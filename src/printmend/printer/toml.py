@@ -3,6 +3,7 @@
 import os
 import re
 import tomllib
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -62,6 +63,16 @@ def read_printer(source: str | Path) -> Printer:
     return parse_printer(
         read_text(source, wanted=say("printer-toml"), todo=_TODO, error=ConfigError), subject=str(source)
     )
+
+
+def printer_section(printer: Printer) -> dict[str, Any]:
+    """Return the mechanics of a printer as the plain table that `parse_printer` reads, without what is as usual."""
+    axes = {axis.name: {key: value for key, value in asdict(axis).items() if key != "name"} for axis in printer.axes}
+    table: dict[str, Any] = {"name": printer.name, "kinematics": printer.kinematics, **axes}
+    for name, value, usual in (("homing", printer.homing, Homing()), ("limits", printer.limits, MotionLimits())):
+        if known := {key: each for key, each in asdict(value).items() if each != getattr(usual, key)}:
+            table[name] = known
+    return table
 
 
 def check_name(name: object, *, subject: str) -> str:
