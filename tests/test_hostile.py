@@ -144,7 +144,7 @@ NUMBERS = [
     "probe --printer ender3 --size nan",
     "probe --printer ender3 --size inf",
     "measure scan.png --probe probe.json --dpi nan",
-    "learn trace.csv --printer ender3 --seed -1",
+    "learn trace.csv --printer ender3 --travel x=nan:1",
     "demo --seed -1 --out demo",
     "bench families --coverage 0 --out bench",
     "bench families --coverage nan --out bench",

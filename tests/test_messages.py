@@ -8,15 +8,21 @@ import string
 from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import pytest
+from click.testing import CliRunner
 
 import printmend
+from printmend.cli.main import group
+from printmend.cli.terminal import Terminal
 from printmend.errors import InputError
 from printmend.messages import (
+    GERMAN,
     MANY,
     PAGE,
     Said,
     catalogue,
+    help_words,
     messages_of,
     page_messages,
     restored,
@@ -193,3 +199,40 @@ def test_an_error_is_a_message_of_its_parts() -> None:
         "id": "why", "values": {"a": "scan.png", "b": "a flat scan", "c": "none", "d": "rename it"},
     }  # fmt: skip
     assert {told[part]["id"] for part in ("a flat scan", "rename it")} == {"flat-scan", "rename"}
+
+
+def test_help_is_told_in_german_and_nothing_else_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = set()
+
+    class Words(dict):
+        def get(self, text: str, other: str = "") -> str:
+            asked.add(text)
+            return str(super().get(text, other))
+
+    monkeypatch.setattr("printmend.cli.terminal.help_words", lambda: Words(help_words()))
+
+    def read(command: click.Command, above: click.Context | None, name: str) -> None:
+        ctx = click.Context(command, above, name, obj=None if above else Terminal(GERMAN))
+        with ctx:
+            ctx.get_help()
+        for each in command.list_commands(ctx) if isinstance(command, click.Group) else ():
+            below = command.get_command(ctx, each)
+            if below.callback.__module__.startswith("printmend."):
+                read(below, ctx, each)
+
+    read(group, None, "printmend")
+    assert set(help_words()) - asked == set(), "nothing says these"
+    metavars = re.compile(r"[A-Za-z.|\[\]{}-]+")  # SCAN…, of the line of use
+    assert {text for text in asked - set(help_words()) if not metavars.fullmatch(text)} == set()
+
+
+def test_a_locale_or_an_option_chooses_the_language_of_help() -> None:
+    def told(*words: str, language: str = "en") -> str:
+        return CliRunner().invoke(group, words, obj=Terminal(language), prog_name="printmend").output
+
+    assert "Usage: printmend mend [OPTIONS]" in told("mend", "--help")
+    assert told("mend", "--help", language="de") == told("--lang", "de", "mend", "--help")
+    german = told("mend", "--help", language="de")
+    assert german.startswith("Aufruf: printmend mend [OPTIONEN] FILE|FOLDER|-...\n\n  G-Code so umschreiben")
+    assert re.search(r"Dateien zur gleichen Zeit\.\s+\[Vorgabe:\s+1;\s+1<=x<=64\]", german)
+    assert "\n  Beispiel: printmend mend part.gcode" in german

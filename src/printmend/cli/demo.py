@@ -10,7 +10,7 @@ from printmend.messages import say, together
 
 
 @click.command(epilog="Example: printmend demo --seed 3 --out my-demo")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Draws what is broken.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of what is broken.")
 @click.option("--corruption", "broken", multiple=True, metavar="broken.toml|EFFECT[:KEY=VALUE,…]",
               help="What is broken: a file, or an effect (`printmend twin --list`).")  # fmt: skip
 @click.option(

@@ -17,10 +17,8 @@ from printmend.messages import say
               default=Path("report.html"), show_default=True)  # fmt: skip
 @click.option("--for", "part", metavar="PART.gcode", type=click.Path(path_type=Path, dir_okay=False),
               help="Also predict the error of this part.")  # fmt: skip
-@click.option("--filament", metavar="NAME", help="What the measured part was printed in, as pla-black.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
-              help="Picks the rows looked at first in a long trace.")  # fmt: skip
-def command(trace: Path, printer_name: str, report: Path, part: Path | None, filament: str | None, seed: int) -> None:
+@click.option("--filament", metavar="NAME", help="Filament of the measured part, as pla-black.")
+def command(trace: Path, printer_name: str, report: Path, part: Path | None, filament: str | None) -> None:
     """Say what is wrong with a printer and how sure that is, what to replace or tighten, and what mending corrects."""
     import numpy as np
 
@@ -39,7 +37,7 @@ def command(trace: Path, printer_name: str, report: Path, part: Path | None, fil
     printer = read_printer(printer_name)
     if filament is not None:
         check_filament(filament)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     examination = examine(read_trace(trace, printer), printer, part=part, filament=filament, rng=rng)
     write_examination(report, examination, language=language())
     echo(summary(examination))

@@ -35,8 +35,6 @@ from printmend.messages import say
 @click.option("--travel", "travels", metavar="AXIS=SENT:WENT", multiple=True,
               help="Travel of the head by a steel rule, in mm, as x=200:199.6. With --update, TRACE is optional.",
               )  # fmt: skip
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
-              help="Seed that picks the first rows of a long trace.")  # fmt: skip
 @click.option("--date", "when", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD",
               help="When the print was made, for `printmend history` [default: today]")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the diagnosis as JSON.")
@@ -50,7 +48,6 @@ def command(
     moved: Path | None,
     filament: str | None,
     travels: tuple[str, ...],
-    seed: int,
     when: datetime | None,
     as_json: bool,
 ) -> None:
@@ -95,7 +92,7 @@ def command(
     output = output or old or Path("printer.mend.json")
     written = say("written-over" if output.exists() else "written", output)
     spare((output,), (trace or Path("-"), Path(printer_name or "-")))
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     dated = None if when is None else when.replace(tzinfo=UTC)
     updated = None
     if old is None:

@@ -12,7 +12,7 @@ from typing import NoReturn
 import click
 
 from printmend import __version__
-from printmend.cli.terminal import LANGUAGES, Terminal, usage_words, usual_language
+from printmend.cli.terminal import LANGUAGES, HelpFormatter, Terminal, spoken, usage_words, usual_language
 from printmend.errors import MissingToolError, PrintmendError, reason
 from printmend.extras import missing_extra
 from printmend.messages import say
@@ -54,6 +54,7 @@ PLUGINS = "printmend.commands"  # entry points: `NAME = "package.commands:COMMAN
 LAB = ("paper", "body", "bench", "dataset", "figures", "selfrepair", "curiosity", "new", "conformance")
 
 
+click.Context.formatter_class = HelpFormatter
 PIPE_CLOSED = 141  # as a shell says it of a program that SIGPIPE ended
 
 
@@ -91,7 +92,7 @@ class LazyGroup(click.Group):
             with formatter.section(who):
                 formatter.write_dl(rows)
         if not homes().keys() & set(LAB):
-            formatter.write_text(f"printmend-lab adds {', '.join(LAB)}: pip install printmend-lab")
+            formatter.write_text(spoken(say("terminal-lab-adds", ", ".join(LAB))))
 
 
 @cache
@@ -130,7 +131,7 @@ def _speak(ctx: click.Context, option: click.Parameter, language: str | None) ->
 @click.version_option(__version__, prog_name="printmend")
 @click.option("--lang", type=click.Choice(LANGUAGES), metavar="en|de", is_eager=True, expose_value=False,
               callback=_speak,
-              help="Language of results and errors [default: the locale's]. Help stays English.")  # fmt: skip
+              help="Language of results, errors and help [default: the locale's].")  # fmt: skip
 @click.pass_context
 def group(ctx: click.Context) -> None:
     """Print straight on a broken 3-D printer: learn its fault from one print, rewrite the G-code."""

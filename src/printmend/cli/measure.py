@@ -1,6 +1,7 @@
 """`printmend measure`: scans of the probe become a trace; or callipers, for those who have no scanner."""
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -92,7 +93,6 @@ def _measure_probe(
     import numpy as np
 
     from printmend.measure import read_plan, write_trace
-    from printmend.measure.distance import is_asking
     from printmend.measure.measurement import measure_scans
 
     plan = read_plan(plan_path)
@@ -105,16 +105,13 @@ def _measure_probe(
         scans, plan, dpi=dpi, overlay=overlay, distance_mm=distance_mm, scanner_error=scanner_error, tell=spoken
     )
     write_trace(output, measurement.trace)
-    asked = [note for note in measurement.notes if is_asking(note)]
-    for note in measurement.notes:
-        if note not in asked:
-            echo(note)
+    asked = _told(measurement.notes)
     if 0 < len(missing := measurement.missing) <= MOST_NAMED:
         echo(say("marks-not-found", ", ".join(map(str, missing.tolist())), plan_path))
     found = int(np.isfinite(measurement.measured_mm).all(axis=1).sum())
     echo(say_count("so-many-measured-marks", found, output))
-    for note in asked:  # last, where it is read
-        echo(say("still-open", note))
+    for note in asked:
+        echo(note)
     if asked and len(plan.sheets) < 2:  # the overlay shows the first scan's sheet only
         echo(say("both-ringed-in", overlay) if overlay else say("terminal-see-both-ringed"))
 
@@ -124,7 +121,6 @@ def _measure_layer(
     overlay: Path | None, output: Path, distances_mm: tuple[float, ...], filament: str | None,
 ) -> None:  # fmt: skip
     from printmend.measure import write_trace
-    from printmend.measure.distance import is_asking
     from printmend.mend.fit import fits
     from printmend.mend.part import measure_part
     from printmend.printer import read_printer
@@ -136,15 +132,22 @@ def _measure_layer(
         scans[0], part_path, printer, layer=layer, dpi=dpi, overlay=overlay, distances_mm=distances_mm, tell=spoken
     )
     write_trace(output, measured.trace)
-    asked = [note for note in measured.notes if is_asking(note)]
-    for note in measured.notes:
-        if note not in asked:
-            echo(note)
+    asked = _told(measured.notes)
     echo(say_count("terminal-so-many-measured-places", measured.found, output))
     for line in fits([(layer, measured)], part_path, printer, None, filament).sizes():
         echo(line)
     for note in asked:
-        echo(say("still-open", note))
+        echo(note)
+
+
+def _told(notes: Sequence[str]) -> list[str]:
+    """Say the notes of a measurement; return those that ask for something, to be said last, where they are read."""
+    from printmend.measure.distance import is_asking
+
+    for note in notes:
+        if not is_asking(note):
+            echo(note)
+    return [say("still-open", note) for note in notes if is_asking(note)]
 
 
 def _measure_by_hand(

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 @click.option("--force", is_flag=True,
               help="Write even where the prediction is not better, or where a file names another printer.")  # fmt: skip
 @click.option("--tolerance", "tolerance_mm", type=Finite(0.002, 0.2), default=0.01, show_default=True,
-              metavar="MM", help="Largest error of outer walls, with fewer moves and stops if it is larger; hidden "
-              "lines of a printer whose belts bend sharply may be off by more.")  # fmt: skip
+              metavar="MM", help="Largest error of outer walls; a larger one needs fewer moves and stops. Where belts "
+              "bend sharply, hidden lines may be off by more.")  # fmt: skip
 @click.option("--firmware", type=click.Choice(["marlin8", "marlin32", "klipper", "rrf", "prusa", "bambu"]),
               help="Firmware of the printer, which limits moves per second [default: as the file says].")  # fmt: skip
 @click.option("--slower", type=Percent(0, 1000), metavar="5%",

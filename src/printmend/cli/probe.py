@@ -75,12 +75,12 @@ def command(
     surface: str, pen: bool, glass: tuple[float, float] | None, sheets: int, net: bool, layer_path: Path | None,
     phase: bool, overwrite: bool, sheet: Path | None,
 ) -> None:  # fmt: skip
-    """Write a test print that shows every fault, its plan (probe.json beside it), which `measure` needs, and one page
-    that says what to do with it (probe-how-to.pdf).
+    """Write a test print that shows every fault. Beside it go its plan (probe.json), which `measure` needs, and a page
+    that says what to do (probe-how-to.pdf).
 
     Designs: fixed fills an area evenly, along both diagonals. layer follows the longest layer of the part, in the air,
-    with dots beside its path. optimal chooses the marks after which the part's expected error is least, active those
-    that teach most; without --for they consider the whole bed. All are measured in the same way.
+    with dots beside its path. optimal chooses the marks that make the part's expected error smallest, active those
+    that teach most. Without --for both consider the whole bed. All are measured in the same way.
     """
     if layer_path is not None:
         if pen or net or sheets > 1:

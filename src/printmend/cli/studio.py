@@ -13,8 +13,8 @@ from printmend.messages import say
 
 # Its many parameters are its options.
 @click.group(invoke_without_command=True, epilog="Example: printmend studio")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Where it listens. Elsewhere than on this "
-              "computer only known devices come in; the first one's address is printed once.")  # fmt: skip
+@click.option("--host", default="127.0.0.1", show_default=True, help="Where it listens. From other computers "
+              "it lets in known devices only; the address for the first one is printed once.")  # fmt: skip
 @click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0 takes a free one.")
 @click.option("--name", "names", multiple=True, metavar="NAME", help="A further name by which browsers reach it.")
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
@@ -25,9 +25,11 @@ from printmend.messages import say
 @click.option("--revoke", metavar="NAME", help="Let a device in no longer, and end.")
 @click.option("--devices", is_flag=True, help="List the devices that are let in, and end.")
 @click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Jobs at a time.")
-@click.option("--most-gb", type=click.FloatRange(0.1), default=20.0, show_default=True, help="Most in its folder.")
-@click.option("--cluster", help="Run jobs on Dask workers instead, which see the folder, too: tcp://HOST:PORT of a "
-              "scheduler, or local:N.")  # fmt: skip
+@click.option(
+    "--most-gb", type=click.FloatRange(0.1), default=20.0, show_default=True, help="Largest size of its folder."
+)
+@click.option("--cluster", help="Run jobs on Dask workers that share the folder: tcp://HOST:PORT of a scheduler, or "
+              "local:N.")  # fmt: skip
 @click.pass_context
 def command(
     ctx: click.Context, host: str, port: int, names: tuple[str, ...], no_browser: bool, folder: Path | None,
@@ -68,7 +70,7 @@ def command(
               most_gb=most_gb, told=echo)  # fmt: skip
 
 
-@command.command("install-service")
+@command.command("install-service", short_help="Let the studio start with the computer.")
 @click.option("--print", "only", is_flag=True, help="Show the file, and write nothing.")
 @click.pass_context
 def install_service(ctx: click.Context, only: bool) -> None:

@@ -5,13 +5,14 @@ The language is that of --lang, or of the user's locale. Click has its own messa
 
 import math
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import click
 
-from printmend.messages import ENGLISH, GERMAN, Said, say, together, translated
+from printmend.messages import ENGLISH, GERMAN, Said, help_words, say, together, translated
 
 LANGUAGES = (ENGLISH, GERMAN)
 
@@ -48,6 +49,38 @@ def spoken(message: str) -> str:
 def echo(message: str, *, err: bool = False) -> None:
     """Print a message in the user's language."""
     click.echo(spoken(message), err=err)
+
+
+class HelpFormatter(click.HelpFormatter):
+    """Writes --help in the user's language, paragraph by paragraph."""
+
+    def write_usage(self, prog: str, args: str = "", prefix: str | None = None) -> None:
+        super().write_usage(prog, " ".join(map(_helped, args.split())), prefix or _helped("Usage:") + " ")
+
+    def write_heading(self, heading: str) -> None:
+        super().write_heading(_helped(heading))
+
+    def write_text(self, text: str) -> None:
+        super().write_text("\n\n".join(map(_helped, text.split("\n\n"))))
+
+    def write_dl(self, rows: Iterable[tuple[str, str]], col_max: int = 30, col_spacing: int = 2) -> None:
+        super().write_dl([(term, _described(text)) for term, text in rows], col_max, col_spacing)
+
+
+def _helped(text: str) -> str:
+    """Return a paragraph or a word of --help in the user's language; after click's mark \\b its lines stay lines."""
+    if language() != GERMAN:
+        return text
+    kind, colon, example = text.partition(": ")
+    if colon and kind in ("Example", "Examples"):
+        return _helped(kind) + colon + example
+    return help_words().get(text if "\b" in text else " ".join(text.split()), text)
+
+
+def _described(text: str) -> str:
+    """Return an option's line of help in the user's language, and what click adds in brackets."""
+    told, gap, more = text.partition("  [")
+    return _helped(told) + gap + re.sub("default:|required", lambda word: _helped(word[0]), more)
 
 
 class Finite(click.FloatRange):

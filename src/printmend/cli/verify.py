@@ -24,8 +24,8 @@ from printmend.messages import say
               help="SCAN shows the underside of this part, printed mended. Give the unmended file.")  # fmt: skip
 @click.option("--dpi", type=Finite(min=50, max=9600), help="Resolution of the scans, where the files do not say it.")
 @click.option("--distance", "distance_mm", metavar="MM", type=Finite(min=1, max=1000), help="As in `measure`.")
-@click.option("--filament", metavar="NAME", help="What the check print was printed in, as pla-black: what it shrank is "
-              "no error of the machine.")  # fmt: skip
+@click.option("--filament", metavar="NAME", help="Filament of the check print, as pla-black: its shrinkage is no "
+              "error of the machine.")  # fmt: skip
 @click.option("-o", "--output", metavar="NEW.mend.json", type=click.Path(path_type=Path, dir_okay=False),
               help="Write the model, brought up to date with this measurement.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="For programs.")

@@ -22,6 +22,7 @@ _DEEPEST = 8  # messages within messages
 _NUMBERS = re.compile(r"(?!.*\d\.\d+\.)[\s\d.±+–-]*\d\.\d[\s\d.±+–-]*( ?[%°a-z]+)?")
 _AFTER_SEMICOLON = re.compile(r"; (Der|Die|Das|Ein|Eine|Es|Alle|Jede)\b")
 PAGE = "/page"  # ends the id of a message that a page words differently: the terminal's names a command or an option
+HELP = "help"  # the context of what --help says
 MANY = "/many"  # ends the id of a message's plural
 
 
@@ -156,15 +157,25 @@ def page_messages() -> dict[str, dict[str, str]]:
 
 
 @cache
+def help_words() -> dict[str, str]:
+    """Return the German of what --help says, by its English: those texts stand in the commands, and need no id."""
+    return {entry.msgid: entry.msgstr for entry in _entries() if entry.msgctxt == HELP}
+
+
+@cache
 def catalogue() -> dict[str, tuple[str, str]]:
     """Return every message's English and German by its id."""
-    text = resources.files(__name__).joinpath("de.po").read_text(encoding="utf-8")
     found = {}
-    for entry in polib.pofile(text):
+    for entry in (each for each in _entries() if each.msgctxt != HELP):
         found[entry.msgctxt] = entry.msgid, entry.msgstr or entry.msgstr_plural[0]
         if entry.msgid_plural:
             found[entry.msgctxt + MANY] = entry.msgid_plural, entry.msgstr_plural[1]
     return found
+
+
+@cache
+def _entries() -> polib.POFile:
+    return polib.pofile(resources.files(__name__).joinpath("de.po").read_text(encoding="utf-8"))
 
 
 def _gather(value: Any, found: dict[str, Any]) -> None:
