@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import size_mm
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Told
 from printmend.messages import say
@@ -18,7 +17,6 @@ class Bead(Usual):
     of = Of.MATERIAL
     acts = Acts.NOT
     fate = STAYS
-    keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.walls:

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, Usual, carrier
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say
@@ -19,7 +18,6 @@ class Drift(Usual):
     of = Of.SESSION
     acts = Acts.NOT
     fate = Fate(anew=0.3, stays=0.4)
-    keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for where in range(4 if scene.corexy else 2):

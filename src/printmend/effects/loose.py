@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told
 from printmend.messages import say
@@ -19,7 +18,6 @@ class Loose(Usual):
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS
-    keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if all(high > low for low, high in scene.bed_span_mm):  # along one line it is the same as play

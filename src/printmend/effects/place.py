@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name
 from printmend.messages import say
@@ -19,7 +18,6 @@ class Place(Usual):
     acts = Acts.DRIVE
     from_home = False
     fate = STAYS
-    keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.placed:  # a measurement without a place has an origin of its own

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import PLACES, Fault, Found, along_motor_mm, amount, motor_name, those_of
 from printmend.messages import say
@@ -18,7 +17,6 @@ class Play(Usual):
     of = Of.MACHINE
     acts = Acts.DRIVE
     fate = STAYS
-    keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say
@@ -21,7 +20,6 @@ class Speed(Usual):
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS
-    keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):

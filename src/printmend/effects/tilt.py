@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told
 from printmend.messages import say
@@ -19,7 +18,6 @@ class Tilt(Usual):
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS
-    keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2):

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say, together
@@ -21,7 +20,6 @@ class Wear(Usual):
     of = Of.SESSION  # that stays: a print is mended for the play with which the last one ended
     acts = Acts.DRIVE
     fate = STAYS
-    keys = Numbers()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
