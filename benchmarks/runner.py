@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from printmend.cli.output import progress
-from printmend.executor import WorkerDied, executor
+from printmend_lab.executor import WorkerDied, executor
 
 Case = tuple[Any, ...]
 Row = dict[str, Any]

@@ -21,7 +21,6 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import read_corruption
 from printmend.errors import InputError, TraceError, UnwritableError
-from printmend.executor import Serial
 from printmend.files import replacing
 from printmend.metrics import rmse
 from printmend.printer import read_printer
@@ -36,6 +35,7 @@ from printmend_lab.dataset.join import joined, names
 from printmend_lab.dataset.parquet import BODY_COLUMNS, PRINT_COLUMNS, digest_of, read_about, read_body, read_print
 from printmend_lab.dataset.places import body_file, corruption_file, print_file, read_lines
 from printmend_lab.dataset.verify import contents, fetch_dataset, verify_dataset
+from printmend_lab.executor import Serial
 from tests.bodies import write_vase
 
 RECIPE = Recipe(2, ("pulley-play", "gain-table"), "damaged", 3)
@@ -114,7 +114,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from printmend_lab.dataset import build as builder
-from printmend.executor import Serial
+from printmend_lab.executor import Serial
 real, calls = builder.write_print, []
 def dies(path, *rest):
     calls.append(path)

@@ -12,7 +12,6 @@ from printmend import plugins
 from printmend.corruption import fault
 from printmend.effects import EFFECTS
 from printmend.errors import ConfigError
-from printmend.executor import HERE
 from printmend.learn import learner
 from printmend_lab.bench.case import Case, Result
 from printmend_lab.bench.rows import row
@@ -21,6 +20,7 @@ from printmend_lab.bench.trial import evaluate
 from printmend_lab.cli.bench import command as bench
 from printmend_lab.cli.conformance import command as conformance
 from printmend_lab.control.registry import controller
+from printmend_lab.executor import HERE
 from tests.mending import ENDER5
 from tests.test_mend_laws import part
 

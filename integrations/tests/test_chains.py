@@ -195,10 +195,10 @@ CLUSTERED = """
 import sys, time
 from pathlib import Path
 from starlette.testclient import TestClient
-from printmend.executor import executor
+from printmend.cluster import Cluster
 from printmend.studio.app import create_app
 if __name__ == "__main__":
-    with executor(1, "local:1").client() as dask, dask.get_executor(pure=False) as pool:
+    with Cluster.at("local:1").client() as dask, dask.get_executor(pure=False) as pool:
         with TestClient(create_app(Path(sys.argv[1]), cluster=pool), base_url="http://127.0.0.1:8765") as client:
             def done(job):
                 while (job := client.get("/api/jobs/" + job["id"]).json())["state"] in ("queued", "running"):
@@ -260,15 +260,15 @@ import logging
 import os
 import sys
 from pathlib import Path
-from printmend import executor as module
+from printmend import cluster
 from printmend_lab.bench.case import Case
 from printmend_lab.bench.run import run
 from printmend.cli.main import group
 from printmend.errors import InputError
-from printmend.executor import executor
+from printmend_lab.executor import WorkerDied, executor
 from tests.mortal import judged_once
 if __name__ == "__main__":
-    module._CONNECT_S = 0.5
+    cluster._CONNECT_S = 0.5
     made = Path(sys.argv[1]).parent / "made"
     asked = ["dataset", "build", "--bodies", "generated:1", "-o", str(made), "--cluster", "tcp://127.0.0.1:9"]
     try:
@@ -280,7 +280,7 @@ if __name__ == "__main__":
     cases = [Case("table1", "", place, "play", "damaged", "paper", 0, source=place) for place in sys.argv[1:]]
     pool = executor(1, "local:2")
     run(cases, ("naive", "oracle"), Path(sys.argv[1]).parent, pool, evaluate=judged_once)
-    assert [value for _, value in pool.map(os._exit, [1])] == [module.WorkerDied()]
+    assert [value for _, value in pool.map(os._exit, [1])] == [WorkerDied()]
     with pool.client():
         logging.getLogger("distributed.scheduler").error("told of the disk")
 """

@@ -50,6 +50,12 @@ class Fault:
     unit: str
     words: str
 
+    @property
+    def row(self) -> dict[str, str | float]:
+        """The fault as a row of a model file's diagnosis."""
+        sizes = {"value": round(self.value, 6), "sd": round(self.sd, 6)}
+        return {"part": self.part, "kind": self.kind, **sizes, "unit": self.unit}
+
 
 @dataclass(frozen=True)
 class Told:

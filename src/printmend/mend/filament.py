@@ -284,11 +284,7 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
     section.pop("seen", None)
     details: dict[str, Any] = {key: value for key, value in model.document.items() if key not in NUMBERS}
     details |= {
-        "diagnosis": [
-            *({"part": f.part, "kind": f.kind, "value": round(f.value, 6), "sd": round(f.sd, 6), "unit": f.unit}
-              for f in diagnosis.faults),
-            *faults,
-        ],
+        "diagnosis": [*(fault.row for fault in diagnosis.faults), *faults],
         "promise": section,
         FILAMENTS: {
             "measured": [entry_section(each) for each in entries],

@@ -182,10 +182,7 @@ def _updated(
         for c in changes
     ]  # fmt: skip
     details: dict[str, Any] = {
-        "diagnosis": [
-            {"part": f.part, "kind": f.kind, "value": round(f.value, 6), "sd": round(f.sd, 6), "unit": f.unit}
-            for f in diagnosis.faults
-        ],
+        "diagnosis": [fault.row for fault in diagnosis.faults],
         "trace": _trace_section(trace, PLANE_FACTOR * noise_mm),
         "promise": {
             **belief_section(

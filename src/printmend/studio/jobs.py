@@ -13,8 +13,8 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
+from printmend.cluster import limited
 from printmend.errors import RefusedError
-from printmend.executor import limited
 from printmend.messages import say
 from printmend.studio import work
 from printmend.studio.store import Row, Store

@@ -7,12 +7,11 @@ import threading
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
-from typing import cast
 
 import uvicorn
 
+from printmend.cluster import Cluster
 from printmend.errors import InputError, reason
-from printmend.executor import Cluster, executor
 from printmend.messages import say
 from printmend.studio.app import MOST_HELD_BYTES, WORKERS, create_app
 from printmend.studio.devices import FIRST, Devices
@@ -30,10 +29,10 @@ def serve(
     """Serve until Ctrl-C. From another ``host`` than this computer only known devices come in, see `Devices`.
 
     ``names`` are further names by which browsers reach it, as through a proxy: then, too. ``cluster`` runs the jobs
-    elsewhere (see `executor`). Raises `InputError` where the port is not free, another studio has the folder, or
+    elsewhere (see `Cluster`). Raises `InputError` where the port is not free, another studio has the folder, or
     nobody answers at the cluster's address.
     """
-    remote = None if cluster is None else cast(Cluster, executor(1, cluster))
+    remote = None if cluster is None else Cluster.at(cluster)
     devices = None if host in LOOPBACK and not names else Devices(folder)
     known = () if devices is None else devices.known()
     reached = _everywhere() if host in _EVERYWHERE else [host]

@@ -14,7 +14,6 @@ from typing import Any
 from printmend.corruption import fault
 from printmend.corruption.sampling import Severity, check_family
 from printmend.errors import InputError
-from printmend.executor import HERE, Executor
 from printmend.files import replacing
 from printmend.path import Body, Trace
 from printmend.printer import Printer, check_preset, read_printer
@@ -26,6 +25,7 @@ from printmend_lab.bench.report import grouped, markdown_table, summary
 from printmend_lab.bench.rows import OPTIMUM, Row, check_rows, row, row_parts
 from printmend_lab.bench.run import run
 from printmend_lab.bench.towers import TowerStand, tower_stand
+from printmend_lab.executor import HERE, Executor
 from printmend_lab.published import layer_trace
 
 TABLE, MARKDOWN, CSV = "families", "families.md", "families.csv"

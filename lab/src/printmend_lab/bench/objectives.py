@@ -16,7 +16,6 @@ from printmend.corruption import families as known_families
 from printmend.corruption import sample
 from printmend.corruption.sampling import Severity
 from printmend.errors import InputError
-from printmend.executor import HERE, Executor
 from printmend.metrics import rmse
 from printmend.path import Layer
 from printmend.printer import Printer, read_printer
@@ -28,6 +27,7 @@ from printmend_lab.bench.run import run
 from printmend_lab.bench.table1 import drawn_layers
 from printmend_lab.body import body_of, demo_body_gcode, load_body
 from printmend_lab.dataset.bodies import digest
+from printmend_lab.executor import HERE, Executor
 from printmend_lab.published import layer_trace
 from printmend_lab.shape import bead_difference_area, frechet
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from printmend.errors import InputError
-from printmend.executor import Executor, WorkerDied
 from printmend_lab.bench.case import Case, Result
 from printmend_lab.bench.trial import evaluate, failed
+from printmend_lab.executor import Executor, WorkerDied
 
 Evaluate = Callable[[Case, tuple[str, ...]], list[Result]]
 

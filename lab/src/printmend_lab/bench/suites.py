@@ -18,7 +18,6 @@ import numpy as np
 
 from printmend.corruption import fault
 from printmend.errors import ConfigError, InputError
-from printmend.executor import HERE, Executor, program_version
 from printmend.machine import Mechanism
 from printmend.printer import read_printer
 from printmend_lab.bench import families, table1
@@ -27,6 +26,7 @@ from printmend_lab.bench.measured import measured
 from printmend_lab.bench.rows import OPTIMUM, row
 from printmend_lab.bench.run import run
 from printmend_lab.dataset.bodies import body_files
+from printmend_lab.executor import HERE, Executor, program_version
 
 METRICS = ("mean", "median", "p95", "ratio", "failures")
 MEASURED_METRICS = ("share", "median", "worst", "failures")  # of what a straight line misses; share is a geometric mean

@@ -11,7 +11,6 @@ import numpy as np
 from printmend.corruption import fault, read_corruption
 from printmend.corruption.sampling import Severity, check_family
 from printmend.errors import InputError
-from printmend.executor import HERE, Executor
 from printmend.path import Body, Layer, Trace
 from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
@@ -27,6 +26,7 @@ from printmend_lab.dataset.build import changed_corruptions, read_recipe
 from printmend_lab.dataset.parquet import read_body
 from printmend_lab.dataset.places import BODIES, RECIPE, body_file, corruption_file, read_lines
 from printmend_lab.dataset.reference import read_reference
+from printmend_lab.executor import HERE, Executor
 from printmend_lab.published import layer_trace
 
 if TYPE_CHECKING:

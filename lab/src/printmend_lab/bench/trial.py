@@ -7,9 +7,9 @@ from collections.abc import Hashable, Mapping
 from typing import Any, Protocol
 
 from printmend.errors import PrintmendError
-from printmend.executor import program_version
 from printmend.extras import missing_extra
 from printmend_lab.bench.case import Case, Result
+from printmend_lab.executor import program_version
 
 # The module of each table has ``set_up(case) -> Stand`` and ``read_row(name)``; both may raise `PrintmendError`.
 TABLES = {

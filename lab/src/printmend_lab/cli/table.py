@@ -17,8 +17,8 @@ def show_failures(results: "Sequence[Result]") -> None:
     Raise `InputError` where there is nothing but failures: then there is no table.
     """
     from printmend.errors import InputError
-    from printmend.executor import program_version
     from printmend_lab.bench.report import failure_texts
+    from printmend_lab.executor import program_version
 
     for text in failure_texts(results):
         click.echo(f"failed: {text}", err=True)
@@ -63,10 +63,10 @@ def with_executor(command: Callable[..., Any]) -> Callable[..., Any]:
     @click.option("--cluster", help="Dask workers that see the same files instead: tcp://HOST:PORT, or local:N.")
     @functools.wraps(command)
     def called(*arguments: Any, workers: int, cluster: str | None, **options: Any) -> Any:
-        from printmend.executor import Cluster, executor
+        from printmend_lab.executor import Workers, executor
 
         place = executor(workers, cluster)
-        if isinstance(place, Cluster) and place.check() == 0:
+        if isinstance(place, Workers) and place.check() == 0:
             click.echo(f"{cluster}: no workers yet, so this waits for the first (`dask worker {cluster}`)", err=True)
         return command(*arguments, executor=place, **options)
 

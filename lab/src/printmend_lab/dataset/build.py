@@ -25,7 +25,6 @@ import numpy as np
 import printmend
 from printmend.corruption.sampling import Severity, check_family
 from printmend.errors import InputError, MissingToolError, PrintmendError, UnwritableError
-from printmend.executor import Executor, WorkerDied
 from printmend.files import read_text, replacing
 from printmend.path import Body
 from printmend.printer import Printer, check_preset, read_printer
@@ -43,6 +42,7 @@ from printmend_lab.dataset.places import (
     read_lines,
     rewrite_lines,
 )
+from printmend_lab.executor import Executor, WorkerDied
 
 MAX_CORRUPTIONS = 9999  # their numbers have four digits
 

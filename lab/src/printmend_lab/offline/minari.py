@@ -11,8 +11,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from printmend.executor import program_version
 from printmend.files import replacing
+from printmend_lab.executor import program_version
 from printmend_lab.offline.episodes import Episode, fresh
 
 _FORM_OF = "0.5.4"  # the version of Minari whose form this is; 0.5 and later read it

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from printmend.errors import InputError
-from printmend.executor import HERE, Executor
 from printmend.learn.registry import ORACLE, check_model_name, fit
 from printmend.path import Trace
 from printmend.protocols import WorldModel
@@ -23,6 +22,7 @@ from printmend_lab.bench.measured.sources import SOURCES, Source, source
 from printmend_lab.bench.measured.tracks import MeasuredSet
 from printmend_lab.bench.report import grouped
 from printmend_lab.bench.run import run
+from printmend_lab.executor import HERE, Executor
 
 TABLE, NAIVE = "measured", "naive"
 _PARTS, _OFF_ROUND = 1e6, 0.3717  # of a span, in a digest; away from round numbers, which fall on either side

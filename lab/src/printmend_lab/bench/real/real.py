@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 
 from printmend.errors import TraceError
-from printmend.executor import HERE, Executor
 from printmend_lab.bench.case import Case, Result
 from printmend_lab.bench.real.mocap import read_runs, runs_digest
 from printmend_lab.bench.real.shipped import shipped_fit
 from printmend_lab.bench.real.traverse import Traverse, detrended, middles_mm
 from printmend_lab.bench.report import grouped
 from printmend_lab.bench.run import run
+from printmend_lab.executor import HERE, Executor
 
 Guess = Callable[[int, np.ndarray], np.ndarray]
 TABLE, FLOOR = "real", "floor"
