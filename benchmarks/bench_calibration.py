@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.corruption import sample
 from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
@@ -24,6 +23,7 @@ from printmend.twin import Twin
 from printmend_lab.bench.drawn_body import drawn_body
 from printmend_lab.greybox import Greybox
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import sample
 
 sys.path.insert(0, str(Path(__file__).parent))
 from runner import options_of, rows_of

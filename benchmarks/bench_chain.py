@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.corruption import sample
 from printmend.demo.scan import run_chain
 from printmend.printer import read_printer
+from printmend_lab.sampling import sample
 
 sys.path.insert(0, str(Path(__file__).parent))
 from runner import parsed, parser_of, rows_of

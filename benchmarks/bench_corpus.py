@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.corruption import sample
 from printmend.errors import PrintmendError, RefusedError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, read_gcode
@@ -25,6 +24,7 @@ from printmend.mend import mend_gcode
 from printmend.mend.against import judged
 from printmend.model import exact_model
 from printmend.printer import Printer, read_printer
+from printmend_lab.sampling import sample
 
 _MARGIN_MM = 5.0
 

@@ -13,13 +13,14 @@ import time
 
 import numpy as np
 
-from printmend.corruption import HEALTHY, families, sample
+from printmend.corruption import HEALTHY
 from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
 from printmend_lab.greybox import Greybox
+from printmend_lab.sampling import families, sample
 
 MOVES = 4000
 

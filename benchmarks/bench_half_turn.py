@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.corruption import Corruption, Drive, PublishedHull, sample
+from printmend.corruption import Corruption, Drive, PublishedHull
 from printmend.learn import learner
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import Mechanism
@@ -30,6 +30,7 @@ from printmend_lab.control.registry import controller
 from printmend_lab.prior import PriorLearner
 from printmend_lab.prior.mixture import mixture, parse_weights
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import sample
 
 HULLS = ("small", "line", "triangle", "square", "egg")
 TURN_MM = 40.0

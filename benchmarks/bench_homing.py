@@ -19,7 +19,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
-from printmend.corruption.sampling import sample
 from printmend.corruption.transmission import Ripple
 from printmend.errors import RefusedError
 from printmend.gcode.read import read_gcode
@@ -33,6 +32,7 @@ from printmend.probe import PHASE_MARKS, design_probe, phase_size_mm
 from printmend.twin import Twin
 from printmend.twin.gcode import follow_finely
 from printmend_lab.homing import drawn_shift_mm, homed_again, refitted_mm
+from printmend_lab.sampling import sample
 
 NOISE_MM = 0.02
 TWOFOLD = 2 * np.pi

@@ -25,9 +25,9 @@ from parts import part  # noqa: E402
 from test_moonraker import moonraker_running  # noqa: E402
 from test_octoprint import octoprint_running  # noqa: E402
 
-from printmend.corruption import sample  # noqa: E402
 from printmend.model.model import exact_model, write_model  # noqa: E402
 from printmend.printer import read_printer  # noqa: E402
+from printmend_lab.sampling import sample  # noqa: E402
 
 SIZE_BYTES = 5_000_000
 

@@ -14,7 +14,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from printmend.corruption import sample
 from printmend.learn import fit
 from printmend.machine import Mechanism, Transmission, healthy_mechanism
 from printmend.metrics import rmse
@@ -23,6 +22,7 @@ from printmend.twin import Twin
 from printmend_lab.bench.drawn_body import drawn_body
 from printmend_lab.control.registry import controller
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import sample
 
 Bend = Callable[[np.random.Generator, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """From motor positions [N] to what is added to the lower and the upper table [N]."""

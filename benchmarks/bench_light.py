@@ -24,12 +24,12 @@ import numpy as np
 
 from bench_mend import PROGRAM, timed
 from bench_outside import part_gcode
-from printmend.corruption import sample
 from printmend.measure.table import write_trace
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
+from printmend_lab.sampling import sample
 
 PRINTER = "ender5"
 COUNTED_MB, COUNTED_ROWS = 2.0, 5000  # the most for which instructions are counted

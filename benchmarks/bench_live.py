@@ -22,11 +22,12 @@ from parts import part
 
 from klippy_judge import Judged, judge_both
 from klippy_run import plan
-from printmend.corruption import Corruption, corruption_toml, sample
+from printmend.corruption import Corruption, corruption_toml
 from printmend.errors import RefusedError
 from printmend.mend import mend_gcode
 from printmend.model.model import exact_model, write_model
 from printmend.printer import Printer, read_printer
+from printmend_lab.sampling import sample
 from true_printer import TruePrinter
 
 FAMILIES = "pulley,play,pulley-play,pulley-loose,elastic,set-screw,ripple,frame,screw,everything"

@@ -27,7 +27,6 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 from bench_outside import part_gcode
-from printmend.corruption import families, sample
 from printmend.errors import RefusedError
 from printmend.gcode import kernels
 from printmend.learn.learned import learn_model
@@ -40,6 +39,7 @@ from printmend.printer import read_printer
 from printmend.probe.probe import design_probe, write_probe
 from printmend.twin import Twin
 from printmend.twin.gcode import print_gcode
+from printmend_lab.sampling import families, sample
 
 PROGRAM = str(Path(sys.executable).parent / "printmend")
 

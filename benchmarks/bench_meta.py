@@ -15,7 +15,6 @@ import time
 
 import numpy as np
 
-from printmend.corruption import sample
 from printmend.errors import PrintmendError
 from printmend.learn import fit
 from printmend.machine import Mechanism, Transmission
@@ -27,6 +26,7 @@ from printmend_lab.bench.print_shapes import SHAPES, path_print
 from printmend_lab.body import body_of, demo_body_gcode
 from printmend_lab.meta.tasks import draw_drive
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import sample
 
 SEED, NOISE_MM = 77001, 0.05
 KINDS = ("pulley-play", "pulley-loose", "elastic", "frame", "smooth", "taught, no family")

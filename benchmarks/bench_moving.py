@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from printmend.corruption import sample
 from printmend.errors import RefusedError
 from printmend.learn.learned import learn_model
 from printmend.measure.image import write_image
@@ -33,6 +32,7 @@ from printmend.probe.lines import with_moving
 from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD
 from printmend.twin import Twin
 from printmend.twin.scanner import DEFAULT, render_scan
+from printmend_lab.sampling import sample
 
 sys.path.insert(0, str(Path(__file__).parent))
 from runner import options_of, rows_of

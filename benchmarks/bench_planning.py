@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.corruption import Corruption, Drive, Play, PublishedHull, sample
+from printmend.corruption import Corruption, Drive, Play, PublishedHull
 from printmend.errors import InputError
 from printmend.learn import fit, model_names
 from printmend.learn.mechanism_model import MechanismModel
@@ -31,6 +31,7 @@ from printmend_lab.body import body_of, demo_body_gcode
 from printmend_lab.control.kernels import coupled
 from printmend_lab.control.registry import controller, controller_names
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import sample
 
 
 @dataclass(frozen=True, eq=False)

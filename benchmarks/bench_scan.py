@@ -20,7 +20,6 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.corruption import families, sample
 from printmend.errors import PrintmendError
 from printmend.measure import ProbePlan, write_plan
 from printmend.measure.image import write_image
@@ -31,6 +30,7 @@ from printmend.probe import design_probe
 from printmend.twin import Twin
 from printmend.twin.scanner import DEFAULT, HEAVY, Degradations, render_scan
 from printmend_lab.camera import render_photo
+from printmend_lab.sampling import families, sample
 
 PRINTER = read_printer("ender3")
 OFF_MM = 10.0

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.corruption import sample
 from printmend.corruption.toml import corruption_toml
 from printmend.model import exact_model, write_model
 from printmend.printer import read_printer
+from printmend_lab.sampling import sample
 
 sys.path.insert(0, str(Path(__file__).parent))
 from runner import run

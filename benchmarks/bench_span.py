@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.corruption import fault
 from printmend.errors import PrintmendError
 from printmend.learn import fit
 from printmend.machine.printing import print_from_home
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
+from printmend_lab.sampling import fault
 
 sys.path.insert(0, str(Path(__file__).parent))
 from runner import options_of, rows_of

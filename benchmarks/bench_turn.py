@@ -16,13 +16,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
+from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.infer.fit import Fit
 from printmend.learn.learned import learn
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
+from printmend_lab.sampling import sample
 
 TEETH = (16, 19, 20, 20.2, 21, 24)
 TEETH_STEPS = (*((teeth, 1.0) for teeth in TEETH), (20, 1.01), (20, 0.99))  # and how far a commanded millimetre goes

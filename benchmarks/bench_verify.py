@@ -15,13 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from printmend.corruption.sampling import sample
 from printmend.learn.learned import learn_model
 from printmend.mend.verify import BROKEN, KEPT, UNSURE, verify
 from printmend.path import FLATBED, Trace, last_way
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
+from printmend_lab.sampling import sample
 
 LEARNED_NOISE_MM = 0.02
 NOISES_MM = (0.005, 0.02, 0.05, 0.1)

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.corruption import Corruption, sample
+from printmend.corruption import Corruption
 from printmend.gcode.container import open_gcode
 from printmend.gcode.read import Moves, read_gcode
 from printmend.printer import Printer
+from printmend_lab.sampling import sample
 
 
 def arguments(description: str) -> argparse.ArgumentParser:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from printmend.corruption import families as corruption_families
 from printmend.errors import InputError
 from printmend.printer import Printer, read_printer
 from printmend_lab.bench.case import Result
@@ -28,6 +27,7 @@ from printmend_lab.bench.families import (
 )
 from printmend_lab.bench.rows import OPTIMUM, row, row_parts
 from printmend_lab.bench.trial import evaluate
+from printmend_lab.sampling import families as corruption_families
 
 CASE = drawn_case("families", "play", "damaged", 0.5, 0, 7)
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from printmend.corruption import sample
 from printmend.errors import ModelError
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.metrics import rmse
@@ -19,6 +18,7 @@ from printmend_lab.control.increments import agrees, increments_by_advance
 from printmend_lab.control.optimal import Optimal
 from printmend_lab.env import random_layer
 from printmend_lab.env.scenes import draw_scene
+from printmend_lab.sampling import sample
 
 
 @dataclass(frozen=True, eq=False)

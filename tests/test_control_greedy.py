@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from printmend.corruption import families, sample
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import Mechanism, PlayTables, healthy_transmission
 from printmend.printer import Printer, read_printer
@@ -13,6 +12,7 @@ from printmend.protocols import IncrementTables, State, WorldModel
 from printmend.twin import Twin
 from printmend_lab.control.greedy import Greedy
 from printmend_lab.published.increments import AxisModel, moved
+from printmend_lab.sampling import families, sample
 from tests import naive_control
 from tests.shapes import ring_layer
 

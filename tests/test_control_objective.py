@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printmend.corruption import sample
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
@@ -13,6 +12,7 @@ from printmend_lab.bench.objectives import objective_cases, objectives_table
 from printmend_lab.control.area import area_cost, planned_print
 from printmend_lab.control.kernels.refine import AREA, SQUARES, Print, refine
 from printmend_lab.control.registry import controller
+from printmend_lab.sampling import sample
 from tests import naive_refine
 from tests.bodies import write_vase
 from tests.shapes import layer_along, ring_layer

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.corruption import Corruption, Drive, Play, PublishedHull, sample
+from printmend.corruption import Corruption, Drive, Play, PublishedHull
 from printmend.errors import ModelError
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import PlayTables, lattice_tables, run_motors
@@ -16,6 +16,7 @@ from printmend_lab.control import coupled, optimal
 from printmend_lab.control.kernels import coupled as kernels
 from printmend_lab.control.registry import controller
 from printmend_lab.control.window import window
+from printmend_lab.sampling import sample
 from tests import naive_control
 from tests.shapes import layer_along, ring_layer
 

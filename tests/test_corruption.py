@@ -31,12 +31,12 @@ from printmend.corruption import (
     parse_corruption,
     published_names,
 )
-from printmend.corruption.sampling import sample
 from printmend.errors import ConfigError
 from printmend.machine import Mechanism, Transmission
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend.units import radius_mm
+from printmend_lab.sampling import sample
 from tests.naive_twin import hull_support_mm
 
 R0 = radius_mm(40.0)

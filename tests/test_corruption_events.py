@@ -17,7 +17,6 @@ from printmend.corruption import (
     Warp,
     WrongRadius,
     parse_corruption,
-    sample,
 )
 from printmend.corruption.jump import places_mm
 from printmend.errors import ConfigError, InputError
@@ -26,6 +25,7 @@ from printmend.path import Body
 from printmend.printer import Printer
 from printmend.twin import Twin
 from printmend_lab.body.space import space_path
+from printmend_lab.sampling import sample
 from tests.shapes import ring_layer
 
 MIDDLE = np.array([550, 550, 200])

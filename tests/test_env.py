@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from printmend.corruption import HEALTHY, sample
+from printmend.corruption import HEALTHY
 from printmend.errors import ConfigError
 from printmend.path import Layer
 from printmend.printer import Printer, read_printer
@@ -18,6 +18,7 @@ from printmend_lab.env import (
     random_agent,
     random_layer,
 )
+from printmend_lab.sampling import sample
 
 
 def played(env: PrintEnv, actions: np.ndarray, seed: int) -> tuple[float, dict]:

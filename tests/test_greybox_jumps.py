@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.corruption import sample
 from printmend.corruption.jump import MissedSteps, ToothSkips
 from printmend.machine import Transmission, healthy_mechanism
 from printmend.path import Trace
@@ -17,6 +16,7 @@ from printmend_lab.greybox import Greybox, motor_rows
 from printmend_lab.greybox.drive.kernels.jumps import cheapest_levels
 from printmend_lab.greybox.drive.ladder import Jump, lasting
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import sample
 from tests.naive_greybox import cheapest_history
 
 ZIGZAG_MM = np.array([[20.0, 30.0], [190.0, 180.0], [25.0, 35.0], [185.0, 60.0], [30.0, 170.0], [120.0, 40.0]])

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from printmend.corruption import HEALTHY, Corruption, Drive, PublishedHull, sample
+from printmend.corruption import HEALTHY, Corruption, Drive, PublishedHull
 from printmend.errors import TraceError
 from printmend.machine import Mechanism
 from printmend.path import Trace
@@ -15,6 +15,7 @@ from printmend.twin import Twin
 from printmend_lab.greybox import Greybox, GreyboxModel
 from printmend_lab.greybox.drive import NOTHING
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import sample
 from tests.naive_machine import NaiveDrive, circle, corners, loose, walk
 from tests.shapes import ring_layer
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.corruption import sample
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import PlayTables
 from printmend.metrics import rmse
@@ -16,6 +15,7 @@ from printmend_lab.bench.drawn_body import drawn_body
 from printmend_lab.control.registry import controller
 from printmend_lab.greybox import Greybox
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import sample
 
 ENDER5 = read_printer("ender5")
 MIDDLE, FORWARDS, BACK = (0.5, 0.5), (0.0, 0.0), (1.0, 1.0)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, Play, sample
+from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, Play
 from printmend.learn.learned import learn
 from printmend.machine import Mechanism
 from printmend.path import Trace
@@ -15,6 +15,7 @@ from printmend.twin import Twin
 from printmend_lab.bench.drawn_body import drawn_body
 from printmend_lab.greybox import Greybox, GreyboxModel
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import sample
 
 ENDER3, ENDER5 = read_printer("ender3"), read_printer("ender5")
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.corruption import HEALTHY, sample
+from printmend.corruption import HEALTHY
 from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism, Transmission, healthy_mechanism
 from printmend.machine.kernels import run
@@ -28,6 +28,7 @@ from printmend_lab.hybrid.residual import (
     process_columns,
 )
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import sample
 from tests.naive_greybox import follow_tables_slowly
 from tests.shapes import ring_layer
 

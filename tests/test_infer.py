@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy import special
 
-from printmend.corruption import fault
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, places_of, scene_of
 from printmend.effects.idler import OWN_SHARE
 from printmend.effects.prior import share_of
@@ -29,6 +28,7 @@ from printmend.model.model import LEAST_WAVE_MM
 from printmend.path import FLATBED, Trace
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
+from printmend_lab.sampling import fault
 from printmend_lab.simulate import drawn_parts, measured
 
 NOISE_MM = 0.02

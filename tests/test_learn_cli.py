@@ -11,17 +11,7 @@ from click.testing import CliRunner, Result
 
 from printmend.cli.main import group, main
 from printmend.cli.terminal import usual_language
-from printmend.corruption import (
-    HEALTHY,
-    Corruption,
-    Drive,
-    EccentricBore,
-    Ellipse,
-    LooseBelt,
-    Play,
-    WrongRadius,
-    sample,
-)
+from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore, Ellipse, LooseBelt, Play, WrongRadius
 from printmend.corruption.frame import CrookedFrame
 from printmend.errors import ConfigError, PrintmendError
 from printmend.export.firmware import EXPORTS, simple_part
@@ -34,6 +24,7 @@ from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
+from printmend_lab.sampling import sample
 from tests.mending import PLAY, SQUARE, exactly
 
 ENDER3 = read_printer("ender3")

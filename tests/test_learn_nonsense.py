@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from printmend.corruption import sample
 from printmend.errors import TraceError
 from printmend.learn.learned import learn_model
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
+from printmend_lab.sampling import sample
 
 PRINTER = read_printer("ender5")
 Spoil = Callable[[np.ndarray, np.random.Generator], np.ndarray]

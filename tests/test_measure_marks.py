@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from printmend.corruption import families, sample
 from printmend.errors import ConfigError
 from printmend.measure.marks import Marks, read_marks
 from printmend.measure.plan import ProbePlan
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
+from printmend_lab.sampling import families, sample
 
 PRINTER = read_printer("ender3")
 # these can throw neighbouring rows apart by more than the marks' distance: a refusal is right, a mistake never

@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printmend.corruption import HEALTHY, Corruption, Drive, WrongRadius, families, sample
+from printmend.corruption import HEALTHY, Corruption, Drive, WrongRadius
 from printmend.corruption.pulley import EccentricBore
 from printmend.corruption.transmission import Play, Ripple
 from printmend.mend import mend_gcode
 from printmend.mend.against import judged
 from printmend.model import exact_model
 from printmend.printer import Printer
+from printmend_lab.sampling import families, sample
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, ENDER5, PLAY, SQUARE, START, judge, mended, tolerance_mm
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.corruption import families, sample
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.read import interpret_text
 from printmend.gcode.write import rewrite
 from printmend.machine import Mechanism
 from printmend.plan import start
 from printmend.printer import Printer
+from printmend_lab.sampling import families, sample
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, PLAY, SQUARE, START, Judged, judge, mended, tolerance_mm
 

@@ -5,7 +5,7 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from printmend.corruption import Corruption, sample
+from printmend.corruption import Corruption
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
@@ -15,6 +15,7 @@ from printmend_lab.meta.bayes import FEATURES, OUTPUTS, forward, posterior
 from printmend_lab.meta.columns import GROUPS, columns, groups
 from printmend_lab.meta.meta import shipped
 from printmend_lab.meta.tasks import draw_drive, draw_lesson, evidence
+from printmend_lab.sampling import sample
 from tests import naive_law, naive_meta
 
 PRINTER = read_printer("ender5")

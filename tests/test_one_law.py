@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.corruption import families, sample
 from printmend.corruption.screw import Screw
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import Mechanism
@@ -18,6 +17,7 @@ from printmend_lab.control.registry import controller
 from printmend_lab.control.space import plan_space
 from printmend_lab.env import kernels
 from printmend_lab.env.fleet import fleet_of, machines_of, tasks_of
+from printmend_lab.sampling import families, sample
 
 SCREW = Screw(0.03, 0.1, 1.0, 0.3, 2.0, 0.3)
 START = np.array([531, 467, 60])

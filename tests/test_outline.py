@@ -3,22 +3,13 @@
 import numpy as np
 import pytest
 
-from printmend.corruption import (
-    Corruption,
-    Drive,
-    EccentricBore,
-    Ellipse,
-    FlatSpot,
-    LooseBelt,
-    Polygon,
-    PublishedHull,
-    sample,
-)
+from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, FlatSpot, LooseBelt, Polygon, PublishedHull
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
 from printmend_lab.greybox import Greybox
 from printmend_lab.greybox.pulley import ANY_PULLEY, OUTLINES, Outline
+from printmend_lab.sampling import sample
 from tests.naive_greybox import unwound
 
 PRINTER = read_printer("ender5")

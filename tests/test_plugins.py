@@ -9,7 +9,6 @@ import pytest
 from click.testing import CliRunner
 
 from printmend import plugins
-from printmend.corruption import fault
 from printmend.effects import EFFECTS
 from printmend.errors import ConfigError
 from printmend.learn import learner
@@ -21,6 +20,7 @@ from printmend_lab.cli.bench import command as bench
 from printmend_lab.cli.conformance import command as conformance
 from printmend_lab.control.registry import controller
 from printmend_lab.executor import HERE
+from printmend_lab.sampling import fault
 from tests.mending import ENDER5
 from tests.test_mend_laws import part
 

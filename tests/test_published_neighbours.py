@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from printmend.corruption import sample
 from printmend.learn import fit, learner
 from printmend.path import Layer
 from printmend.printer import read_printer
@@ -11,6 +10,7 @@ from printmend.twin import Twin
 from printmend_lab.control.registry import controller
 from printmend_lab.published import layer_trace, network, transitions_of
 from printmend_lab.published.neighbours import KNN, LINEAR
+from printmend_lab.sampling import sample
 
 PRINTER = read_printer("ender5")
 START = np.array([500, 500])

@@ -7,7 +7,6 @@ import pytest
 from lightgbm import LGBMRegressor
 from sklearn.ensemble import RandomForestRegressor
 
-from printmend.corruption import sample
 from printmend.errors import ModelError, TraceError
 from printmend.learn import fit
 from printmend.machine import lattice_tables
@@ -16,6 +15,7 @@ from printmend.printer import Printer
 from printmend.twin import Twin
 from printmend_lab.published import AxisModel, Ensemble, from_forest, from_lightgbm, layer_trace
 from printmend_lab.published.trees import JointTreeModel
+from printmend_lab.sampling import sample
 from tests.shapes import layer_along, ring_layer
 
 LAYER = ring_layer((530.0, 530.0), 60.0)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.corruption import HEALTHY, Corruption, Drive, sample
+from printmend.corruption import HEALTHY, Corruption, Drive
 from printmend.errors import ModelError
 from printmend.files import MAX_TEXT_BYTES
 from printmend.machine import Frame, Mechanism
@@ -24,6 +24,7 @@ from printmend.model.model import (
 )
 from printmend.printer import read_printer
 from printmend.twin import Twin
+from printmend_lab.sampling import sample
 
 ENDER3 = read_printer("ender3")
 AXIS = printer_section(ENDER3)["x"]

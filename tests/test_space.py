@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from printmend.corruption import HEALTHY, Corruption, sample
+from printmend.corruption import HEALTHY, Corruption
 from printmend.corruption.screw import Screw
 from printmend.errors import InputError, TraceError
 from printmend.infer.screw import _touched, fit_height
@@ -24,6 +24,7 @@ from printmend_lab.body.space import SpacePath, space_path
 from printmend_lab.control.registry import controller
 from printmend_lab.control.space import plan_space
 from printmend_lab.hybrid import HybridModel
+from printmend_lab.sampling import sample
 from printmend_lab.space import fit_space, space_trace
 from tests import naive_control
 

@@ -5,11 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
-from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore, GainTable, LooseBelt, Play, sample
+from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore, GainTable, LooseBelt, Play
 from printmend.errors import InputError
 from printmend.machine import lattice_tables
 from printmend.printer import Printer
 from printmend.twin import Twin
+from printmend_lab.sampling import sample
 from tests import naive_twin
 
 

@@ -17,7 +17,7 @@ def test_what_was_warmed_is_not_compiled_again(monkeypatch):
     warm(steps.append)
     assert steps == list(STEPS)
     assert all(len(trace.commanded_mm) > 100 for trace, _ in learned)
-    screw = {step: of for step, of in STEPS.items() if "screw" in of}  # either will do to see that nothing is left
+    screw = {step: of for step, of in STEPS.items() if "screw" in step}  # either will do to see that nothing is left
     monkeypatch.setattr(room, "STEPS", screw)
     said = CliRunner().invoke(command)
     assert said.exit_code == 0

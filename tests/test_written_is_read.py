@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
+from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.learn.learned import learn_model
 from printmend.mend.history import ageing_of, read_history, remember_learned, trends_of
 from printmend.mend.update import update
@@ -18,6 +18,7 @@ from printmend.path import FLATBED, Trace
 from printmend.printer import Printer, read_printer
 from printmend.promise.belief import parse_belief
 from printmend.twin import Twin
+from printmend_lab.sampling import sample
 from tests.test_greybox_learning import stairs
 
 ENDER3, COREXY = read_printer("ender3"), read_printer("corexy")

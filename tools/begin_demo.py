@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.corruption import sample
 from printmend.gcode.container import open_gcode
 from printmend.gcode.kernels import PIECE, RECORD
 from printmend.gcode.read import starting_state
 from printmend.gcode.write import rewrite
 from printmend.plan import start
 from printmend.printer import read_printer
+from printmend_lab.sampling import sample
 
 
 def read() -> None:

@@ -1,4 +1,4 @@
-"""Find how large pulleys of the severity `paper` may be: `PAPER_LARGEST` of `printmend.corruption.sampling`.
+"""Find how large pulleys of the severity `paper` may be: `PAPER_LARGEST` of `printmend_lab.sampling`.
 
     .venv/bin/python tools/fit_paper_severity.py --bodies generated:160 -o build/fit
 

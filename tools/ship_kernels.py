@@ -137,11 +137,11 @@ def complete(family: str) -> None:
     """Learn a pulley of which half a turn was seen."""
     import numpy as np
 
-    from printmend.corruption import sample
     from printmend.path import Trace
     from printmend.printer import read_printer
     from printmend.twin import Twin
     from printmend_lab.greybox import Greybox
+    from printmend_lab.sampling import sample
 
     printer, rng = read_printer("ender5"), np.random.default_rng(0)
     ends = 100.0 + np.array([0.0, 20.0, 4.0, 18.0, 0.0])
@@ -171,12 +171,12 @@ def number_and_draw(_: str) -> None:
     """Write numbered lines and packed ones, draw a part, print on a crooked frame: what not every file needs."""
     import numpy as np
 
-    from printmend.corruption import sample
     from printmend.gcode.kernels import pack, renumber
     from printmend.printer import read_printer
     from printmend.studio.scene import as_printed, read_drawing
     from printmend.twin.gcode import print_gcode
     from printmend.twin.twin import Twin
+    from printmend_lab.sampling import sample
 
     text, out, printer = np.frombuffer(b"N7 G1 X1\n", np.uint8), np.empty(99, np.uint8), read_printer("ender5")
     renumber(text, 0, len(text), np.zeros(2, np.int64), out)

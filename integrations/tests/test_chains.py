@@ -25,7 +25,7 @@ from tests.test_mend_laws import part
 import printmend
 import printmend_lab
 from printmend.cli.main import group
-from printmend.corruption import Corruption, Drive, Play, corruption_toml, sample
+from printmend.corruption import Corruption, Drive, Play, corruption_toml
 from printmend.errors import ScanError
 from printmend.learn import learner
 from printmend.learn.learned import learn_model
@@ -45,6 +45,7 @@ from printmend_lab.bench.families import drawn_case
 from printmend_lab.bench.rows import OPTIMUM
 from printmend_lab.bench.run import read_results
 from printmend_lab.bench.trial import evaluate
+from printmend_lab.sampling import sample
 
 PRINTER = read_printer("ender3")
 BROKEN = foreign.Machine(waves=(((1, 0.2, 0.5),), ((1, 0.1, 2.0), (2, 0.06, 1.0))), play=(0.25, 0.12))

@@ -7,9 +7,9 @@ import numpy as np
 from click.testing import CliRunner
 
 from printmend.cli.main import group
-from printmend.corruption import sample
 from printmend.printer import read_printer
 from printmend_lab.demo import curiosity
+from printmend_lab.sampling import sample
 
 PRINTER = read_printer("ender5")
 BROKEN = sample("pulley-loose", np.random.default_rng(3))

@@ -14,7 +14,7 @@ from bench_live import compare, drawn
 from klippy_bead import ADVANCED, SHAPED, wall_deviation
 from klippy_judge import Track, judge_both, wanted_path
 from klippy_run import RefusedByPlanner, plan
-from printmend.corruption import Corruption, Drive, corruption_toml, sample
+from printmend.corruption import Corruption, Drive, corruption_toml
 from printmend.corruption.transmission import Ripple
 from printmend.machine import Frame, healthy_mechanism
 from printmend.mend import mend_gcode
@@ -26,6 +26,7 @@ from printmend.plan.kernels import height
 from printmend.plan.kernels import lookup as kernels
 from printmend.printer import read_printer
 from printmend.provenance import sealed_test_print
+from printmend_lab.sampling import sample
 from true_printer import TruePrinter
 
 ENDER3, COREXY = read_printer("ender3"), read_printer("corexy")

@@ -12,13 +12,14 @@ from bench_klippy import both, mend
 from klippy_bead import ADVANCED, bead_deviation, commanded_mm
 from klippy_judge import Track, distances_mm, judge, judge_both, places, samples, slowest_mm_s, wanted_path
 from klippy_run import RefusedByPlanner, plan
-from printmend.corruption import Corruption, Drive, WrongRadius, corruption_toml, sample
+from printmend.corruption import Corruption, Drive, WrongRadius, corruption_toml
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.transmission import Play
 from printmend.export.firmware import export_klipper
 from printmend.mend import mend_gcode
 from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
+from printmend_lab.sampling import sample
 from true_printer import TruePrinter
 
 ENDER3, COREXY = read_printer("ender3"), read_printer("corexy")

@@ -13,10 +13,10 @@ from hosts import PRINTMEND, free_port, running, wait_for
 from studio_server import CHROMIUM, Server, Watched, chromium
 
 from printmend.client import Studio, StudioError
-from printmend.corruption import sample
 from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
 from printmend.provenance import read_model
+from printmend_lab.sampling import sample
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs/studio.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL)

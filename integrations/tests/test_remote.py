@@ -10,9 +10,9 @@ import numpy as np
 from hosts import INTEGRATIONS, PRINTMEND
 from parts import part
 
-from printmend.corruption import sample
 from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
+from printmend_lab.sampling import sample
 
 
 def test_a_file_goes_over_and_comes_back_mended(tmp_path: Path) -> None:

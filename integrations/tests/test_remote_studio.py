@@ -14,9 +14,9 @@ from parts import part
 from studio_server import Server
 
 from printmend.client import Studio, StudioError
-from printmend.corruption import sample
 from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
+from printmend_lab.sampling import sample
 
 
 def test_a_file_goes_over_and_comes_back_mended(tmp_path: Path) -> None:

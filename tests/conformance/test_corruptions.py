@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from printmend.corruption import Corruption, corruption_toml, families, parse_corruption, sample
+from printmend.corruption import Corruption, corruption_toml, parse_corruption
 from printmend.machine import Mechanism
 from printmend.machine.kernels.play import RESOLUTION
 from printmend.printer import Printer
 from printmend.twin import Twin
 from printmend_lab.conformance.families import CHECKS, FamilyCandidate, middle, walk
+from printmend_lab.sampling import families, sample
 from tests import naive_twin
 from tests.conformance import broken_by
 

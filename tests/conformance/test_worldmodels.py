@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from sklearn.ensemble import RandomForestRegressor
 
-from printmend.corruption import sample
 from printmend.learn import fit, learner_names, model_names
 from printmend.printer import Printer
 from printmend.twin import Twin
 from printmend_lab.conformance.learners import CHECKS, TRAINING, LearnerCandidate, random_controls
+from printmend_lab.sampling import sample
 from tests.conformance import broken_by
 from tests.test_control_greedy import assert_same_plan
 

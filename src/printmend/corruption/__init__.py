@@ -15,7 +15,6 @@ from printmend.corruption.pulley import (
     WrongRadius,
     published_names,
 )
-from printmend.corruption.sampling import families, fault, sample
 from printmend.corruption.screw import Screw
 from printmend.corruption.toml import corruption_of, corruption_toml, parse_corruption, read_corruption
 from printmend.corruption.transmission import ElasticBelt, Friction, GainTable, LooseBelt, Play, Ripple, SetScrew, Warp
@@ -49,10 +48,7 @@ __all__ = [
     "cause_of",
     "corruption_of",
     "corruption_toml",
-    "families",
-    "fault",
     "parse_corruption",
     "published_names",
     "read_corruption",
-    "sample",
 ]

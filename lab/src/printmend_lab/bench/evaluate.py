@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from printmend.corruption.sampling import Severity
 from printmend.protocols import Learner
 from printmend_lab.bench.case import Result
 from printmend_lab.bench.report import failure_texts, text_table
@@ -14,6 +13,7 @@ from printmend_lab.bench.table1 import HEADER, Line, cells, draw_cases, lines
 from printmend_lab.bench.trial import evaluate_rows
 from printmend_lab.control.registry import controller as controller_of
 from printmend_lab.dataset.bodies import body_files
+from printmend_lab.sampling import Severity
 
 
 @dataclass(frozen=True)

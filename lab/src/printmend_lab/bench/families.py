@@ -11,8 +11,6 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from printmend.corruption import fault
-from printmend.corruption.sampling import Severity, check_family
 from printmend.errors import InputError
 from printmend.files import replacing
 from printmend.path import Body, Trace
@@ -27,6 +25,7 @@ from printmend_lab.bench.run import run
 from printmend_lab.bench.towers import TowerStand, tower_stand
 from printmend_lab.executor import HERE, Executor
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import Severity, check_family, fault
 
 TABLE, MARKDOWN, CSV = "families", "families.md", "families.csv"
 # Drawn from only for the tables in docs/results.md; develop with others, and take a new one after looking closer.

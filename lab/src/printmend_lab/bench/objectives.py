@@ -12,9 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from printmend.corruption import families as known_families
-from printmend.corruption import sample
-from printmend.corruption.sampling import Severity
 from printmend.errors import InputError
 from printmend.metrics import rmse
 from printmend.path import Layer
@@ -29,6 +26,8 @@ from printmend_lab.body import body_of, demo_body_gcode, load_body
 from printmend_lab.dataset.bodies import digest
 from printmend_lab.executor import HERE, Executor
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import Severity, sample
+from printmend_lab.sampling import families as known_families
 from printmend_lab.shape import bead_difference_area, frechet
 
 TABLE, PULLEY = "objectives", "timing pulley"

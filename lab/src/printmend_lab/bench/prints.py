@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from printmend.corruption import families as known_families
 from printmend.errors import InputError
 from printmend.path import Body, Trace
 from printmend.printer import Printer, read_printer
@@ -26,6 +25,7 @@ from printmend_lab.bench.report import grouped, summary
 from printmend_lab.bench.rows import OPTIMUM, Row, read_noise, row
 from printmend_lab.bench.run import run
 from printmend_lab.executor import HERE, Executor
+from printmend_lab.sampling import families as known_families
 
 TABLE, MARKDOWN = "prints", "prints.md"
 POINTS = (60, 250, 1000)  # measured of a test print

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from printmend.corruption import fault
 from printmend.errors import ConfigError, InputError
 from printmend.machine import Mechanism
 from printmend.printer import read_printer
@@ -27,6 +26,7 @@ from printmend_lab.bench.rows import OPTIMUM, row
 from printmend_lab.bench.run import run
 from printmend_lab.dataset.bodies import body_files
 from printmend_lab.executor import HERE, Executor, program_version
+from printmend_lab.sampling import fault
 
 METRICS = ("mean", "median", "p95", "ratio", "failures")
 MEASURED_METRICS = ("share", "median", "worst", "failures")  # of what a straight line misses; share is a geometric mean

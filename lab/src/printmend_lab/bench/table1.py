@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
-from printmend.corruption import fault, read_corruption
-from printmend.corruption.sampling import Severity, check_family
+from printmend.corruption import read_corruption
 from printmend.errors import InputError
 from printmend.path import Body, Layer, Trace
 from printmend.printer import Printer, check_preset, read_printer
@@ -28,6 +27,7 @@ from printmend_lab.dataset.places import BODIES, RECIPE, body_file, corruption_f
 from printmend_lab.dataset.reference import read_reference
 from printmend_lab.executor import HERE, Executor
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import Severity, check_family, fault
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -28,12 +28,13 @@ def command(
     import numpy as np
 
     from printmend.cli.output import progress
-    from printmend.corruption import corruption_of, sample
+    from printmend.corruption import corruption_of
     from printmend.demo.contour import check_out
     from printmend.extras import require
     from printmend.printer import read_printer
     from printmend_lab.cli.table import show_table
     from printmend_lab.demo import curiosity
+    from printmend_lab.sampling import sample
 
     require("printmend curiosity", "matplotlib")
     check_out(out)

@@ -6,7 +6,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from printmend.corruption import HEALTHY, sample
+from printmend.corruption import HEALTHY
 from printmend.errors import InputError
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.naive import NaiveModel
@@ -15,6 +15,7 @@ from printmend.protocols import Controller, JointTables, State, WorldModel
 from printmend.twin import Twin
 from printmend_lab.conformance.need import joint_step, need, ring_layer
 from printmend_lab.control.registry import controller
+from printmend_lab.sampling import sample
 
 LAYER = ring_layer((530.0, 530.0), 18.0, turn=0.7, gap=9.0)
 TARGETS, START = LAYER.nominal_steps[1:], LAYER.start_steps

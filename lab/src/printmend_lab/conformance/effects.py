@@ -9,7 +9,6 @@ import numpy as np
 
 from printmend.corruption import Cause, Corruption, cause_of, corruption_toml, parse_corruption
 from printmend.corruption.cause import example_of
-from printmend.corruption.sampling import Severity
 from printmend.effects import EFFECTS, Acts, Of, columns_of, places_of, scene_of
 from printmend.effects.sample import terms_of
 from printmend.effects.sized import Sized, scene_of_printer
@@ -20,6 +19,7 @@ from printmend.path import FLATBED, Trace
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend_lab.conformance.need import need
+from printmend_lab.sampling import Severity
 
 PRESETS = ("ender3", "corexy")
 PLAY_MM = 1.0  # beside what is checked: it keeps the sides apart, and no play below nothing

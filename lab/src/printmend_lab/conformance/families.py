@@ -6,12 +6,12 @@ from functools import cache, lru_cache, partial
 
 import numpy as np
 
-from printmend.corruption import HEALTHY, Fault, fault
-from printmend.corruption.sampling import Severity
+from printmend.corruption import HEALTHY, Fault
 from printmend.machine import Mechanism
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend_lab.conformance.need import need
+from printmend_lab.sampling import Severity, fault
 
 MACHINES: tuple[tuple[Severity, str], ...] = (
     ("damaged", "ender5"),

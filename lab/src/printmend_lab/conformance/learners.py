@@ -7,7 +7,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from printmend.corruption import HEALTHY, sample
+from printmend.corruption import HEALTHY
 from printmend.learn import fit
 from printmend.machine import PlayTables
 from printmend.path import Trace
@@ -19,6 +19,7 @@ from printmend_lab.control.check import tables_of
 from printmend_lab.control.increments import increments_by_advance
 from printmend_lab.control.registry import controller
 from printmend_lab.published import layer_trace
+from printmend_lab.sampling import sample
 
 TRAINING = ring_layer((520.0, 540.0), 110.0)
 OTHER = ring_layer((530.0, 530.0), 70.0, turn=0.7, index=1)

@@ -24,10 +24,10 @@ class CheckOutcome:
 
 def kind_of(name: str) -> str:
     """Return which of `KINDS` a name or a place `module:NAME` is. Raise `ConfigError` for neither."""
-    from printmend.corruption import families
     from printmend.effects import EFFECTS
     from printmend.learn import learner_names
     from printmend_lab.control.registry import controller_names
+    from printmend_lab.sampling import families
 
     known = {"learner": (*learner_names(), ORACLE), "controller": controller_names(), "family": families()}
     known["effect"] = tuple(EFFECTS)
@@ -69,8 +69,8 @@ def conformance(name: str) -> Iterator[CheckOutcome]:
         controller(name)
         yield from _outcomes(controllers.CHECKS, controllers.ControllerCandidate(name))
     if kind == "family":
-        from printmend.corruption.sampling import check_family
         from printmend_lab.conformance import families
+        from printmend_lab.sampling import check_family
 
         check_family(name)
         yield from _outcomes(families.CHECKS, families.FamilyCandidate(name))

@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 
 import printmend
-from printmend.corruption.sampling import Severity, check_family
 from printmend.errors import InputError, MissingToolError, PrintmendError, UnwritableError
 from printmend.files import read_text, replacing
 from printmend.path import Body
@@ -43,6 +42,7 @@ from printmend_lab.dataset.places import (
     rewrite_lines,
 )
 from printmend_lab.executor import Executor, WorkerDied
+from printmend_lab.sampling import Severity, check_family
 
 MAX_CORRUPTIONS = 9999  # their numbers have four digits
 
@@ -229,7 +229,8 @@ def _begin(root: Path, recipe: Recipe) -> None:
 
 def _drawn(recipe: Recipe, number: int) -> str:
     """Return the description of broken printer ``number``: the seed draws it."""
-    from printmend.corruption import corruption_toml, sample
+    from printmend.corruption import corruption_toml
+    from printmend_lab.sampling import sample
 
     family = recipe.families[number % len(recipe.families)]
     return corruption_toml(sample(family, np.random.default_rng([recipe.seed, number]), recipe.severity))

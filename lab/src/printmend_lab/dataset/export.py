@@ -6,14 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.corruption import sample
-from printmend.corruption.sampling import Severity
 from printmend.errors import InputError, PrintmendError
 from printmend.path import Body
 from printmend.printer import read_printer
 from printmend_lab.body import load_body
 from printmend_lab.dataset.bodies import body_rng, digest, thinned
 from printmend_lab.dataset.reference import MAX_CORRUPTIONS, write_reference
+from printmend_lab.sampling import Severity, sample
 
 
 @dataclass(frozen=True)

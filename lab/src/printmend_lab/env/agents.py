@@ -16,7 +16,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from printmend.corruption.sampling import Severity
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.registry import fitted
 from printmend.learn.registry import learner as learner_of
@@ -30,6 +29,7 @@ from printmend_lab.env import kernels
 from printmend_lab.env.one_vector_env import KEPT_SEED, PRINT, OnePrintVectorEnv
 from printmend_lab.env.print_env import C_MAX, PrintEnv
 from printmend_lab.env.vector_env import PrintVectorEnv
+from printmend_lab.sampling import Severity
 
 Agent = Callable[[np.ndarray], np.ndarray]
 

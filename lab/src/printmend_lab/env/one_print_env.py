@@ -5,9 +5,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from printmend.corruption.sampling import Severity
 from printmend_lab.env.one_vector_env import PRINT, OnePrintVectorEnv
 from printmend_lab.env.scenes import draw_scene
+from printmend_lab.sampling import Severity
 
 _SIZE_PX, _MARGIN_PX = 400, 12
 _PAPER, _WANTED, _PRINTED, _HEAD = (250, 250, 248), (176, 176, 176), (214, 90, 20), (20, 60, 160)

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.corruption import fault
-from printmend.corruption.sampling import Severity
 from printmend.errors import ConfigError
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import Mechanism
@@ -15,6 +13,7 @@ from printmend.printer import Printer
 from printmend.twin import Twin
 from printmend_lab.control.optimal import Optimal
 from printmend_lab.env.fleet import mechanisms_of, random_layer
+from printmend_lab.sampling import Severity, fault
 
 # A scene is drawn again unless the optimum is this much better than Naive: below it the score would divide by nothing.
 # Half the published lattice's rounding, 0.02 mm on the presets.

@@ -1,18 +1,19 @@
 """Simulated lessons: a broken drive, a random way along it, what would be measured, and what is true.
 
-Half of the drives are those of `corruption.sample`; half are smooth maps with smooth play that are in no family.
+Half of the drives are those of `sampling.sample`; half are smooth maps with smooth play that are in no family.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.corruption import HEALTHY, Corruption, sample
+from printmend.corruption import HEALTHY, Corruption
 from printmend.machine import Mechanism
 from printmend.printer import Printer
 from printmend_lab.meta import kernels
 from printmend_lab.meta.bayes import Evidence
 from printmend_lab.meta.columns import CROSS, GROUPS, columns, groups
+from printmend_lab.sampling import sample
 
 FAMILIES = (
     "radius", "eccentric", "ellipse", "polygon", "flat", "fourier", "tabulated", "published", "play", "loose",

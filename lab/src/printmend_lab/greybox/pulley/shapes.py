@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from printmend.corruption import sample
 from printmend.units import TURN_RAD, radius_mm
+from printmend_lab.sampling import sample
 
 HARMONICS = 32  # harmonics of a turn that a shape is known by
 ANGLES = 720  # angles at which a shape is looked at: a multiple of every symmetry below

@@ -30,7 +30,6 @@ from printmend.corruption.screw import Screw
 from printmend.corruption.transmission import ElasticBelt, Friction, GainTable, LooseBelt, Play, Ripple, SetScrew, Warp
 from printmend.effects import EFFECTS
 from printmend.errors import ConfigError
-from printmend.messages import say
 from printmend.plugins import CORRUPTIONS, is_plugin, load_plugin, plugin_names
 from printmend.units import TURN_RAD, radius_mm
 
@@ -273,9 +272,7 @@ def check_family(family: str) -> None:
         return
     if not is_plugin(CORRUPTIONS, family):
         known = ", ".join(dict.fromkeys((*families(), *plugin_names(CORRUPTIONS), *EFFECTS)))
-        raise ConfigError(
-            say("subject-family"), wanted=say("module-name", known), came=repr(family), todo=say("correct")
-        )
+        raise ConfigError("family", wanted=f"one of {known}, or module:NAME", came=repr(family), todo="correct it")
     _foreign(family)
 
 
@@ -290,13 +287,13 @@ def fault(family: str, rng: np.random.Generator, severity: Severity = "damaged")
     check_family(family)
     drawn = _foreign(family)(rng, "damaged" if severity == "paper" else severity)
     if not isinstance(drawn, Fault):
-        came, todo = type(drawn).__name__, say("return-corruption-value-lower-jumps")
-        raise ConfigError(family, wanted=say("function-draws-fault"), came=came, todo=todo)
+        came, todo = type(drawn).__name__, "return a Corruption, or a value with lower and jumps"
+        raise ConfigError(family, wanted="a function that draws a fault", came=came, todo=todo)
     return drawn
 
 
 def _foreign(family: str) -> Callable[[np.random.Generator, Severity], Fault]:
-    draw: Callable = load_plugin(CORRUPTIONS, family, wanted=say("function-rng-severity"), has=("__call__",))
+    draw: Callable = load_plugin(CORRUPTIONS, family, wanted="a function of rng and severity", has=("__call__",))
     return draw
 
 
@@ -306,9 +303,7 @@ def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged"
     Raise `ConfigError` for a family or severity that does not exist.
     """
     if severity not in SEVERITIES:
-        raise ConfigError(
-            say("subject-severity"), wanted=say("damaged-realistic-paper"), came=repr(severity), todo=say("correct")
-        )
+        raise ConfigError("severity", wanted="damaged, realistic or paper", came=repr(severity), todo="correct it")
     if family == "frame":
         return Corruption(frame=_frame(rng, severity))
     if family == "screw":
@@ -320,6 +315,6 @@ def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged"
         return Corruption(causes=(Cause(family, seed=int(rng.integers(2**32)), severity=mildness),))
     if family not in _DRIVES:
         raise ConfigError(
-            say("subject-family"), wanted=say("effect", ", ".join(families())), came=repr(family), todo=say("correct")
+            "family", wanted=f"one of {', '.join(families())}, or an effect", came=repr(family), todo="correct it"
         )
     return Corruption((_DRIVES[family](rng, severity), _DRIVES[family](rng, severity)))
