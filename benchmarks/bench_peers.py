@@ -25,13 +25,13 @@ from printmend.errors import PrintmendError
 from printmend.files import replacing
 from printmend.learn import fit
 from printmend.metrics import rmse
-from printmend.path import Layer
 from printmend.protocols import WorldModel
 from printmend.twin import Twin
 from printmend_lab.bench.prints import draw_print_cases, measured_print, set_up
 from printmend_lab.bench.rows import row
 from printmend_lab.control.check import tables_of
 from printmend_lab.control.registry import controller
+from printmend_lab.path import Layer
 from printmend_lab.peers.ilc import iterate
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -23,13 +23,13 @@ from printmend.corruption import Corruption, Drive, Play, PublishedHull
 from printmend.errors import InputError
 from printmend.learn import fit, model_names
 from printmend.learn.mechanism_model import MechanismModel
-from printmend.path import Layer
 from printmend.printer import read_printer
 from printmend.protocols import State, WorldModel
 from printmend.twin import Twin
 from printmend_lab.body import body_of, demo_body_gcode
 from printmend_lab.control.kernels import coupled
 from printmend_lab.control.registry import controller, controller_names
+from printmend_lab.path import Layer
 from printmend_lab.published import layer_trace
 from printmend_lab.sampling import sample
 

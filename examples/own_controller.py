@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.path import Plan
 from printmend_lab.control.check import check_plan
+from printmend_lab.path import Plan
 
 
 @dataclass(frozen=True)

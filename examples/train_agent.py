@@ -27,12 +27,12 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.registry import fit
 from printmend.metrics import rmse
-from printmend.path import Layer
 from printmend.printer import read_printer
 from printmend.twin import Twin
 from printmend_lab.control.area import LeastArea
 from printmend_lab.control.optimal import Optimal
 from printmend_lab.env import PrintVectorEnv, random_layer
+from printmend_lab.path import Layer
 from printmend_lab.published import layer_trace
 
 MACHINE = Corruption((Drive(pulley=EccentricBore(0.3), belt=Play(0.8)), Drive(pulley=EccentricBore(0.2, 2.0),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.path import Body, Layer
+from printmend_lab.path import Body, Layer
 
 
 def circle_layer(index: int, radius_steps: float, centre: tuple[int, int] = (550, 550)) -> Layer:

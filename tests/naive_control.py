@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 
 from printmend.machine import PlayTables
-from printmend.path import Plan
 from printmend.protocols import WorldModel
 from printmend_lab.control.window import Window
+from printmend_lab.path import Plan
 
 
 def greedy(model: WorldModel, targets: np.ndarray, start: np.ndarray, c_max: int = 3) -> Plan:

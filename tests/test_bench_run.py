@@ -10,7 +10,6 @@ import pytest
 import trimesh
 
 from printmend.errors import ConfigError, InputError
-from printmend.path import Body, Layer
 from printmend_lab.bench.case import Case, Result
 from printmend_lab.bench.layers import covering_layer
 from printmend_lab.bench.report import body_table, failure_texts, text_table
@@ -19,6 +18,7 @@ from printmend_lab.bench.run import read_results, run
 from printmend_lab.bench.table1 import cells, draw_cases, lines, set_up, table1
 from printmend_lab.bench.trial import evaluate
 from printmend_lab.executor import Processes, Serial, WorkerDied, program_version
+from printmend_lab.path import Body, Layer
 from tests.bodies import write_vase
 from tests.mortal import dies_on_two
 

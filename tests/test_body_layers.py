@@ -7,10 +7,10 @@ import pytest
 
 from printmend.errors import GcodeError
 from printmend.gcode.read import read_gcode
-from printmend.path import Body
 from printmend.printer import Printer
 from printmend_lab.body import MIN_POINTS, body_of, demo_body_gcode, load_body
 from printmend_lab.body.layers import layers_of, strokes_of, to_steps
+from printmend_lab.path import Body
 from tests.naive_body import distance_to_segment
 
 SQUARES = b"""G90

@@ -8,7 +8,6 @@ import pytest
 from printmend.errors import ModelError
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.metrics import rmse
-from printmend.path import Layer
 from printmend.printer import Printer
 from printmend.protocols import State
 from printmend_lab.conformance.learners import LearnerCandidate, is_planned_for
@@ -18,6 +17,7 @@ from printmend_lab.control.increments import agrees, increments_by_advance
 from printmend_lab.control.optimal import Optimal
 from printmend_lab.env import random_layer
 from printmend_lab.env.scenes import draw_scene
+from printmend_lab.path import Layer
 from printmend_lab.sampling import sample
 
 

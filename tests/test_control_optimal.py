@@ -9,13 +9,13 @@ from printmend.corruption import Corruption, Drive, Play, PublishedHull
 from printmend.errors import ModelError
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import PlayTables, lattice_tables, run_motors
-from printmend.path import Plan
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend_lab.control import coupled, optimal
 from printmend_lab.control.kernels import coupled as kernels
 from printmend_lab.control.registry import controller
 from printmend_lab.control.window import window
+from printmend_lab.path import Plan
 from printmend_lab.sampling import sample
 from tests import naive_control
 from tests.shapes import layer_along, ring_layer

@@ -21,10 +21,10 @@ from printmend.corruption import (
 from printmend.corruption.jump import places_mm
 from printmend.errors import ConfigError, InputError
 from printmend.machine import Mechanism
-from printmend.path import Body
 from printmend.printer import Printer
 from printmend.twin import Twin
 from printmend_lab.body.space import space_path
+from printmend_lab.path import Body
 from printmend_lab.sampling import sample
 from tests.shapes import ring_layer
 

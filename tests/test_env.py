@@ -7,7 +7,6 @@ from gymnasium.utils.env_checker import check_env
 
 from printmend.corruption import HEALTHY
 from printmend.errors import ConfigError
-from printmend.path import Layer
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend_lab.env import (
@@ -18,6 +17,7 @@ from printmend_lab.env import (
     random_agent,
     random_layer,
 )
+from printmend_lab.path import Layer
 from printmend_lab.sampling import sample
 
 

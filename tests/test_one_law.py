@@ -9,14 +9,14 @@ from printmend.corruption.screw import Screw
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import Mechanism
 from printmend.machine.kernels import run
-from printmend.path import Layer
 from printmend.printer import read_printer
-from printmend.protocols import SpaceModel
 from printmend.twin import Twin
 from printmend_lab.control.registry import controller
 from printmend_lab.control.space import plan_space
 from printmend_lab.env import kernels
 from printmend_lab.env.fleet import fleet_of, machines_of, tasks_of
+from printmend_lab.path import Layer
+from printmend_lab.protocols import SpaceModel
 from printmend_lab.sampling import families, sample
 
 SCREW = Screw(0.03, 0.1, 1.0, 0.3, 2.0, 0.3)

@@ -35,7 +35,7 @@ from printmend.effects import Acts, Of
 from printmend.effects.effect import STAYS, along
 from printmend.effects.prior import alternatives
 from printmend.learn.naive import NaiveModel
-from printmend.path import Plan
+from printmend_lab.path import Plan
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from printmend.learn import fit, learner
-from printmend.path import Layer
 from printmend.printer import read_printer
 from printmend.twin import Twin
 from printmend_lab.control.registry import controller
+from printmend_lab.path import Layer
 from printmend_lab.published import layer_trace, network, transitions_of
 from printmend_lab.published.neighbours import KNN, LINEAR
 from printmend_lab.sampling import sample

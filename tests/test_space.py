@@ -15,7 +15,6 @@ from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.naive import NaiveModel
 from printmend.machine import Mechanism, lattice_screw
 from printmend.printer import Printer, read_printer
-from printmend.protocols import SpaceModel
 from printmend.twin import Twin
 from printmend_lab.bench.drawn_body import drawn_tower
 from printmend_lab.bench.families import corruption_of, drawn_case
@@ -24,6 +23,7 @@ from printmend_lab.body.space import SpacePath, space_path
 from printmend_lab.control.registry import controller
 from printmend_lab.control.space import plan_space
 from printmend_lab.hybrid import HybridModel
+from printmend_lab.protocols import SpaceModel
 from printmend_lab.sampling import sample
 from printmend_lab.space import fit_space, space_trace
 from tests import naive_control

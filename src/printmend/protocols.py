@@ -1,4 +1,4 @@
-"""The protocols of a learner, a world model and a controller.
+"""The protocols of a learner and a world model.
 
 A planner never names a model. It reads a `Tables` value, which carries the hysteresis as part of the state, or, for
 models that cannot be tabulated, calls `WorldModel.advance` on batches.
@@ -9,8 +9,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from printmend.machine import PlayTables, ScrewDrive
-from printmend.path import Plan, Trace
+from printmend.machine import PlayTables
+from printmend.path import Trace
 from printmend.printer import Printer
 
 
@@ -85,18 +85,6 @@ class WorldModel(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class SpaceModel:
-    """A machine of three axes as a planner sees it; without a ``screw`` Z is as commanded and pushes nothing."""
-
-    planar: WorldModel
-    screw: ScrewDrive | None = None
-
-    @property
-    def printer(self) -> Printer:
-        return self.planar.printer
-
-
 class Learner(Protocol):
     """An algorithm that makes a world model from one measured print."""
 
@@ -105,15 +93,4 @@ class Learner(Protocol):
 
     def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> WorldModel:
         """Learn from a trace. Raise `TraceError` where it cannot support any model."""
-        ...
-
-
-class Controller(Protocol):
-    """An algorithm that chooses controls, one for each target."""
-
-    @property
-    def name(self) -> str: ...
-
-    def plan(self, model: WorldModel, targets_steps: np.ndarray, start_steps: np.ndarray, *, c_max: int = 3) -> Plan:
-        """Choose controls [T, 2] in {−c_max…c_max}² for targets [T, 2] from ``start_steps`` [2]."""
         ...

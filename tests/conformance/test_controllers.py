@@ -2,11 +2,11 @@
 
 import pytest
 
-from printmend.path import Layer
 from printmend_lab.conformance import controllers
 from printmend_lab.conformance.controllers import CHECKS, ControllerCandidate
 from printmend_lab.control.area import LeastArea
 from printmend_lab.control.registry import controller, controller_names
+from printmend_lab.path import Layer
 from tests.conformance import broken_by
 
 # `beam` asks `advance` thousands of times a target: one law of each kind, on a part of the layer.

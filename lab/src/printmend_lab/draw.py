@@ -10,8 +10,8 @@ from matplotlib.ticker import MaxNLocator
 from printmend.draw import PrintedLayer
 from printmend.draw.body import add_beads, box_of, runs
 from printmend.draw.figure import ERROR_COLOURS, INK, PALETTE, draw_scale_bar, fit_view, plain, quiet
-from printmend.path import Layer
 from printmend.printer import Printer
+from printmend_lab.path import Layer
 
 SOLID_BEAD_MM = 0.45  # width of a bead in the solid view: a little wider, so that no light shows between layers
 _AZIMUTH, _ELEVATION = np.radians(-60.0), np.radians(38.0)

@@ -21,7 +21,8 @@ from printmend.machine import GainMechanism, Mechanism, PlayTables, ScrewDrive, 
 from printmend.model.screw import ScrewSeries
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.protocols import SpaceModel, WorldModel
+from printmend.protocols import WorldModel
+from printmend_lab.protocols import SpaceModel
 
 _MOST_ROUNDS = 3  # how often the planar model and the push are learned in turn, unless the push settles before
 _SETTLED_PUSH_MM = 0.003  # a push that changes by less has settled

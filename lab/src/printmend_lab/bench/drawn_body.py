@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from printmend.path import Body, Layer
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 from printmend_lab.body.layers import follow_polyline, to_steps
+from printmend_lab.path import Body, Layer
 
 _BEAD_MM = 0.8  # between a layer's perimeters
 _LAYER_MM = 0.2  # a layer's height

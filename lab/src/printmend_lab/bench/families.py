@@ -13,7 +13,7 @@ from typing import Any
 
 from printmend.errors import InputError
 from printmend.files import replacing
-from printmend.path import Body, Trace
+from printmend.path import Trace
 from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
 from printmend_lab.bench.case import PRINTER, Case, Result
@@ -24,6 +24,7 @@ from printmend_lab.bench.rows import OPTIMUM, Row, check_rows, row, row_parts
 from printmend_lab.bench.run import run
 from printmend_lab.bench.towers import TowerStand, tower_stand
 from printmend_lab.executor import HERE, Executor
+from printmend_lab.path import Body
 from printmend_lab.published import layer_trace
 from printmend_lab.sampling import Severity, check_family, fault
 

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from printmend.metrics import rmse
-from printmend.path import Body, Layer, Trace
+from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import WorldModel
 from printmend.twin import Twin
 from printmend_lab.bench.rows import Row
+from printmend_lab.path import Body, Layer
 
 Figures = Callable[[Sequence[Layer], Sequence[np.ndarray], Printer], dict[str, Any]]
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from printmend.errors import InputError
 from printmend.metrics import rmse
-from printmend.path import Layer
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend_lab.bench.case import Case, Result
@@ -25,6 +24,7 @@ from printmend_lab.bench.table1 import drawn_layers
 from printmend_lab.body import body_of, demo_body_gcode, load_body
 from printmend_lab.dataset.bodies import digest
 from printmend_lab.executor import HERE, Executor
+from printmend_lab.path import Layer
 from printmend_lab.published import layer_trace
 from printmend_lab.sampling import Severity, sample
 from printmend_lab.sampling import families as known_families

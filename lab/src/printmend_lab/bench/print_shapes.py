@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.gcode.read import Program, read_gcode
-from printmend.path import Body, Layer
 from printmend.printer import Printer
 from printmend.probe import design_probe
 from printmend.units import TURN_RAD
+from printmend_lab.path import Body, Layer
 
 TURNS_MM = 100.0  # 2.5 turns of a pulley with 40 mm
 HALF_TURN_MM, CIRCLE_RADIUS_MM = 20.0, 20.0

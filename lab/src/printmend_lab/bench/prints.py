@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from printmend.errors import InputError
-from printmend.path import Body, Trace
+from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
@@ -25,6 +25,7 @@ from printmend_lab.bench.report import grouped, summary
 from printmend_lab.bench.rows import OPTIMUM, Row, read_noise, row
 from printmend_lab.bench.run import run
 from printmend_lab.executor import HERE, Executor
+from printmend_lab.path import Body
 from printmend_lab.sampling import families as known_families
 
 TABLE, MARKDOWN = "prints", "prints.md"

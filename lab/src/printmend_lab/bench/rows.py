@@ -15,9 +15,10 @@ from printmend.extras import require
 from printmend.learn.registry import check_model_name, fit, fitted
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.protocols import Controller, Learner, WorldModel
+from printmend.protocols import Learner, WorldModel
 from printmend.twin import Twin
 from printmend_lab.control.registry import controller
+from printmend_lab.protocols import Controller
 
 OPTIMUM = "optimum"
 PAPER_ROWS = ("naive", "lightgbm", "lightgbm-axis", "forest", "forest-axis", "greybox", "oracle", OPTIMUM)

@@ -10,7 +10,7 @@ import numpy as np
 
 from printmend.corruption import read_corruption
 from printmend.errors import InputError
-from printmend.path import Body, Layer, Trace
+from printmend.path import Trace
 from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
 from printmend_lab.bench.case import PRINTER, Case, Result
@@ -26,6 +26,7 @@ from printmend_lab.dataset.parquet import read_body
 from printmend_lab.dataset.places import BODIES, RECIPE, body_file, corruption_file, read_lines
 from printmend_lab.dataset.reference import read_reference
 from printmend_lab.executor import HERE, Executor
+from printmend_lab.path import Body, Layer
 from printmend_lab.published import layer_trace
 from printmend_lab.sampling import Severity, check_family, fault
 

@@ -13,12 +13,12 @@ import numpy as np
 
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.protocols import SpaceModel
 from printmend.twin import Twin
 from printmend_lab.bench.drawn_body import drawn_tower
 from printmend_lab.bench.rows import Row
 from printmend_lab.body.space import SpacePath, space_path
 from printmend_lab.control.space import plan_space
+from printmend_lab.protocols import SpaceModel
 from printmend_lab.space import fit_space, space_trace
 
 HOP_MM = 0.4  # by which Z hops over what was printed: only there does it turn back

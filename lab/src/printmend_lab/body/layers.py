@@ -8,9 +8,10 @@ import numpy as np
 from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, Program
-from printmend.path import Layer, frozen
+from printmend.path import frozen
 from printmend.printer import Printer
 from printmend_lab.body.kernels import UNITS, count_bound, follow
+from printmend_lab.path import Layer
 
 MAX_TICKS = 200_000_000  # of one body: 400 MB of controls
 _MAX_STEPS = 1 << 16  # from the corner of the bed: products of two places in `UNITS` still fit into 64 bits

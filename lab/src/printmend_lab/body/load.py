@@ -7,11 +7,11 @@ import numpy as np
 
 from printmend.errors import GcodeError
 from printmend.gcode.read import read_gcode
-from printmend.path import Body
 from printmend.printer import Printer
 from printmend_lab.body.layers import Stroke, layers_of, strokes_of, to_steps
 from printmend_lab.body.slicer import slice_solid, slice_to
 from printmend_lab.body.solid import MESH_SUFFIXES
+from printmend_lab.path import Body
 
 MIN_POINTS = 1000  # the paper, §V-C: a body with fewer is an erroneous translation
 

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.path import Body, frozen
+from printmend.path import frozen
 from printmend.printer import Printer
 from printmend_lab.body.layers import follow_polyline
+from printmend_lab.path import Body
 
 
 @dataclass(frozen=True, eq=False)

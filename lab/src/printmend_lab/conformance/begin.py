@@ -59,7 +59,8 @@ _README = """\
 # {name}
 
 A {kind} for printmend. The code is in `src/{package}/{kind}.py`; what a
-{kind} is, with all shapes and units, is in `printmend.protocols`.
+{kind} is, with all shapes and units, is in `printmend.protocols` and
+`printmend_lab.protocols`.
 
 ```sh
 pip install -e '.[test]'

@@ -11,10 +11,11 @@ from printmend.errors import InputError
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.naive import NaiveModel
 from printmend.printer import Printer, read_printer
-from printmend.protocols import Controller, JointTables, State, WorldModel
+from printmend.protocols import JointTables, State, WorldModel
 from printmend.twin import Twin
 from printmend_lab.conformance.need import joint_step, need, ring_layer
 from printmend_lab.control.registry import controller
+from printmend_lab.protocols import Controller
 from printmend_lab.sampling import sample
 
 LAYER = ring_layer((530.0, 530.0), 18.0, turn=0.7, gap=9.0)

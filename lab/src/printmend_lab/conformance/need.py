@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 
 from printmend.machine import PlayTables
-from printmend.path import Layer
 from printmend.printer import Printer
 from printmend.protocols import IncrementTables, JointTables, Tables
+from printmend_lab.path import Layer
 
 # Imagined positions may differ by this many full steps, 0.2 µm on the presets: between one state and a batch, tables
 # and `advance`, one run and the next. A network in single precision keeps it, as does one whose sums a library orders

@@ -47,7 +47,8 @@ def kind_of(name: str) -> str:
     for kind, has in zip(KINDS, ("fit", "plan", "__call__", "columns"), strict=True):
         if hasattr(found, has):
             return kind
-    raise ConfigError(name, wanted=wanted, came=f"one of type {type(found).__name__}", todo="see `printmend.protocols`")
+    came, todo = f"one of type {type(found).__name__}", "see `printmend.protocols` and `printmend_lab.protocols`"
+    raise ConfigError(name, wanted=wanted, came=came, todo=todo)
 
 
 def conformance(name: str) -> Iterator[CheckOutcome]:

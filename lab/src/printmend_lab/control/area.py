@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.machine import PlayTables
-from printmend.path import Plan
 from printmend.protocols import WorldModel
 from printmend_lab.control.check import tables_of
 from printmend_lab.control.kernels import refine as kernels
 from printmend_lab.control.optimal import Optimal
 from printmend_lab.control.window import followed
+from printmend_lab.path import Plan
 
 _APART_TICKS = np.array([1, 2, 3, 4, 6, 9])  # between the two ends of an edit
 _ROUNDS, _PASSES_A_ROUND = 8, 4  # over a plan, at most

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.path import Plan
 from printmend.protocols import State, WorldModel
 from printmend_lab.control.check import advanced, check_plan
+from printmend_lab.path import Plan
 
 # Machines whose commands and positions agree to this many full steps go on alike: one of them is followed.
 _ALIKE_STEPS = 0.02

@@ -6,9 +6,10 @@ import numpy as np
 
 from printmend.errors import InputError, ModelError
 from printmend.machine import PlayTables
-from printmend.path import Plan
 from printmend.printer import Printer
-from printmend.protocols import Controller, IncrementTables, JointTables, State, Tables, WorldModel
+from printmend.protocols import IncrementTables, JointTables, State, Tables, WorldModel
+from printmend_lab.path import Plan
+from printmend_lab.protocols import Controller
 
 
 def check_plan(

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.machine import PlayTables, run_motors
-from printmend.path import Plan
 from printmend.protocols import WorldModel
 from printmend_lab.control.greedy import Greedy
 from printmend_lab.control.kernels import coupled as kernels
 from printmend_lab.control.lookahead import Lookahead
 from printmend_lab.control.window import Window, better, followed, window
+from printmend_lab.path import Plan
 
 # Ticks whose costs to go are kept at a time, and ticks beyond them that these costs still count: memory stays bounded,
 # and what happens 128 ticks later changes no choice.

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.machine import PlayTables
-from printmend.path import Plan
 from printmend.protocols import IncrementTables, JointTables, WorldModel
 from printmend_lab.control.check import advanced, check_plan, tables_of
 from printmend_lab.control.increments import agrees, increments_by_advance
 from printmend_lab.control.kernels import greedy as kernels
+from printmend_lab.path import Plan
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.machine import LatticeMotor, PlayTables
-from printmend.path import Plan
 from printmend.protocols import WorldModel
 from printmend_lab.control.check import check_plan, tables_of
 from printmend_lab.control.greedy import Greedy
 from printmend_lab.control.kernels import lookahead as kernels
+from printmend_lab.path import Plan
 
 
 @dataclass(frozen=True)

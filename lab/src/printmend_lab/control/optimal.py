@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.machine import LatticeMotor, PlayTables, run_motors
-from printmend.path import Plan
 from printmend.protocols import Tables, WorldModel
 from printmend_lab.control.beam import Beam
 from printmend_lab.control.check import check_plan, tables_of
@@ -15,6 +14,7 @@ from printmend_lab.control.increments import increments_by_advance
 from printmend_lab.control.kernels import optimal as kernels
 from printmend_lab.control.lookahead import Lookahead
 from printmend_lab.control.window import better, window
+from printmend_lab.path import Plan
 
 # Costs kept at a time: about a megabyte, which stays in the processor's cache, whatever the layer's length.
 _COSTS_KEPT = 1 << 17

@@ -8,8 +8,8 @@ import importlib
 
 from printmend.errors import ConfigError
 from printmend.plugins import CONTROLLERS, is_plugin, load_plugin, plugin_names
-from printmend.protocols import Controller
 from printmend_lab.control.check import Checked
+from printmend_lab.protocols import Controller
 
 _MODULES = {
     "greedy": "printmend_lab.control.greedy",

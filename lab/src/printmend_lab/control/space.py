@@ -10,10 +10,10 @@ import numpy as np
 
 from printmend.errors import InputError
 from printmend.machine import lattice_screw
-from printmend.protocols import Controller, SpaceModel
 from printmend_lab.control.kernels.lookahead import next_different
 from printmend_lab.control.lookahead import plan_motor
 from printmend_lab.control.optimal import always_nearest, solve
+from printmend_lab.protocols import Controller, SpaceModel
 
 C_MAX = 3  # steps of a motor in a tick, as in Algorithm 1
 

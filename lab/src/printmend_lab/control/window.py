@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.machine import LatticeMotor, PlayTables, run_motors
-from printmend.path import Plan
+from printmend_lab.path import Plan
 
 
 @dataclass(frozen=True, eq=False)

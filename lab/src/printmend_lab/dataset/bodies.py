@@ -19,11 +19,11 @@ import numpy as np
 
 from printmend.errors import InputError
 from printmend.files import read_text, replacing
-from printmend.path import Body
 from printmend_lab.body.generated import generated_name, generated_solid
 from printmend_lab.body.solid import stl_bytes
 from printmend_lab.dataset.places import BODIES
 from printmend_lab.dataset.thingi10k import NAME, UNKNOWN, licence_beside, thingi10k_files, unpacked
+from printmend_lab.path import Body
 
 MANIFEST, SLICED = "manifest.csv", "sliced"
 _ABOVE = 4  # folders above a body's in which its manifest is looked for

@@ -25,7 +25,6 @@ import numpy as np
 import printmend
 from printmend.errors import InputError, MissingToolError, PrintmendError, UnwritableError
 from printmend.files import read_text, replacing
-from printmend.path import Body
 from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
 from printmend_lab.body.generated import LICENCE
@@ -42,6 +41,7 @@ from printmend_lab.dataset.places import (
     rewrite_lines,
 )
 from printmend_lab.executor import Executor, WorkerDied
+from printmend_lab.path import Body
 from printmend_lab.sampling import Severity, check_family
 
 MAX_CORRUPTIONS = 9999  # their numbers have four digits

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from printmend.errors import InputError, PrintmendError
-from printmend.path import Body
 from printmend.printer import read_printer
 from printmend_lab.body import load_body
 from printmend_lab.dataset.bodies import body_rng, digest, thinned
 from printmend_lab.dataset.reference import MAX_CORRUPTIONS, write_reference
+from printmend_lab.path import Body
 from printmend_lab.sampling import Severity, sample
 
 

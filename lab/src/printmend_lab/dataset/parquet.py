@@ -24,9 +24,9 @@ import numpy as np
 
 from printmend.errors import InputError, TraceError
 from printmend.files import replacing
-from printmend.path import Body, Layer
 from printmend_lab.dataset.places import BODIES, body_files_of, read_lines
 from printmend_lab.executor import Executor
+from printmend_lab.path import Body, Layer
 
 SCHEMA = 2  # the version of the columns
 READ = (1, SCHEMA)  # versions that are read; the first has neither `body` nor `tick`

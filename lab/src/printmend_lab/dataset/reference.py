@@ -18,9 +18,10 @@ import numpy as np
 from printmend.errors import TraceError
 from printmend.files import replacing
 from printmend.machine import GainMechanism
-from printmend.path import Body, Layer, frozen
+from printmend.path import frozen
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
+from printmend_lab.path import Body, Layer
 
 COLUMNS = (
     "index", "corr_x id", "corr_y id", "layer id",

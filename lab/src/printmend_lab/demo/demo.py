@@ -11,10 +11,10 @@ from printmend.corruption import Corruption, corruption_toml
 from printmend.extras import install_command, is_installed
 from printmend.files import replacing
 from printmend.metrics import rmse
-from printmend.path import Body
 from printmend.printer import Printer
 from printmend.twin import Twin
 from printmend_lab.bench.rows import row
+from printmend_lab.path import Body
 from printmend_lab.published import layer_trace
 
 ROWS = ("naive", "lightgbm", "lightgbm-axis", "greybox", "oracle")

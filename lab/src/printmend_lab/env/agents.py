@@ -22,13 +22,13 @@ from printmend.learn.registry import learner as learner_of
 from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.protocols import Controller
 from printmend_lab.control.lookahead import Lookahead
 from printmend_lab.control.registry import controller as controller_of
 from printmend_lab.env import kernels
 from printmend_lab.env.one_vector_env import KEPT_SEED, PRINT, OnePrintVectorEnv
 from printmend_lab.env.print_env import C_MAX, PrintEnv
 from printmend_lab.env.vector_env import PrintVectorEnv
+from printmend_lab.protocols import Controller
 from printmend_lab.sampling import Severity
 
 Agent = Callable[[np.ndarray], np.ndarray]

@@ -9,9 +9,9 @@ from printmend.corruption import Fault
 from printmend.errors import ConfigError, InputError
 from printmend.machine import Mechanism, lattice_bed, lattice_tables
 from printmend.machine.kernels.bed import BED
-from printmend.path import Layer
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
+from printmend_lab.path import Layer
 
 
 class Machines(NamedTuple):

@@ -7,12 +7,12 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from printmend.path import Layer
 from printmend.printer import Printer, read_printer
 from printmend_lab.env import kernels
 from printmend_lab.env.fleet import Fleet, Machines, Tasks, fleet_of, machines_of, tasks_of
 from printmend_lab.env.print_env import C_MAX, Reward, observation_space
 from printmend_lab.env.scenes import Scene, draw_scene
+from printmend_lab.path import Layer
 from printmend_lab.sampling import Severity
 
 KEPT_SEED = 20261124  # of the scenes that agents are compared on: train on others

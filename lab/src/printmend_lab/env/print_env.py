@@ -12,10 +12,10 @@ import numpy as np
 
 from printmend.corruption import Corruption
 from printmend.machine import Mechanism
-from printmend.path import Layer
 from printmend.printer import Printer, read_printer
 from printmend_lab.env import kernels
 from printmend_lab.env.fleet import Fleet, Machines, Tasks, fleet_of, machines_of, mechanisms_of, random_layer, tasks_of
+from printmend_lab.path import Layer
 from printmend_lab.sampling import sample
 
 C_MAX = 3  # steps of a motor in a tick, as in Algorithm 1

@@ -8,11 +8,11 @@ from printmend.errors import ConfigError
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import Mechanism
 from printmend.metrics import rmse
-from printmend.path import Layer
 from printmend.printer import Printer
 from printmend.twin import Twin
 from printmend_lab.control.optimal import Optimal
 from printmend_lab.env.fleet import mechanisms_of, random_layer
+from printmend_lab.path import Layer
 from printmend_lab.sampling import Severity, fault
 
 # A scene is drawn again unless the optimum is this much better than Naive: below it the score would divide by nothing.

@@ -9,11 +9,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from printmend.machine import Mechanism
-from printmend.path import Layer
 from printmend.printer import Printer, read_printer
 from printmend_lab.env import kernels
 from printmend_lab.env.fleet import Fleet, Machines, Tasks, fleet_of, machines_of, mechanisms_of, random_layer, tasks_of
 from printmend_lab.env.print_env import C_MAX, DrawCorruption, Reward, draw_damaged, observation_space
+from printmend_lab.path import Layer
 
 
 class PrintVectorEnv(VectorEnv):

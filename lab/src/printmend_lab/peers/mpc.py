@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.path import Plan
 from printmend.protocols import State, WorldModel
 from printmend_lab.control.check import check_plan
+from printmend_lab.path import Plan
 
 _LEAST_SPREAD = 0.3  # steps, so that a sampled control can still differ from the mean
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.errors import TraceError
-from printmend.path import Layer, Trace
+from printmend.path import Trace
 from printmend.printer import Printer
+from printmend_lab.path import Layer
 
 # A way-point this close to the lattice (in steps) is on it: far below a micro-step, far above rounding.
 _ON_LATTICE = 1e-6
