@@ -65,6 +65,7 @@ def test_settings_that_are_none_are_refused(place: Path, text: str, said: str) -
 def test_a_slip_gets_one_line(place: Path) -> None:
     for arguments, said in (
         (["mend", "part.gcode", "--modle", "bent"], "there is no option --modle; did you mean --model?"),
+        (["mend", "part.gcode", "--lang", "de"], "--lang stands before the command; see printmend mend --help"),
         (["mned"], "there is no command mned"),
         (["completion"], "is missing"),
         (["check", str(place), "-m", "bent"], "no folder"),

@@ -20,9 +20,9 @@ BETWEEN, NEAR = (1.3, 2.6), 0.01  # the radius is looked for here, so near
 def main() -> None:
     from scipy.optimize import brentq
 
-    from printmend.corruption import sampling
     from printmend.metrics import rmse
     from printmend.twin import Twin
+    from printmend_lab import sampling
     from printmend_lab.bench.table1 import CORRUPTION, draw_cases, set_up
     from printmend_lab.dataset.bodies import body_files
 

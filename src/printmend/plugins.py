@@ -9,7 +9,6 @@ Either by an entry point of an installed package,
 the current folder too. Loading one runs its code.
 """
 
-import hashlib
 import importlib
 import sys
 from functools import cache
@@ -34,15 +33,19 @@ def is_plugin(group: str, name: str) -> bool:
     return ":" in name or name in _points(group)
 
 
+def place_of(group: str, name: str) -> str:
+    """Return where something of another package is, as `module:NAME`."""
+    return name if ":" in name else _points(group)[name].value
+
+
 def load_plugin(group: str, name: str, *, wanted: str, has: tuple[str, ...]) -> Any:
     """Import the object of a name; ``wanted`` says in words what it must be, ``has`` lists the attributes that it
     needs.
 
     Raises `ConfigError` where it cannot be imported or is something else.
     """
-    place = name if ":" in name else _points(group)[name].value
-    module_name, _, attribute = place.partition(":")
-    module = _imported(module_name, name)
+    module_name, _, attribute = place_of(group, name).partition(":")
+    module = imported(module_name, name)
     try:
         found = getattr(module, attribute)
     except AttributeError:
@@ -58,37 +61,13 @@ def load_plugin(group: str, name: str, *, wanted: str, has: tuple[str, ...]) -> 
     return found
 
 
-def code_digest(groups: tuple[str, ...], names: tuple[str, ...], *, ours: str) -> str | None:
-    """Return a digest of the code behind the plug-ins among ``names``, None where there are none.
-
-    Results that are kept are those of this code. It is all of a plug-in's package, or its module where it is in none.
-    The package ``ours`` counts as none: its results say its version.
-    """
-    digest, found = hashlib.sha256(), False
-    for name in names:
-        for group in groups:
-            if not is_plugin(group, name):
-                continue
-            place = name if ":" in name else _points(group)[name].value
-            if place.startswith(f"{ours}."):
-                break
-            module = _imported(place.partition(":")[0], name)
-            top = sys.modules[module.__name__.partition(".")[0]]
-            folders = [Path(folder) for folder in getattr(top, "__path__", ())]
-            files = sorted(file for folder in folders for file in folder.rglob("*.py")) or [Path(str(module.__file__))]
-            for file in files:
-                digest.update(file.read_bytes())
-            found = True
-            break
-    return digest.hexdigest()[:16] if found else None
-
-
 @cache
 def _points(group: str) -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=group)}
 
 
-def _imported(module: str, name: str) -> Any:
+def imported(module: str, name: str) -> Any:
+    """Import the module of a name. Raises `ConfigError` where it cannot be imported."""
     if "" not in sys.path and str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))  # as `python -m` does: a module of one's own lies where one works
     try:

@@ -125,6 +125,9 @@ def value_words(kind: click.ParamType) -> str:
 
 def _wrong(error: click.ClickException) -> str:
     if isinstance(error, click.NoSuchOption):
+        root = None if error.ctx is None else error.ctx.find_root()
+        if root is not None and any(error.option_name in option.opts for option in root.command.params):
+            return say("usage-before-command", error.option_name)
         return _with_guess(say("usage-no-option", error.option_name), error.possibilities)
     if (name := getattr(error, "command_name", None)) is not None:
         return _with_guess(say("usage-no-command", name), getattr(error, "possibilities", None))

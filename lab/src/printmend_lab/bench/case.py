@@ -3,14 +3,16 @@
 import hashlib
 import json
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from printmend.path import Trace
-from printmend.plugins import CONTROLLERS, CORRUPTIONS, LEARNERS, code_digest
+from printmend.plugins import CONTROLLERS, CORRUPTIONS, LEARNERS, imported, is_plugin, place_of
 from printmend_lab.dataset.bodies import body_rng
 
 PRINTER = "ender5"
@@ -113,3 +115,28 @@ class Result:
         case = Case(**{name: rest.pop(name) for name in _CASE})
         row, error, code = rest.pop("row"), rest.pop("error"), rest.pop("code")
         return cls(case, row, rest, error, code, kept)
+
+
+def code_digest(groups: tuple[str, ...], names: tuple[str, ...], *, ours: str) -> str | None:
+    """Return a digest of the code behind the plug-ins among ``names``, None where there are none.
+
+    Results that are kept are those of this code. It is all of a plug-in's package, or its module where it is in none.
+    The package ``ours`` counts as none: its results say its version.
+    """
+    digest, found = hashlib.sha256(), False
+    for name in names:
+        for group in groups:
+            if not is_plugin(group, name):
+                continue
+            place = place_of(group, name)
+            if place.startswith(f"{ours}."):
+                break
+            module = imported(place.partition(":")[0], name)
+            top = sys.modules[module.__name__.partition(".")[0]]
+            folders = [Path(folder) for folder in getattr(top, "__path__", ())]
+            files = sorted(file for folder in folders for file in folder.rglob("*.py")) or [Path(str(module.__file__))]
+            for file in files:
+                digest.update(file.read_bytes())
+            found = True
+            break
+    return digest.hexdigest()[:16] if found else None
