@@ -1,7 +1,6 @@
 """A belt that skipped teeth of its pulley, or a motor that lost steps: everything after it is off by a whole number."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -13,8 +12,6 @@ from printmend.effects.words import Found, Told, motor_name
 from printmend.messages import say
 
 MILD = (1.0, 0.35)  # shares of the usual size to try: an electrical turn is less than a tooth
-
-SKIPPED = partial(say, "skipped-during-test-print-part-may")
 
 
 class Skip(Usual):
@@ -41,4 +38,4 @@ class Skip(Usual):
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = f"{found.sizes_mm[0]:+.2f}"
-        yield Told("jump", SKIPPED(motor_name(scene, found.where).upper(), size))
+        yield Told("jump", say("skipped-during-test-print-part-may", motor_name(scene, found.where).upper(), size))

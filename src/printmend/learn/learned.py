@@ -163,10 +163,7 @@ def _saved(
     lost: np.ndarray,
 ) -> SavedModel:
     details: dict[str, Any] = {
-        "diagnosis": [
-            {"part": f.part, "kind": f.kind, "value": round(f.value, 6), "sd": round(f.sd, 6), "unit": f.unit}
-            for f in diagnosis.faults
-        ],
+        "diagnosis": [fault.row for fault in diagnosis.faults],
         "trace": _trace_section(trace, left_mm, lost),
         "promise": dict(promise),
         "misfit": misfit_section(tuple(told)),

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from printmend.effects.skip import SKIPPED
 from printmend.effects.teeth import TOOTH_MM
 from printmend.infer.part import Part
 from printmend.infer.posterior import Posterior
@@ -57,7 +56,13 @@ def skipped(trace: Trace, turned: Trace, printer: Printer) -> Iterator[Misfit]:
     lost_mm = np.abs(printer.to_motor(turned.commanded_mm - trace.commanded_mm)).max(axis=0)
     for name, size_mm in zip(printer.motors, lost_mm, strict=True):
         if size_mm > 0:
-            yield Misfit("jump", WARNING, float(size_mm), 0.0, SKIPPED(name.upper(), f"{size_mm:.2f}"))
+            yield Misfit(
+                "jump",
+                WARNING,
+                float(size_mm),
+                0.0,
+                say("skipped-during-test-print-part-may", name.upper(), f"{size_mm:.2f}"),
+            )
 
 
 def _unfit(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:

@@ -8,7 +8,6 @@ from printmend.messages import say, together
 # key of `Promise.made_of` → (in a line, in a table, type): type A is from the scatter of the measurement, B is not
 _CAUSES = {
     "parameters": (say("cause-parameters"), say("budget-parameters"), "A"),
-    "unexplained": (say("cause-unexplained"), say("budget-unexplained"), "A"),
     "scatter": (say("cause-scatter"), say("budget-scatter"), "A"),
     "homing": (say("cause-homing"), say("budget-homing"), "B"),
     "instrument": (say("cause-instrument"), say("budget-instrument"), "B"),
