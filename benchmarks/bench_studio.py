@@ -52,7 +52,7 @@ TURNS = 10
 
 
 def processor_s(of: int | None = None) -> float:
-    """Return the processor time [s] of a process, this one unless told, and of all that it started and that runs."""
+    """Return the processor time [s] of a process and all that it started and that runs; of this one only the others."""
     rows = {}
     for place in Path("/proc").glob("[0-9]*"):
         try:
@@ -63,7 +63,7 @@ def processor_s(of: int | None = None) -> float:
     mine = {of or os.getpid()}
     while more := {pid for pid, (parent, _) in rows.items() if parent in mine} - mine:
         mine |= more
-    return sum(rows[pid][1] for pid in mine if pid in rows) / os.sysconf("SC_CLK_TCK")
+    return sum(rows[pid][1] for pid in mine - {os.getpid()} if pid in rows) / os.sysconf("SC_CLK_TCK")
 
 
 class Watch:

@@ -7,6 +7,7 @@ points. `write_wanted` and `write_mended` pack them as tables that a graphics ca
 """
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,6 +33,7 @@ from printmend.twin.along import moved_mm
 COARSE_LINES = 40_000  # of a large part's first picture
 MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns without a jerk; 14 MB
 ROW = 2048  # points in a row of a packed table
+_BEADS_SHARE = 0.6  # of those points: ends of beads where every n-th layer is read; the rest lie between
 _SMALL_BYTES = 1_500_000  # of a file, packed or not, that has fewer beads than a picture may have
 _PITCHES_MM = (0.8, 6.0)  # between points on long lines: finest and coarsest
 _BESIDE_END_SHARE = 1e-7  # of a line: this side of its end, or that
@@ -184,10 +186,11 @@ def read_motion(source: Path, printer: Printer, *, most: int = MOST_POINTS) -> M
     seen = _read(source, printer, ["z0", "z1", "flags", "layer"])
     drawn, layer = _drawn(seen)
     height_mm = _heights(seen, layer)
-    every = -(-int(np.count_nonzero(drawn)) // most)
+    beads = int(np.count_nonzero(drawn))
     del seen
-    if every < 2:
+    if beads <= most:
         return _whole(_read(source, printer, _COLUMNS))
+    every = math.ceil(beads / (_BEADS_SHARE * most))
     there = (layer % every == 0) | (layer == layer.max(initial=0)) | (layer < 0)
     records = _read(source, printer, _COLUMNS, there)
     lines = _source_lines(records)
@@ -247,7 +250,8 @@ def coarse(motion: Motion) -> Motion | None:
 def lay_points(motion: Motion, *, most: int = MOST_POINTS) -> Drawing:
     """Lay points along the extruded path; of a file that needs more than ``most`` only every n-th layer is shown."""
     lines, length, layer, drawn = motion.lines, motion.length_mm, motion.layer, motion.drawn
-    pitch_mm = float(np.clip(length[drawn].sum() / (0.6 * most), *_PITCHES_MM))
+    ends = np.count_nonzero(drawn) + np.count_nonzero(drawn[1:] & ~drawn[:-1])  # a row of beads has one more
+    pitch_mm = float(np.clip(length[drawn].sum() / max(most - ends, 1), *_PITCHES_MM))
     points, at = _points(lines, np.where(drawn, pitch_mm, np.inf))
     record = np.clip(np.ceil(at).astype(np.int64) - 1, 0, max(len(length) - 1, 0))
     # a bead begins at a point that ends another line, or where the head jumped to
