@@ -131,7 +131,7 @@ class Printmend:
         self.phases = [config.getint("phase_" + name, None, minval=0) for name in "xy"]
         self.microsteps = [config.getsection("stepper_" + name).getint("microsteps", note_valid=False) for name in "xy"]
         self.shift, self.at, self.limits = [0.0, 0.0], None, None
-        self.handing_on, self.failed, self.timer = False, None, None
+        self.handing_on, self.failed, self.timer, self.chords = False, None, None, None
         events = {"klippy:connect": self._connect, "homing:home_rails_end": self._homed,
                   "virtual_sdcard:load_file": self._loaded, "virtual_sdcard:reset_file": self._unloaded}  # fmt: skip
         for event, handler in events.items():
@@ -161,6 +161,9 @@ class Printmend:
         for name in ASKED:
             if hasattr(self.toolhead, name):
                 setattr(self.toolhead, name, self._after_waiting(getattr(self.toolhead, name)))
+        arcs = self.printer.lookup_object("gcode_arcs", None)
+        if hasattr(arcs, "planArc"):
+            arcs.planArc = self._whole(arcs.planArc, arcs.mm_per_arc_segment)
         self.planned = sys.modules[type(self.toolhead).__module__].Move
         self.call_later = self.toolhead.register_lookahead_callback
         self.toolhead.register_lookahead_callback = self._call_in_turn
@@ -173,6 +176,23 @@ class Printmend:
             return asked(*given, **named)
 
         return after
+
+    def _whole(self, cut, chord_mm):
+        """Return what cuts an arc into chords, each of which is made as a move: together they come here as the arc."""
+
+        def cut_together(start, end, offset, clockwise, gcmd, absolute, *axes):
+            if not self.active or axes[:2] != (0, 1):
+                return cut(start, end, offset, clockwise, gcmd, absolute, *axes)
+            begin, self.chords = self.get_position(), []
+            try:
+                return cut(start, end, offset, clockwise, gcmd, absolute, *axes)
+            finally:
+                chords, self.chords = self.chords, None
+                if chords:
+                    arc = (begin[0] + offset[0], begin[1] + offset[1], clockwise, chord_mm)
+                    self._wait(begin, *chords[-1], arc if len(chords) > 1 else None)
+
+        return cut_together
 
     def _call_in_turn(self, callback):
         """Call somebody back as the last move begins that was wanted before, though it may still wait."""
@@ -246,7 +266,7 @@ class Printmend:
 
     def get_position(self):
         """Return where the nozzle is wanted: behind the last move, though it may still wait."""
-        if self.planner.waiting or self.handing_on:
+        if self.planner.waiting or self.handing_on or self.chords:
             return list(self.at)
         position = self._sync()
         return [*self.planner.place(position[2]), *position[3:]] if self.active else position
@@ -262,7 +282,14 @@ class Printmend:
         start = self.get_position()
         self._check(start, to, speed)
         self.at = list(to)
-        count = self.planner.add(start, to, speed, (self._limits(), []))
+        if self.chords is None:
+            self._wait(start, list(to), speed)
+        else:
+            self.chords.append((list(to), speed))
+
+    def _wait(self, start, to, speed, arc=None):
+        """Let a move wait that has been checked."""
+        count = self.planner.add(start, to, speed, (self._limits(), []), arc)
         if count:
             self._hand_on(count)
         if self.timer is not None and self.planner.waiting:

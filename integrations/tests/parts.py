@@ -35,4 +35,6 @@ def part(layers: int = 2, *, size_mm: float = 14.0, arcs: bool = False, absolute
             lines.append(f"G0 X{100 + size_mm:.3f} Y100 F7200")
             lines.append(f"G3 X{100 - size_mm:.3f} Y100 I{-size_mm:.3f} J0 {filament(0.033 * math.pi * size_mm)} F1800")
             lines.append(f"G2 X{100 + size_mm:.3f} Y100 I{size_mm:.3f} J0 {filament(0.033 * math.pi * size_mm)}")
+            lines.append(f"G0 X{100 + half:.3f} Y100 F7200")
+            lines.append(f"G2 X{100 + half:.3f} Y100 I{-half:.3f} J0 {filament(0.033 * math.tau * half)} F1800")
     return ("\n".join(lines) + "\n").encode()

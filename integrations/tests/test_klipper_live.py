@@ -41,7 +41,7 @@ def extra():
 
 LIVE = extra()
 CASES = [
-    ("pulley-play", ENDER3, True), ("pulley-loose", COREXY, True), ("everything", COREXY, False),
+    ("pulley-play", ENDER3, True), ("pulley-loose", COREXY, True), ("everything", COREXY, True),
     ("screw", ENDER3, True),
 ]  # fmt: skip
 
@@ -331,7 +331,7 @@ def chain(tmp_path: Path):
     made.printer = Klipper()
     made.planner = LIVE.planner.Planner(LIVE.read_model(path))
     made.phases, made.shift, made.homed, made.active, made.failed = [None, None], [0.0, 0.0], 7, True, None
-    made.handing_on = False
+    made.handing_on, made.chords = False, None
     made._connect()
     return made
 

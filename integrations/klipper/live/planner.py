@@ -6,6 +6,7 @@ whole: only then is it known where the motors turn back, and where there is room
 """
 
 import importlib.util
+import math
 import os
 
 HERE = os.path.dirname(os.path.realpath(__file__))
@@ -31,10 +32,10 @@ kernels, tables = beside("kernels"), beside("tables")
 class Wanted:
     """A move that waits: its record, from and to where it goes, and what its owner wants to have back with it."""
 
-    __slots__ = ("begin", "end", "note", "record", "speed")
+    __slots__ = ("arc", "begin", "end", "note", "record", "speed")
 
-    def __init__(self, record, begin, end, speed, note):
-        self.record, self.begin, self.end, self.speed, self.note = record, begin, end, speed, note
+    def __init__(self, record, begin, end, speed, note, arc):
+        self.record, self.begin, self.end, self.speed, self.note, self.arc = record, begin, end, speed, note, arc
 
 
 class Pieces:
@@ -66,9 +67,10 @@ class Planner:
         self.model, self.ripples = tables.model_of(document, self.kernels)
         self.pulses = ((), ())
         self.state, self.counts = self.layout.STATE.one(), self.layout.COUNTS.one()
-        curve = load("printmend.plan.kernels.curve").CURVE
-        self.curve, self.has_screw = curve.one(), bool(self.model.head.screw)
-        self.moved = curve.one() if self.has_screw else None
+        self.curves = load("printmend.plan.kernels.curve")
+        self.curve, self.has_screw = self.curves.CURVE.one(), bool(self.model.head.screw)
+        self.moved = self.curves.CURVE.one() if self.has_screw else None
+        self.piece = self.curves.CURVE.one()
         self.run, self.layers = self.layout.RUN.one(), [self.layout.LAYER.one()]
         self.counts.known = self.counts.height = 1
         text = self.text
@@ -114,20 +116,27 @@ class Planner:
             z = middle(self.state, 2)
         return x + dx, y + dy, z
 
-    def add(self, begin, end, speed, note=None):
-        """Let a move wait; return how many of those that wait may be planned now, 0 where more must be seen."""
+    def add(self, begin, end, speed, note=None, arc=None):
+        """Let a move wait; return how many of those that wait may be planned now, 0 where more must be seen.
+
+        ``arc`` is a centre x, y, whether it goes clockwise, and the length of the chords that Klipper cuts. Ends that
+        coincide make a full circle.
+        """
         text, r = self.text, self.text.RECORD.one()
         begin, end = [float(at) for at in begin], [float(at) for at in end]
         r.x0, r.y0, r.z0, r.e0 = begin[:4]
         r.x1, r.y1, r.z1, r.e1 = end[:4]
         r.kind, r.flags, r.feed, r.advance = text.KIND_LINEAR, self.flags, speed * 60.0, end[3] - begin[3]
-        moves = r.x0 != r.x1 or r.y0 != r.y1
+        if arc is not None:
+            r.c0, r.c1 = arc[:2]
+            r.kind = text.KIND_CW if arc[2] else text.KIND_CCW
+        moves = arc is not None or r.x0 != r.x1 or r.y0 != r.y1
         r.words = (text.WORD_X | text.WORD_Y if moves else 0) | (text.WORD_Z if r.z0 != r.z1 else 0)
         r.words |= text.WORD_E if r.advance else 0
         if moves and r.advance > 0.0:  # comments do not come here: any line may be a wall that is seen
             r.flags |= text.FLAG_EXTRUDING | text.ROLE_OUTER << text.ROLE_SHIFT
         drew = bool(self.waiting) and self._draws(self.waiting[-1].record)
-        self.waiting.append(Wanted(r, begin, end, speed, note))
+        self.waiting.append(Wanted(r, begin, end, speed, note, arc))
         if drew and not self._draws(r):
             return len(self.waiting) - 1
         return len(self.waiting) - AHEAD if len(self.waiting) >= MOST_WAITING else 0
@@ -141,19 +150,20 @@ class Planner:
 
         def hand_on():
             if asked:
-                put(waiting[asked - 1], self._moves(waiting[asked - 1], pieces.made[given : pieces.count]))
+                put(waiting[asked - 1], self._moves(waiting[asked - 1], at, pieces.made[given : pieces.count]))
             return pieces.count
 
         def before_record():
-            nonlocal asked, given
+            nonlocal asked, given, at
             given = hand_on()
             # A path that is not yet whole is not left where a motor is on its way through its slack.
             if asked >= count and (asked >= len(waiting) - 1 or not self._is_crossing()):
                 return False
             asked += 1
+            at = self.commanded(waiting[asked - 1].begin[2])
             return True
 
-        given, pieces = 0, Pieces(self.text.PIECE, before_record)
+        given, at, pieces = 0, None, Pieces(self.text.PIECE, before_record)
         records = [each.record for each in waiting]
         try:
             done = self.mend.mend(self.model, records, 0, len(records), self.state, self.counts, self.curve,
@@ -175,13 +185,23 @@ class Planner:
                 return True
         return False
 
-    def _moves(self, wanted, pieces):
-        """Return a move's moves: [x y z e …] and the speed of each."""
+    def _moves(self, wanted, at, pieces):
+        """Return a move's moves from where it begins ``at``: [x y z e …] and the speed of each."""
         begin, end, moves, done = wanted.begin, wanted.end, [], 0.0
         for piece in pieces:
-            done = min(done + piece.share, 1.0)
-            rest = end[3:] if done > 1.0 - 1e-9 else [a + (b - a) * done for a, b in zip(begin[3:], end[3:])]
-            moves.append(([piece.x, piece.y, piece.z, *rest], piece.feed / 60.0 if piece.feed > 0.0 else wanted.speed))
+            speed = piece.feed / 60.0 if piece.feed > 0.0 else wanted.speed
+            to, count = (piece.x, piece.y, piece.z), 1
+            if piece.kind == self.text.PIECE_ARC:  # cut as Klipper would cut it out of a mended file
+                _, _, clockwise, chord_mm = wanted.arc
+                self.curves.set_arc(self.piece, *at, *to, piece.c0, piece.c1, 0, clockwise, 0)
+                count = max(1, math.floor(self.piece.length / chord_mm))
+            else:
+                self.curves.set_line(self.piece, *at, *to)
+            for part in range(1, count + 1):
+                share = min(done + piece.share * part / count, 1.0)
+                rest = end[3:] if share > 1.0 - 1e-9 else [a + (b - a) * share for a, b in zip(begin[3:], end[3:])]
+                moves.append(([*self.curves.place(self.piece, part / count), *rest], speed))
+            at, done = to, min(done + piece.share, 1.0)
         if done < 1.0 - 1e-9:
             moves.append(([*self.commanded(end[2]), *end[3:]], wanted.speed))
         return moves
