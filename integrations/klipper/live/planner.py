@@ -195,12 +195,11 @@ class Planner:
                 _, _, clockwise, chord_mm = wanted.arc
                 self.curves.set_arc(self.piece, *at, *to, piece.c0, piece.c1, 0, clockwise, 0)
                 count = max(1, math.floor(self.piece.length / chord_mm))
-            else:
-                self.curves.set_line(self.piece, *at, *to)
             for part in range(1, count + 1):
                 share = min(done + piece.share * part / count, 1.0)
                 rest = end[3:] if share > 1.0 - 1e-9 else [a + (b - a) * share for a, b in zip(begin[3:], end[3:])]
-                moves.append(([*self.curves.place(self.piece, part / count), *rest], speed))
+                place = to if part == count else self.curves.place(self.piece, part / count)
+                moves.append(([*place, *rest], speed))
             at, done = to, min(done + piece.share, 1.0)
         if done < 1.0 - 1e-9:
             moves.append(([*self.commanded(end[2]), *end[3:]], wanted.speed))
