@@ -40,7 +40,7 @@ def moonraker_s(text: bytes, times: int) -> float:
             begin = time.monotonic()
             host.upload(f"large{k}.gcode", text)
             metadata = f"/server/files/metadata?filename=large{k}.gcode"
-            wait_for(lambda path=metadata: host.get(path)["printmend"]["state"] == "mended", "the metadata")
+            wait_for(lambda path=metadata: host.get(path)["printmend"]["state"] == "current", "the metadata")
             found.append(time.monotonic() - begin)
     return min(found)
 
@@ -53,7 +53,7 @@ def octoprint_s(text: bytes, times: int, folder: Path) -> tuple[float, float]:
             host.upload(f"large{k}.gcode", text)
             answered.append(time.monotonic() - begin)
             copy = f"large{k}.mended.gcode"
-            wait_for(lambda name=copy: host.told(name).get("state") == "mended", "the copy")
+            wait_for(lambda name=copy: host.told(name).get("state") == "current", "the copy")
             copied.append(time.monotonic() - begin)
     return min(answered[1:]), min(copied[1:])
 
