@@ -25,7 +25,7 @@ FROM python:3.11-slim-bookworm AS base
 # hadolint ignore=DL3008
 RUN apt-get update && apt-get install -y --no-install-recommends libgomp1 && rm -rf /var/lib/apt/lists/* \
     && groupadd --gid 10001 printmend && useradd --uid 10001 --gid 10001 --create-home printmend \
-    && install -d -o printmend -g printmend /data
+    && install -d -m 700 -o printmend -g printmend /data
 ENV PYTHONUNBUFFERED=1 PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 NUMBA_CACHE_DIR=/home/printmend/kernels
 
 FROM base AS studio

@@ -4,7 +4,7 @@ import { html, useEffect, useState } from "./vendor.js";
 import { Dialog } from "./ask.js";
 import { ramp } from "./cut.js";
 import { saveBlob } from "./drawings.js";
-import { times } from "./moment.js";
+import { gain, times } from "./moment.js";
 import { scaleOf, shareOf } from "./scene.js";
 import { mm, number, t } from "./words.js";
 
@@ -24,7 +24,8 @@ export async function draw({ before, after, numbers, scene, printer, part }) {
   const arrow = 40 + wide + text(" → ", 40 + wide, 64, 40, { fill: "--soft" });
   const end = arrow + text(`${mm(numbers.after_mm)} mm`, arrow, 64, 44, { weight: 680, fill: "--mended" });
   text(t("card_off"), end + 18, 62, 20, { fill: "--soft" });
-  if (numbers.before_mm / numbers.after_mm > 1.5) text(`${times(numbers.before_mm / Math.max(numbers.after_mm, 1e-4))} ${t("better")}`, W - 40, 62, 28, { weight: 640, align: "right" });
+  const more = gain(numbers.before_mm, numbers.after_mm);
+  if (more > 1.5) text(`${times(more)} ${t("better")}`, W - 40, 62, 28, { weight: 640, align: "right" });
   pen.fillStyle = colour("--well");
   pen.fillRect(0, PART[1], W, PART[3]);
   pen.drawImage(before, ...PART);
@@ -40,7 +41,7 @@ export async function draw({ before, after, numbers, scene, printer, part }) {
   text(t("colour"), 40, 572, 17, { fill: "--soft" });
   text(part, 440, 524, 22, { weight: 620, most: 500 });
   text(printer, 440, 554, 20, { fill: "--soft", most: 700 });
-  text("printmend", W - 40, 532, 30, { weight: 700, align: "right", fill: "--accent" });
+  text("printmend", W - 40, 570, 30, { weight: 700, align: "right", fill: "--accent" });
   text(t("card_says"), W - 40, 596, 18, { fill: "--soft", align: "right" });
   return new Promise((done) => canvas.toBlob(done, "image/png"));
 }

@@ -9,14 +9,14 @@ import { day, t } from "./words.js";
 export function Devices() {
   const [known, setKnown] = useState(null), [error, setError] = useState(null), [name, setName] = useState(""), [user, setUser] = useState(""), [fresh, setFresh] = useState(null);
   useTitle(t("devices"));
-  const load = () => get("/devices").then(setKnown, (problem) => setError(problem.message));
-  useEffect(() => { load(); }, []);
+  const [local, setLocal] = useState(false), load = () => get("/devices").then(setKnown, (problem) => setError(problem.message));
+  useEffect(() => { get("/health").then(({ shared }) => (shared ? load() : setLocal(true)), (problem) => setError(problem.message)); }, []);
   const add = async (event) => { event.preventDefault(); try { setFresh(await post("/devices", { name, user })); setName(""); setError(null); load(); } catch (problem) { setError(problem.message); } };
   const away = async (one) => {
     if (!(await ask(t("revoke_sure", { name: one.name }), t("revoke")))) return;
     try { await remove(`/devices/${encodeURIComponent(one.name)}`); setError(null); load(); } catch (problem) { setError(problem.message); }
   };
-  return html`<div class="head"><div><h1>${t("devices")}</h1><p class="now">${t("devices_now")}</p></div></div><${Problem} error=${error} />
+  return html`<div class="head"><div><h1>${t("devices")}</h1><p class="now">${t(local ? "devices_local" : "devices_now")}</p></div></div><${Problem} error=${error} />
     ${known && html`<div class="split"><form class="card stack" onSubmit=${add}><h2>${t("device_new")}</h2><label class="field">${t("device_name")}<input value=${name} required maxlength="60" onInput=${(event) => setName(event.target.value)} /></label>
         <label class="field">${t("device_user")}<input value=${user} maxlength="60" onInput=${(event) => setUser(event.target.value)} /></label><button class="primary" disabled=${!name.trim()}>${t("device_add")}</button></form>
       <section class="card stack">${known.map((one) => html`<div class="stored"><div><h2>${one.name}</h2><p class="faint">${one.user ? t("device_of", { user: one.user }) : t("device_all")}, ${day(one.created_s)}</p></div><span></span><button onClick=${() => away(one)}>${t("revoke")}</button></div>`)}</section></div>`}

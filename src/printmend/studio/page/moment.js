@@ -1,7 +1,7 @@
 // The moment after mending: a handle that wipes between as it prints and mended, and numbers that count down.
 import { html, useEffect, useRef, useState } from "./vendor.js";
 import { ease, once, still } from "./motion.js";
-import { mm, number, t } from "./words.js";
+import { digits, mm, number, t } from "./words.js";
 
 const SWEEP_MS = 1800, COUNT_MS = 1600, REST = 0.5;
 
@@ -26,4 +26,6 @@ export function Counting({ from, to, unit = "mm", show = mm, children }) {
   return html`<div class="number"><b aria-hidden="true" data-still=${now === to}>${show(now)} <small>${unit}</small></b><span class="sr">${show(to)} ${unit}</span><span>${children}</span></div>`;
 }
 
-export const times = (value) => number(value, value < 10 ? 1 : 0);
+// How many times better, as whoever divides the numbers that are shown finds it.
+export const gain = (before_mm, after_mm) => Number(before_mm.toFixed(digits(before_mm))) / Math.max(Number(after_mm.toFixed(digits(after_mm))), 0.001);
+export const times = (value) => number(Number(value.toPrecision(2)), value < 10 ? 1 : 0);

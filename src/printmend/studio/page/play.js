@@ -3,7 +3,7 @@ import { html, useEffect, useRef, useState } from "./vendor.js";
 import { beforehand, ended, fileOf, get, mendable, post, STATIC } from "./api.js";
 import { Number_, Plate, Pulley, Save, Slice, Wall } from "./drawings.js";
 import { inside, Machine } from "./machine.js";
-import { Counting, times } from "./moment.js";
+import { Counting, gain, times } from "./moment.js";
 import { useTitle } from "./title.js";
 import { lights } from "./wrong.js";
 import { Problem, Progress, useJob } from "./job.js";
@@ -89,7 +89,7 @@ export function Play() {
   const [scene, lost] = useScene(done ? job : null, FROM);
   useEffect(() => { if (job?.state === "failed") setError(job.error); else if (job?.state === "done") setError(null); }, [job?.state]);
   const result = done ? job.result : null;
-  return html`<div class="head"><div><h1>${t("play_title")}</h1><p class="now">${t(done && scene ? "now_mended" : "play_now")}</p></div>
+  return html`<div class="head"><div><h1>${t("play_title")}</h1><p class="now">${t(done && scene ? "now_mended" : running ? "play_works" : "play_now")}</p></div>
       ${done ? html`<button class="big" onClick=${() => setKey(null)}>${t("change")}</button>`
         : html`<button class="primary big" disabled=${running || !mendable(faults)} onClick=${start}>${running ? t("mending") : t("mend_it")}</button>`}</div>
     <${Problem} error=${error ?? lost} />${STATIC && html`<p class="note">${t(beforehand(faults) ? "static_now" : "static_own")}</p>`}
@@ -111,7 +111,7 @@ export function Play() {
                 : what === "wall" ? html`<${Wall} id="drawing" wall=${shown.wall_mm} />` : html`<${Slice} id="drawing" wanted=${shown.part_mm} printed=${shown.printed_mm} joined=${shown.joined} />`)}
             <div class="over"><div class="segment" role="group" aria-label=${t("plate")}>${["part", "plate", ...(faults.screw_mm ? ["wall"] : [])].map((one) => html`<button aria-pressed=${what === one} onClick=${() => setWhat(one)}>${t(one)}</button>`)}</div>
               <${Save} id="drawing" name=${what} /></div>
-            <div class="under">${running && html`<p class="glass" style=${{ flexBasis: "100%" }}>${t("soon")}</p>`}<div class="glass row"><span class="key kw">${t("wanted")}</span><span class="key kp">${t("printed")}</span>
+            <div class="under"><div class="glass row"><span class="key kw">${t("wanted")}</span><span class="key kp">${t("printed")}</span>
               ${what === "plate" && html`<label class="row">${t("enlarge")}<select style=${{ width: "auto", minHeight: "2rem", padding: "0.2rem 0.5rem" }} value=${enlarge} onChange=${(event) => setEnlarge(Number(event.target.value))}>${[1, 2, 5, 10, 20].map((k) => html`<option value=${k}>${k} ×</option>`)}</select></label>`}</div>
               ${shown && html`<div class="glass"><b>${mm(what === "wall" ? Math.hypot(...shown.wall_mm.map(([, push]) => push)) / Math.sqrt(shown.wall_mm.length) : what === "part" ? shown.part_rms_mm : shown.rms_mm)} mm</b> ${t(what === "part" ? "off_layer" : "off")}</div>`}</div></div>`}
       </div>
@@ -119,7 +119,7 @@ export function Play() {
 }
 
 function Result({ result, played }) {
-  const [lit, light] = useState(null), { before, after, said } = result, more = before.rms_mm / Math.max(after.rms_mm, 1e-4), larger = said ? inside(said.machine) : 1;
+  const [lit, light] = useState(null), { before, after, said } = result, more = gain(before.rms_mm, after.rms_mm), larger = said ? inside(said.machine) : 1;
   return html`<section class="card stack tally"><div class="numbers">
       <${Number_} value=${mm(before.rms_mm)}>${t("before")}</${Number_}><${Counting} from=${before.rms_mm} to=${after.rms_mm}>${t("after")}</${Counting}>
       ${!result.refused && more > 1.5 && html`<${Counting} from=${1} to=${more} unit="" show=${times}>${t("better")}</${Counting}>`}</div></section>

@@ -8,6 +8,7 @@ export default {
   save_png: "Als PNG speichern", save_svg: "Als SVG speichern", save: "Bild speichern", no_number: "{text} ist keine Zahl: bitte wie 12,5 oder 12.5 angeben",
 
   play_title: "Einen Drucker kaputt machen und heilen",
+  play_works: "Er druckt den Testdruck, der gescannt und vermessen wird. Mit dem, was dieser verrät, wird ein Teil geheilt.",
   play_now: "Die Schieber bewegen: Das macht eine verbogene Riemenscheibe oder ein loser Riemen aus einem Druck. Dann auf Heilen drücken.",
   preset_day: "Ein schlechter Tag", preset_wobble: "Eiernde Scheibe", preset_oval: "Gequetschte Scheibe", preset_loose: "Lose Riemen",
   preset_screw: "Krumme Z-Spindel", preset_crooked: "Schiefer Rahmen", preset_healthy: "Gesund",
@@ -26,7 +27,7 @@ export default {
 
   view: "Das Teil in drei Dimensionen. Pfeiltasten drehen, Plus und Minus zoomen, Bild auf und ab gehen durch die Schichten.",
   morph: "Von gewollt über gedruckt zu geheilt", layer: "Schicht {n} von {of}, {z} mm hoch", one_layer: "Nur diese Schicht",
-  colour_fine: "die linke Hälfte ist gespreizt", colour: "Abstand von der gewollten Linie, mm", every: "Nur jede {n}. Schicht ist gezeichnet: Das Teil ist sehr groß.",
+  colour_fine: "die Skala ist bis {fine} gedehnt", colour: "Abstand von der gewollten Linie, mm", every: "Nur jede {n}. Schicht ist gezeichnet: Das Teil ist sehr groß.",
   no_gl: "Dieser Browser kann nicht dreidimensional zeichnen (WebGL 2 ist aus).", reset: "Ganzes Teil", view_top: "Von oben",
 
   printers_now: "Jeder Drucker hat eine Karte. Den eigenen hinzufügen, seinen Testdruck drucken und sehen, was ihm fehlt.",
@@ -99,6 +100,7 @@ export default {
   stored_unused: "Ungenutzte Dateien", stored_unused_why: "Gesendete Dateien, die nichts mehr braucht.", stored_kept: "Drucker und Verlauf", stored_kept_why: "Beschreibungen, Modelle, Testdrucke und ihr Verlauf.",
   ghost_name: "Ihr Drucker", ghost_says: "Hier steht, was ihm fehlt, und darunter, wie es sich mit der Zeit ändert.", overwrite: "Ersetzen",
 
+  devices_local: "Dieses Studio erreicht nur dieser Rechner. Mit printmend studio --host 0.0.0.0 gestartet, lässt es auch andere herein.",
   devices: "Geräte", devices_now: "Diese Geräte dürfen von anderen Rechnern herein. Jedes hat ein eigenes Token.", device_new: "Ein Gerät einlassen", device_name: "Sein Name: Handy, Laptop", device_user: "Wessen Drucker es sieht (leer: alle)",
   device_add: "Einlassen", device_scan: "Scannen Sie das mit dem Gerät, oder öffnen Sie dort die Adresse. Sie wird nur dieses eine Mal gezeigt.", device_qr: "Die Adresse als QR-Code", device_of: "sieht die Drucker von {user}", device_all: "sieht alle Drucker", revoke: "Aussperren", revoke_sure: "{name} aussperren? Sein Token ist dann nichts mehr wert.",
 

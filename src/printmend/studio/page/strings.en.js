@@ -8,6 +8,7 @@ export default {
   save_png: "Save as PNG", save_svg: "Save as SVG", save: "Save the picture", no_number: "{text} is no number: give one as 12.5 or 12,5",
 
   play_title: "Break a printer, then mend it",
+  play_works: "It prints a test print, which is scanned and measured. From what that tells, a part is mended.",
   play_now: "Move the sliders: this is what a bent pulley or a loose belt does to a print. Then press Mend it.",
   preset_day: "A bad day", preset_wobble: "Wobbly pulley", preset_oval: "Squeezed pulley", preset_loose: "Loose belts",
   preset_screw: "Bent Z screw", preset_crooked: "Crooked frame", preset_healthy: "Healthy",
@@ -26,7 +27,7 @@ export default {
 
   view: "The part in three dimensions. Arrow keys turn it, plus and minus zoom, page up and down move through the layers.",
   morph: "From wanted over printed to mended", layer: "Layer {n} of {of}, {z} mm high", one_layer: "This layer only",
-  colour_fine: "the left half is enlarged", colour: "Distance from the wanted line, mm", every: "Every {n}th layer is drawn: the part is very large.",
+  colour_fine: "the scale is stretched up to {fine}", colour: "Distance from the wanted line, mm", every: "Every {n}th layer is drawn: the part is very large.",
   no_gl: "This browser cannot draw in three dimensions (WebGL 2 is off).", reset: "Whole part", view_top: "From above",
 
   printers_now: "Every printer gets a card. Add yours, print its test print, and see what is wrong with it.",
@@ -99,6 +100,7 @@ export default {
   stored_unused: "Unused uploads", stored_unused_why: "Files that were sent, and that nothing uses.", stored_kept: "Printers and history", stored_kept_why: "Descriptions, models, test prints, and how they went over time.",
   ghost_name: "Your printer", ghost_says: "What is wrong with it stands here, and below how it changes over time.", overwrite: "Replace it",
 
+  devices_local: "Only this computer reaches this studio. Started as printmend studio --host 0.0.0.0, it lets others in, too.",
   devices: "Devices", devices_now: "These devices may enter from other computers. Each has a token of its own.", device_new: "Let in a device", device_name: "Its name: phone, laptop", device_user: "Whose printers it sees (empty: all of them)",
   device_add: "Let it in", device_scan: "Scan this with the device, or open the address there. It is shown this once.", device_qr: "The address as a QR code", device_of: "sees {user}'s printers", device_all: "sees all printers", revoke: "Shut it out", revoke_sure: "Shut out {name}? Its token is then worth nothing.",
 

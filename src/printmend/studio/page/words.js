@@ -59,7 +59,8 @@ export function why(text) {
 export const number = (value, digits = 2) =>
   value === null || value === undefined ? "–" : (Math.abs(value) * 10 ** digits < 0.5 ? 0 : value).toLocaleString(language, { minimumFractionDigits: digits, maximumFractionDigits: digits });
 export const bytes = (value) => (value < 1e9 ? `${number(value / 1e6, value < 1e7 ? 1 : 0)} MB` : `${number(value / 1e9, 1)} GB`);
-export const mm = (value) => (value === null || value === undefined ? "–" : number(value, value < 0.1 ? 3 : 2));
+export const digits = (value_mm) => (value_mm < 0.1 ? 3 : 2);
+export const mm = (value) => (value === null || value === undefined ? "–" : number(value, digits(value)));
 // What somebody typed, with a comma or a point; NaN where it is no number.
 export const typed = (text) => (text.trim() === "" ? NaN : Number(text.trim().replace(",", ".")));
 // What was asked for, null where nothing was typed; an error that says what was typed where it is no number.
