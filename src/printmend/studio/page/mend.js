@@ -81,6 +81,14 @@ export function Mend({ printer, changed }) {
     <div class="stack"><${File_} id=${shown} printer=${printer} changed=${changed} anyway=${anyway} /></div></div>`;
 }
 
+// What will be there: a part, left as it prints, right mended.
+const half = (from, r, off) => Array.from({ length: 61 }, (_, i) => {
+  const angle = from + (i / 60) * Math.PI, to = r + off * Math.sin(6 * angle);
+  return `${i ? "L" : "M"}${(to * Math.cos(angle)).toFixed(1)} ${(-to * Math.sin(angle)).toFixed(1)}`;
+}).join("");
+const Ghost = () => html`<svg class="ghost" viewBox="-60 -60 120 120" width="200" aria-hidden="true"><path d="M0 -58V58" class="axis" />
+  ${[50, 20].map((r) => html`<path d=${half(Math.PI / 2, r, 0.08 * r)} class="p" stroke-width="3" /><path d=${half(-Math.PI / 2, r, 0)} class="m" stroke-width="3" />`)}</svg>`;
+
 function File_({ id, printer, changed, anyway }) {
   const job = useJob(id), [scene, error] = useScene(job), [asked, setAsked] = useState(null);
   const result = job?.state === "done" ? job.result : null;
@@ -88,7 +96,7 @@ function File_({ id, printer, changed, anyway }) {
     ${job?.may_force && html`<div class="row"><button disabled=${asked === job.id} onClick=${() => { setAsked(job.id); anyway(job).then(() => setAsked(null)); }}>${t("anyway")}</button><span class="faint">${t("anyway_now")}</span></div>`}
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}
     <${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene?.mended ? 2 : 1} busy=${Boolean(job) && !ended(job)} moment=${Boolean(result && !result.refused && !result.untouched)} share=${result && !result.refused && { numbers: { before_mm: result.prediction.before.rms_mm, after_mm: result.prediction.after.rms_mm }, printer: printer.name, part: job.params.name }}>
-      ${!id ? html`<p class="soon">${t("soon")}</p>` : ended(job) && !scene && !job.files.includes("printed.bin") && html`<p class="soon">${t("no_picture")}</p>`}${job && !ended(job) && html`<section class="card busy ${scene ? "low" : ""}"><${Progress} job=${job} steps=${scene ? null : STEPS} /></section>`}</${Part}>
+      ${!id ? html`<div class="soon"><${Ghost} /><p>${t("soon")}</p></div>` : ended(job) && !scene && !job.files.includes("printed.bin") && html`<p class="soon">${t("no_picture")}</p>`}${job && !ended(job) && html`<section class="card busy ${scene ? "low" : ""}"><${Progress} job=${job} steps=${scene ? null : STEPS} /></section>`}</${Part}>
     ${result && html`<${Numbers} job=${job} printer=${printer} changed=${changed} />`}`;
 }
 
