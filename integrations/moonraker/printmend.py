@@ -26,8 +26,6 @@ from pathlib import Path
 PLACE = Path(__file__).resolve().parents[2] / "src/printmend/provenance.py"
 STUB = b"; held by printmend: "
 STUB_ORIGINAL = b"; the file as it came: "
-INTERRUPTED = "mending was interrupted; upload the file again"
-WORDS = "This file was not mended, so it is not printed: "
 GCODE = (".gcode", ".g", ".gco", ".nc", ".ufp")
 KEPT_DAYS = 30  # the original of a file that was deleted since
 MARGIN_S = 5.0  # Moonraker's own limit must not strike first: it would retry
@@ -72,7 +70,8 @@ def mend(settings, name, path):
     folder = Path(settings["folder"])
     ledger, model = provenance.Ledger(str(folder)), model_at(settings["model"])
     start = provenance.head_of(path)
-    if start.startswith(STUB) and not start.startswith(STUB + INTERRUPTED.encode()):
+    interrupted = tuple(STUB + words.encode() for words in provenance.SENTENCES["interrupted"])
+    if start.startswith(STUB) and not start.startswith(interrupted):
         return {"reason": stub_reason(start)}
     keep = stub_original(path)
     if keep is None:
@@ -81,7 +80,7 @@ def mend(settings, name, path):
             return {}
         keep = original_of(verdict, ledger)
         if verdict.state == provenance.STALE and keep is None:
-            return {"reason": "the file that it was mended from is no longer kept; upload it again"}
+            return {"reason": provenance.said(settings["language"], "no-original")}
     if keep is None:
         plain = folder / name
         keep = plain.with_name(f"{plain.stem}.{verdict.sha256[:8]}{plain.suffix}")
@@ -90,10 +89,10 @@ def mend(settings, name, path):
     report, fresh, stub = (keep.with_name(keep.name + end) for end in (".report.json", ".mended", ".stub"))
     for old in (report, fresh):
         old.unlink(missing_ok=True)
-    write_stub(stub, path, keep, INTERRUPTED)
+    write_stub(stub, path, keep, provenance.said(settings["language"], "interrupted"))
     reason = run(settings, keep, fresh, report)
     if not reason and not provenance.MARK.search(provenance.head_of(fresh)) and not same(fresh, keep):
-        reason = "printmend wrote a file without its mark"
+        reason = provenance.said(settings["language"], "no-mark")
     if reason:
         if settings["if_not_mended"] == "print":
             shutil.copyfile(keep, fresh)
@@ -114,14 +113,16 @@ def run(settings, source, target, report):
     command = [settings["command"], "mend", source, "-m", settings["model"], "-o", target, "--report", report]
     try:
         done = subprocess.run(  # noqa: S603 — the owner's own program, from moonraker.conf
-            list(map(str, command)), capture_output=True, text=True, errors="replace", check=False,
-            timeout=settings["timeout_s"], stdin=subprocess.DEVNULL,
+            list(map(str, command)), capture_output=True, encoding="utf-8", errors="replace", check=False,
+            timeout=settings["timeout_s"], stdin=subprocess.DEVNULL, env=provenance.speaking(settings["language"]),
         )  # fmt: skip
     except subprocess.TimeoutExpired:
-        return f"mending took longer than {settings['timeout_s']:.0f} s (timeout in [printmend])"
+        words = provenance.said(settings["language"], "too-long", f"{settings['timeout_s']:.0f}")
+        return f"{words} (timeout in [printmend])"
     except OSError as error:
         return f"{settings['command']}: {error.strerror or error}"
-    return "" if done.returncode == 0 else last_line(done.stderr) or f"printmend ended with {done.returncode}"
+    ended = provenance.said(settings["language"], "ended", done.returncode)
+    return "" if done.returncode == 0 else last_line(done.stderr) or ended
 
 
 def follow(settings):
@@ -216,9 +217,10 @@ class Printmend:
             "if_not_mended": config.getchoice("if_not_mended", {"hold": "hold", "print": "print"}, "hold"),
             "chosen": choices, "folder": os.path.join(self.server.get_app_args()["data_path"], "printmend"),
             "gcodes": self.files.get_directory("gcodes"), "timeout_s": timeout_s - MARGIN_S,
+            "language": config.get("language", "en"),
         }  # fmt: skip
         self.waits = config.getchoice("while_printing", {"wait": True, "mend": False}, "wait")
-        self.ledger = provenance.Ledger(self.settings["folder"], config.get("language", "en"))
+        self.ledger = provenance.Ledger(self.settings["folder"], self.settings["language"])
         self.lock, self.ready = asyncio.Lock(), asyncio.Event()  # one file at a time; the printer is free
         self.ready.set()
         self.queue, self.failed = [], {}  # names to be mended; why the latest mending of a name failed
@@ -301,11 +303,15 @@ class Printmend:
         self.server.send_event("printmend:result", {"filename": name, **state})
         await self._in_thread(self._prune)
 
+    def _said(self, name, *values):
+        return provenance.said(self.settings["language"], name, *values)
+
     def _hold(self, name, reason):
         """Take a stub off the list, and say where the file itself lies."""
         keep = stub_original(self._path(name))
         os.unlink(self._path(name))
-        self._announce(name, WORDS + reason + (f" (kept as {keep})" if keep else ""))
+        where = f" ({self._said('kept', keep)})" if keep else ""
+        self._announce(name, self._said("held", reason) + where)
         self.server.send_event("printmend:result", {"filename": name, "state": "held", "reason": reason})
 
     def _look_back(self, name, processors):
@@ -378,8 +384,10 @@ class Printmend:
             reason = await self._mend(filename)
             verdict, wanted = await self._in_thread(self._judge, filename)
             if wanted != "print" or verdict is None:
-                return WORDS + (reason or "see moonraker.log")
-        return "" if wanted == "print" else f"{verdict.sentence} It is not printed (if_{verdict.state} in [printmend])."
+                return self._said("held", reason or "moonraker.log")
+        if wanted == "print":
+            return ""
+        return f"{verdict.sentence} {self._said('not-printed', f'if_{verdict.state} in [printmend]')}"
 
     async def _started(self, _before, stats):
         """Stop a job that another program started from a file that may not be printed."""
@@ -390,8 +398,8 @@ class Printmend:
         verdict, wanted = await self._in_thread(self._judge, name) if name else (None, "print")
         if wanted == "print" or verdict is None:
             return
-        todo = "Start it again when it is mended." if wanted == "mend" else f"(if_{verdict.state} in [printmend])"
-        self._announce(name, f"The job was stopped. {verdict.sentence} {todo}")
+        todo = self._said("again") if wanted == "mend" else f"(if_{verdict.state} in [printmend])"
+        self._announce(name, f"{self._said('stopped')} {verdict.sentence} {todo}")
         await self.server.lookup_component("klippy_apis").cancel_print(None)
         if wanted == "mend":
             self._enqueue(name)

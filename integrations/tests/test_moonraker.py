@@ -344,7 +344,7 @@ def test_a_file_copied_by_hand_is_mended(moonraker: Moonraker) -> None:
     assert b"; mended by printmend" in (moonraker.data / "gcodes/copied.gcode").read_bytes()[:200]
 
 
-def worker(folder: Path, script: str, policy: str, timeout_s: float) -> subprocess.Popen:
+def worker(folder: Path, script: str, policy: str, timeout_s: float, language: str = "en") -> subprocess.Popen:
     """Run the component's other half on folder/gcodes/x.gcode, with a shell script in printmend's place."""
     command = folder / "fake"
     command.write_text("#!/bin/sh\n" + script)
@@ -353,7 +353,8 @@ def worker(folder: Path, script: str, policy: str, timeout_s: float) -> subproce
     gcodes.mkdir()
     (gcodes / "x.gcode").write_bytes(part(1))
     settings = {"command": str(command), "model": "m.json", "if_not_mended": policy, "chosen": {},
-                "folder": str(folder / "kept"), "gcodes": str(gcodes), "timeout_s": timeout_s}  # fmt: skip
+                "folder": str(folder / "kept"), "gcodes": str(gcodes), "timeout_s": timeout_s,
+                "language": language}  # fmt: skip
     program = [sys.executable, INTEGRATIONS / "moonraker/printmend.py", json.dumps(settings), gcodes / "x.gcode"]
     return subprocess.Popen(list(map(str, program)), stderr=subprocess.DEVNULL)  # noqa: S603 — our own
 
@@ -373,6 +374,15 @@ def test_every_failure_leaves_a_stub(script: str, timeout_s: float, reason: str,
     assert text.startswith("; held by printmend: ")
     assert reason in text
     assert next((tmp_path / "kept").glob("x.????????.gcode")).read_bytes() == part(1)
+
+
+@pytest.mark.parametrize(
+    ("script", "timeout_s", "reason"),
+    [("exec sleep 600", 0.3, "das Heilen dauerte länger als 0 s"), ("echo $LC_MESSAGES >&2; exit 2", 600, "de\n")],
+)
+def test_an_owner_who_reads_german_reads_it(script: str, timeout_s: float, reason: str, tmp_path: Path) -> None:
+    assert worker(tmp_path, script, "hold", timeout_s, "de").wait() == 1
+    assert (tmp_path / "gcodes/x.gcode").read_text().startswith(f"; held by printmend: {reason}")
 
 
 def test_a_kill_leaves_a_stub(tmp_path: Path) -> None:

@@ -53,8 +53,37 @@ SENTENCES = {
     "no-test-print": (
         "This file says that it is a test print, but printmend did not write it so: write it again.",
         "Diese Datei gibt sich als Testdruck aus, aber printmend hat sie so nicht geschrieben: neu schreiben."),
+    "no-original": ("The file that it was mended from is no longer kept; upload it again.",
+                    "Die Datei, aus der sie geheilt wurde, ist nicht mehr da; bitte neu hochladen."),
+    "not-printed": ("It is not printed ({}).", "Sie wird nicht gedruckt ({})."),
+    "held": ("This file was not mended, so it is not printed: {}",
+             "Diese Datei wurde nicht geheilt und wird deshalb nicht gedruckt: {}"),
+    "kept": ("kept as {}", "aufbewahrt als {}"),
+    "stopped": ("The job was stopped.", "Der Auftrag wurde angehalten."),
+    "again": ("Start it again when it is mended.", "Bitte neu starten, sobald sie geheilt ist."),
+    "interrupted": ("mending was interrupted; upload the file again",
+                    "das Heilen wurde unterbrochen; bitte die Datei neu hochladen"),
+    "too-long": ("mending took longer than {} s", "das Heilen dauerte länger als {} s"),
+    "ended": ("printmend ended with {}", "printmend endete mit {}"),
+    "no-mark": ("printmend wrote a file without its mark", "printmend hat eine Datei ohne seinen Vermerk geschrieben"),
+    "cancelled": ("cancelled", "abgebrochen"),
+    "deleted": ("the file was deleted", "die Datei wurde gelöscht"),
+    "unreadable": ("The file could not be read.", "Die Datei konnte nicht gelesen werden."),
+    "plugin": ("an error in the plugin: see {}", "ein Fehler im Plugin: siehe {}"),
+    "square": ("a test square", "ein Testquadrat"),
 }  # fmt: skip
-"""What is said of a file, in English and German, by id: not in the catalogue, as hosts load this one file."""
+"""What a host says of a file, in English and German, by id: not in the catalogue, as hosts load this one file."""
+
+
+def said(language: str, name: str, *values: object) -> str:
+    """Return a sentence in a language, "de…" for German, anything else for English."""
+    return SENTENCES[name][language.startswith("de")].format(*values)
+
+
+def speaking(language: str, environment: Mapping[str, str] = os.environ) -> dict[str, str]:
+    """Return the environment of a printmend that says in that language why it did not mend."""
+    spoken = {"LC_MESSAGES": "de" if language.startswith("de") else "en", "PYTHONUTF8": "1"}
+    return {**{name: value for name, value in environment.items() if name != "LC_ALL"}, **spoken}
 
 
 class NoModelError(ValueError):
@@ -213,7 +242,7 @@ class Ledger:
 
     def __init__(self, folder: str, language: str = "en") -> None:
         """``language`` is that of the sentences, "de…" for German, anything else for English."""
-        self._german = language.startswith("de")
+        self._language = language
         self._records = os.path.join(folder, "records")
         self._models = os.path.join(folder, "models.json")
         self._hashes: dict[str, tuple[tuple[int, ...], str]] = {}
@@ -300,7 +329,7 @@ class Ledger:
         return Verdict(*self._other(digest, known.printer, model), sha256)
 
     def _say(self, name: str, *values: str) -> str:
-        return SENTENCES[name][self._german].format(*values)
+        return said(self._language, name, *values)
 
     def _other(self, digest: str, printer: str | None, model: Model | None) -> tuple[str, str]:
         """Return state and sentence of a file of another model than the one in use."""

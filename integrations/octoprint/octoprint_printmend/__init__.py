@@ -67,6 +67,9 @@ class PrintmendPlugin(
     def _language(self):
         return str(self._settings.global_get(["appearance", "defaultLanguage"]) or "")
 
+    def _said(self, name, *values):
+        return provenance.said(self._language(), name, *values)
+
     # Settings and pages.
 
     def get_settings_defaults(self):
@@ -160,12 +163,12 @@ class PrintmendPlugin(
                 with open(report, encoding="utf-8") as file:
                     told = {key: value for key, value in json.load(file).items() if key in ("before", "after")}
         model = self._model()
-        self._say("tested", "", reason=reason.replace(source, "a test square"), took_s=time.monotonic() - begun_s,
+        self._say("tested", "", reason=reason.replace(source, self._said("square")), took_s=time.monotonic() - begun_s,
                   printer=model.name if model is not None else "", **told)  # fmt: skip
 
     def _run(self, source, fresh, report, told=lambda percent: None):
         command, model = (os.path.expanduser(self._settings.get([key])) for key in ("command", "model"))
-        return self._program.mend(command, model, source, fresh, report, told)
+        return self._program.mend(command, model, source, fresh, report, told, self._language())
 
     # What a file is.
 
@@ -314,7 +317,7 @@ class PrintmendPlugin(
             except Exception:
                 self._logger.exception("%s", arguments)
                 if arguments:
-                    self._fail(*arguments, reason="an error in the plugin: see octoprint.log")
+                    self._fail(*arguments, reason=self._said("plugin", "octoprint.log"))
             self._mending = None
 
     def _consider(self, path):
@@ -357,7 +360,7 @@ class PrintmendPlugin(
             self._later.append((self._mend, path, target))
             return
         if not self._file_manager.file_exists(LOCAL, path):
-            self._fail(path, target, reason="the file was deleted")
+            self._fail(path, target, reason=self._said("deleted"))
             return
         if self._good(target):  # another task made it meanwhile
             return
@@ -429,9 +432,9 @@ class PrintmendPlugin(
     def _redirect(self, path, verdict, mended):
         """Stop the job, and print the mended copy as soon as it is there and the printer is free."""
         if mended is None:
-            reason = verdict.sentence if verdict is not None else "The file could not be read."
+            reason = verdict.sentence if verdict is not None else self._said("unreadable")
             if verdict is not None and verdict.state == provenance.STALE:
-                reason += " Its original is not here any more: upload it."
+                reason += " " + self._said("no-original")
             self._say("refused", path, reason=reason)
             self._printer.cancel_print()
             return

@@ -8,6 +8,8 @@ import signal
 import subprocess
 import threading
 
+from octoprint_printmend import provenance
+
 LIMIT_S = 3600
 FOLLOW_S, PATIENCE_S = 600.0, 120.0  # between two looks for a newer model in the studio, and for one look
 NICENESS = 10  # the printer's own work comes first
@@ -21,9 +23,9 @@ class Program:
         self._process = None
         self.cancelled = False
 
-    def mend(self, command, model, source, fresh, report, told):
+    def mend(self, command, model, source, fresh, report, told, language):
         """Mend a file into ``fresh``; return the reason where there is none. ``told`` hears the percentage."""
-        return self._run([command, "mend", source, "-m", model, "-o", fresh, "--report", report], fresh, told)
+        return self._run([command, "mend", source, "-m", model, "-o", fresh, "--report", report], fresh, told, language)
 
     @staticmethod
     def update(command, model):
@@ -53,8 +55,10 @@ class Program:
                 else:  # Windows
                     process.kill()
 
-    def _run(self, arguments, fresh, told):
-        environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONHOME", "VIRTUAL_ENV")}
+    def _run(self, arguments, fresh, told, language):
+        environment = provenance.speaking(
+            language, {k: v for k, v in os.environ.items() if k not in ("PYTHONHOME", "VIRTUAL_ENV")}
+        )
         environment["PRINTMEND_PROGRESS"] = "1"
         try:
             self._process = subprocess.Popen(  # noqa: S603 — the owner's own program, from the settings
@@ -82,9 +86,9 @@ class Program:
         limit.cancel()
         self._process = None
         if late.is_set():
-            return f"mending took longer than {LIMIT_S} s"
+            return provenance.said(language, "too-long", LIMIT_S)
         if self.cancelled:
-            return "cancelled"
+            return provenance.said(language, "cancelled")
         if code == 0 and os.path.exists(fresh):
             return ""
-        return lines[-1].removeprefix("printmend: ") if lines else f"printmend ended with {code}"
+        return lines[-1].removeprefix("printmend: ") if lines else provenance.said(language, "ended", code)
