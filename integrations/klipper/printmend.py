@@ -289,7 +289,8 @@ class Printmend:
 
     def _wait(self, start, to, speed, arc=None):
         """Let a move wait that has been checked."""
-        count = self.planner.add(start, to, speed, (self._limits(), []), arc)
+        limits = self._limits()
+        count = self.planner.add(start, to, speed, (limits, []), arc, limits["max_accel"])
         if count:
             self._hand_on(count)
         if self.timer is not None and self.planner.waiting:
@@ -337,8 +338,14 @@ class Printmend:
     def _put(self, wanted, moves):
         """Make a wanted move out of commanded ones, under the limits that held when it was wanted."""
         limits, callbacks = wanted.note
-        self._set(limits)
-        for to, speed in moves:
+        hurried = None
+        for to, speed, accel in moves:
+            if accel != hurried:
+                hurried = accel
+                self._set(limits)
+                if accel:  # a motor that crosses its slack drives nothing but itself
+                    self.toolhead.max_accel = accel
+                    self.toolhead._calc_junction_deviation()
             self.next.move([*self._shifted(to, -1.0), *to[3:]], speed)
         for callback in callbacks:
             self.call_later(callback)

@@ -62,6 +62,20 @@ def test_it_prints_what_the_mended_file_prints(family: str, printer, arcs: bool,
     assert after.samples == pytest.approx(before.samples, rel=1e-3)
 
 
+def test_slack_is_crossed_as_fast_as_the_owner_allows(tmp_path: Path) -> None:
+    """By the limits of the printer's file, as in a mended file, and back to those of the print after it."""
+    times = []
+    for crossing in (None, 20_000.0):
+        limits = replace(ENDER3.limits, accel_mm_s2=3000.0, crossing_mm_s2=crossing)
+        (folder := tmp_path / str(crossing)).mkdir()
+        _, mended, live, complaints = compare(drawn("pulley-loose"), replace(ENDER3, limits=limits), folder, arcs=True)
+        assert not complaints
+        assert live.rms_mm < 1.02 * mended.rms_mm
+        assert live.job_s == pytest.approx(mended.job_s, rel=0.005)
+        times.append(live.job_s)
+    assert times[1] < 0.998 * times[0]
+
+
 RIPPLES = [(0.0, 0.0), (0.1, 0.2), (0.3, 0.05)]
 
 

@@ -65,6 +65,7 @@ class Planner:
         self.height, self.layout = (load("printmend.plan.kernels." + name) for name in ("height", "layout"))
         self.text = load("printmend.gcode.kernels.layout")
         self.model, self.ripples = tables.model_of(document, self.kernels)
+        self.model.head.crossing = document["printer"].get("limits", {}).get("crossing_mm_s2", 0.0)
         self.pulses = ((), ())
         self.state, self.counts = self.layout.STATE.one(), self.layout.COUNTS.one()
         self.curves = load("printmend.plan.kernels.curve")
@@ -75,7 +76,8 @@ class Planner:
         self.counts.known = self.counts.height = 1
         text = self.text
         self.flags = (text.FLAG_KNOWN_X0 | text.FLAG_KNOWN_Y0 | text.FLAG_KNOWN_Z0
-                      | text.FLAG_KNOWN_X1 | text.FLAG_KNOWN_Y1 | text.FLAG_KNOWN_Z1)  # fmt: skip
+                      | text.FLAG_KNOWN_X1 | text.FLAG_KNOWN_Y1 | text.FLAG_KNOWN_Z1
+                      | text.TELL_S << text.TELL_SHIFT)  # fmt: skip
         self.waiting = []
 
     def shape(self, pulses):
@@ -116,17 +118,18 @@ class Planner:
             z = middle(self.state, 2)
         return x + dx, y + dy, z
 
-    def add(self, begin, end, speed, note=None, arc=None):
+    def add(self, begin, end, speed, note=None, arc=None, accel=0.0):
         """Let a move wait; return how many of those that wait may be planned now, 0 where more must be seen.
 
         ``arc`` is a centre x, y, whether it goes clockwise, and the length of the chords that Klipper cuts. Ends that
-        coincide make a full circle.
+        coincide make a full circle. ``accel`` [mm/s²] is that of the move, 0 where it is unknown.
         """
         text, r = self.text, self.text.RECORD.one()
         begin, end = [float(at) for at in begin], [float(at) for at in end]
         r.x0, r.y0, r.z0, r.e0 = begin[:4]
         r.x1, r.y1, r.z1, r.e1 = end[:4]
         r.kind, r.flags, r.feed, r.advance = text.KIND_LINEAR, self.flags, speed * 60.0, end[3] - begin[3]
+        r.accel, r.next = accel, 1  # nothing else stands on its line
         if arc is not None:
             r.c0, r.c1 = arc[:2]
             r.kind = text.KIND_CW if arc[2] else text.KIND_CCW
@@ -186,7 +189,7 @@ class Planner:
         return False
 
     def _moves(self, wanted, at, pieces):
-        """Return a move's moves from where it begins ``at``: [x y z e …] and the speed of each."""
+        """Return a move's moves from where it begins ``at``: [x y z e …], speed, and acceleration where it changes."""
         begin, end, moves, done = wanted.begin, wanted.end, [], 0.0
         for piece in pieces:
             speed = piece.feed / 60.0 if piece.feed > 0.0 else wanted.speed
@@ -199,8 +202,8 @@ class Planner:
                 share = min(done + piece.share * part / count, 1.0)
                 rest = end[3:] if share > 1.0 - 1e-9 else [a + (b - a) * share for a, b in zip(begin[3:], end[3:])]
                 place = to if part == count else self.curves.place(self.piece, part / count)
-                moves.append(([*place, *rest], speed))
+                moves.append(([*place, *rest], speed, piece.accel))
             at, done = to, min(done + piece.share, 1.0)
         if done < 1.0 - 1e-9:
-            moves.append(([*self.commanded(end[2]), *end[3:]], wanted.speed))
+            moves.append(([*self.commanded(end[2]), *end[3:]], wanted.speed, 0.0))
         return moves
