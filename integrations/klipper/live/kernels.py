@@ -28,19 +28,6 @@ def rooted(value):
     return math.sqrt(value) if value >= 0.0 else math.nan
 
 
-class Rows(list):
-    """An array of two dimensions: rows, whose entries are also found by a pair."""
-
-    def __getitem__(self, at):
-        return list.__getitem__(self, at[0])[at[1]] if at.__class__ is tuple else list.__getitem__(self, at)
-
-    def __setitem__(self, at, value):
-        if at.__class__ is tuple:
-            list.__getitem__(self, at[0])[at[1]] = value
-        else:
-            list.__setitem__(self, at, value)
-
-
 class Kind:
     """What a record consists of, as `numpy.dtype` is told it."""
 
@@ -59,8 +46,7 @@ class Kind:
 def zeros(kind, shape):
     if not shape:
         return kind.one() if isinstance(kind, Kind) else 0 if kind[0] in "iu" else 0.0
-    rows = [zeros(kind, shape[1:]) for _ in range(shape[0])]
-    return Rows(rows) if len(shape) > 1 else rows
+    return [zeros(kind, shape[1:]) for _ in range(shape[0])]
 
 
 def named(**names):
@@ -80,15 +66,27 @@ def as_it_is(function=None, **options):
     return as_it_is if function is None else function
 
 
-class WithInfinities(ast.NodeTransformer):
-    """Let each division that could be by zero give an infinity."""
+class Plain(ast.NodeTransformer):
+    """Let each division that could be by zero give an infinity, and find entries of an array as those of lists."""
 
     def visit_BinOp(self, node):
         self.generic_visit(node)
         if not isinstance(node.op, ast.Div) or isinstance(node.right, ast.Constant):
             return node
         call = ast.Call(ast.Name("divided", ast.Load()), [node.left, node.right], [])
+        if isinstance(node.right, ast.Name):  # what costs nothing to look at twice
+            call = ast.IfExp(node.right, node, call)
         return ast.copy_location(call, node)
+
+    def visit_Subscript(self, node):
+        self.generic_visit(node)
+        places = getattr(node.slice, "value", node.slice)  # before Python 3.9 it is wrapped
+        if isinstance(places, ast.Tuple):
+            *rows, last = map(ast.Index, places.elts)
+            for row in rows:
+                node.value = ast.Subscript(node.value, row, ast.Load())
+            node.slice = last
+        return node
 
 
 class Source(importlib.machinery.SourceFileLoader):
@@ -96,7 +94,7 @@ class Source(importlib.machinery.SourceFileLoader):
 
     def get_code(self, fullname):
         path = self.get_filename(fullname)
-        tree = WithInfinities().visit(ast.parse(self.get_data(path), path))
+        tree = Plain().visit(ast.parse(self.get_data(path), path))
         return compile(ast.fix_missing_locations(tree), path, "exec")
 
 

@@ -257,7 +257,7 @@ def put_shaper(head, ripples, pulses):
         middle = sum(at * share for at, share in own) / whole
         own = [(at - middle, share / whole) for at, share in own] + [(0.0, 0.0)] * len(head.pulse[motor])
         for i in range(len(head.pulse[motor])):
-            head.pulse_s[motor, i], head.pulse[motor, i] = own[i]
+            head.pulse_s[motor][i], head.pulse[motor][i] = own[i]
         head.ripple[motor] = ripples[motor]
 
 
@@ -283,8 +283,8 @@ def _put_drive(head, tables, motor, drive, block):
     head.taut[motor] = float(drive.lower == drive.upper)
     tables += bend
     for branch, table in enumerate((drive.lower, drive.upper)):
-        head.table[motor, branch], head.floor[motor, branch] = len(tables), table[0]
-        head.guide[motor, branch] = len(tables) + len(table)
+        head.table[motor][branch], head.floor[motor][branch] = len(tables), table[0]
+        head.guide[motor][branch] = len(tables) + len(table)
         tables += table
         guide, at = [], 0
         for k in range(int((table[-1] - table[0]) / pitch) + 2):
