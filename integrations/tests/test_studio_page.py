@@ -175,7 +175,7 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     watched.picture("prove")
     page.get_by_role("link", name="My printers").click()
     mine = page.locator("a.pcard", has=page.get_by_role("heading", name=name, exact=True))
-    expect(mine).to_contain_text("The frame is not square")
+    expect(mine).to_contain_text(re.compile("the frame is not square", re.IGNORECASE))
     expect(mine.locator(".mpart.bad")).not_to_have_count(0)
     assert page.title() == "My printers – printmend"
     watched.picture("printers")

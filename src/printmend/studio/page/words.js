@@ -42,7 +42,7 @@ export function said(text) {
   const part = (value) => (value !== text && known.has(value) ? said(value) : plainly(value)), own = told.texts?.[language === "de" ? 1 : 0];
   const template = catalogue[told.id]?.[language] ?? own;
   if (template) return template.replaceAll("`", "").replace(/\{(\w+)\}/g, (_, name) => part(told.values[name] ?? ""));
-  return Object.values(told.values).map(part).join(told.id).replace(/; (Der|Die|Das|Ein|Eine|Es|Alle|Jede)\b/g, (found) => (language === "de" ? found.toLowerCase() : found));
+  return Object.values(told.values).map(part).join(told.id).replace(/; (The|An?|Der|Die|Das|Ein|Eine|Es|Alle|Jede)\b/g, (found) => found.toLowerCase());
 }
 
 // The same, where it stands alone.
