@@ -89,7 +89,7 @@ export function Play() {
   const [scene, lost] = useScene(done ? job : null, FROM);
   useEffect(() => { if (job?.state === "failed") setError(job.error); else if (job?.state === "done") setError(null); }, [job?.state]);
   const result = done ? job.result : null;
-  return html`<div class="head"><div><h1>${t("play_title")}</h1><p class="now">${t(done && scene ? "now_mended" : running ? "play_works" : "play_now")}</p></div>
+  return html`<div class="head"><div><h1>${t("play_title")}</h1><p class="now">${t(done && scene ? "now_mended" : running && (!STATIC || beforehand(faults)) ? "play_works" : "play_now")}</p></div>
       ${done ? html`<button class="big" onClick=${() => setKey(null)}>${t("change")}</button>`
         : html`<button class="primary big" disabled=${running || !mendable(faults)} onClick=${start}>${running ? t("mending") : t("mend_it")}</button>`}</div>
     <${Problem} error=${error ?? lost} />${STATIC && html`<p class="note">${t(beforehand(faults) ? "static_now" : "static_own")}</p>`}
@@ -123,7 +123,7 @@ function Result({ result, played }) {
   return html`<section class="card stack tally"><div class="numbers">
       <${Number_} value=${mm(before.rms_mm)}>${t("before")}</${Number_}><${Counting} from=${before.rms_mm} to=${after.rms_mm}>${t("after")}</${Counting}>
       ${!result.refused && more > 1.5 && html`<${Counting} from=${1} to=${more} unit="" show=${times}>${t("better")}</${Counting}>`}</div></section>
-    ${!said ? html`<section class="card stack"><h2>${t("found")}</h2><p class="soft">${t("static_known")}</p></section>` : html`<section class="card stack"><h2>${t("found")}</h2>
+    ${!said ? html`<section class="card stack"><h2>${t("static_title")}</h2><p class="soft">${t("static_known")}</p></section>` : html`<section class="card stack"><h2>${t("found")}</h2>
       <div class="picture"><${Machine} machine=${said.machine} larger=${larger} label=${larger > 1 ? t("machine", { n: larger }) : t("machine_sound")} faults=${said.faults.map((fault) => fault.part)} lit=${lit} light=${light} played=${played} /></div><p class="faint">${t("light_up")}</p>
       ${said.faults.length ? said.faults.map((fault) => html`<div ...${lights(fault, lit, light)}><h3>${say(fault.title)}</h3><p class="faint">${say(fault.meaning)}</p></div>`) : html`<p>${say(said.headline)}</p>`}</section>`}`;
 }

@@ -106,7 +106,7 @@ export default {
 
   static_now: "Diese Seite läuft ohne Server. Für die Fehler der Knöpfe zeigt Heilen, was das Programm vorher gemessen, gelernt und geheilt hat. Eigene Fehler werden hier im Browser geheilt.",
   static_own: "Diese Fehler werden hier in Ihrem Browser geheilt, vom Planer des Programms. Er kennt diesen Drucker genau.",
-  static_known: "Dafür wurde nichts gedruckt oder gemessen: Der Planer hat jeden Fehler genau gesagt bekommen. Das Programm findet die Fehler an einem Testdruck, und was ein Druck nicht zeigt, bleibt im Teil. Installieren Sie printmend, um auch das zu sehen.",
+  static_title: "Was bekannt war", static_known: "Dafür wurde nichts gedruckt oder gemessen: Der Planer hat jeden Fehler genau gesagt bekommen. Das Programm findet die Fehler an einem Testdruck, und was ein Druck nicht zeigt, bleibt im Teil. Installieren Sie printmend, um auch das zu sehen.",
 
   pair: "Mit Moonraker oder OctoPrint koppeln", pair_now: "Ein gekoppelter Rechner bekommt dieses Modell und jedes neuere von selbst.", pair_make: "Code zeigen", pair_how: "Führen Sie das innerhalb von {n} Minuten auf dem Rechner des Druckers aus, mit dem Ort des Modells aus seinen Einstellungen. Der Code gilt einmal.",
   unpair: "Trennen", part_sure: "{name} trennen? Er behält sein Modell und bekommt kein neueres.",

@@ -106,7 +106,7 @@ export default {
 
   static_now: "This page runs without a server. For the faults of the buttons, Mend it shows what the program measured, learned and mended beforehand. Faults of your own are mended here in the browser.",
   static_own: "These faults are mended here, in your browser, by the program's own planner. It knows this printer exactly.",
-  static_known: "Nothing was printed or measured for this: the planner was told each fault exactly. The program finds the faults from a test print, and what a print cannot show stays in the part. Install printmend to see that, too.",
+  static_title: "What was known", static_known: "Nothing was printed or measured for this: the planner was told each fault exactly. The program finds the faults from a test print, and what a print cannot show stays in the part. Install printmend to see that, too.",
 
   pair: "Pair with Moonraker or OctoPrint", pair_now: "A host that is paired gets this model, and each newer one, by itself.", pair_make: "Show a code", pair_how: "Run this on the host within {n} minutes, with the model's place from its settings. The code is good once.",
   unpair: "Part", part_sure: "Part {name}? It keeps the model that it has, and gets no newer one.",
