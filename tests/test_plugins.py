@@ -66,6 +66,17 @@ class Asked(NaiveModel):
 
 
 @dataclass(frozen=True)
+class Single(NaiveModel):
+    """Trees do this: they saw single steps, and foresee a single step whatever the control is."""
+
+    def tabulate(self, start_steps, *, c_max=3):
+        return None
+
+    def advance(self, state, controls):
+        return super().advance(state, np.sign(controls))
+
+
+@dataclass(frozen=True)
 class Makes:
     name: str
     model: type
@@ -83,6 +94,16 @@ class Raises:
 
 
 @dataclass(frozen=True)
+class Both:
+    name: str = "both"
+
+    def fit(self, trace, printer, *, rng):
+        if not np.ptp(trace.commanded_mm, axis=0).all():
+            raise ValueError("0 samples")
+        return NaiveModel(printer)
+
+
+@dataclass(frozen=True)
 class Far:
     """A controller that leaves the range."""
 
@@ -94,7 +115,7 @@ class Far:
 
 
 SAME, NAN, ASKED = Same(), Makes("nan", Nan), Makes("asked", Asked)
-TEXT, RAISES = Makes("text", lambda printer: "x"), Raises()
+TEXT, RAISES, SINGLE, BOTH = Makes("text", lambda printer: "x"), Raises(), Makes("single", Single), Both()
 GREEDY, FAR = Greedy("mine"), Far()
 
 
@@ -235,6 +256,8 @@ def test_bench_takes_a_place(place: Path) -> None:
     [
         ("my_plugin:SAME", True, "learner my_plugin:SAME: "),
         ("my_plugin:NAN", False, "the model's tables: expected finite numbers"),
+        ("my_plugin:SINGLE", False, "predict one step, and multiply"),
+        ("my_plugin:BOTH", False, "learns where one axis rests\n        ValueError: 0 samples"),
         ("slack", True, "family slack: "),
         ("my_plugin:SAG", True, "effect my_plugin:SAG: 10 of 10"),
         ("my_plugin:JOLT", False, "of the columns"),

@@ -77,7 +77,10 @@ class WorldModel(Protocol):
         ...
 
     def advance(self, state: State, controls: np.ndarray) -> State:
-        """Return the states [K] after the controls [K, 2] are applied to ``state`` [1] or [K]."""
+        """Return the states [K] after the controls [K, 2] are applied to ``state`` [1] or [K].
+
+        Planners try controls up to ``c_max``; the ticks of a layer's trace have −1, 0 and 1.
+        """
         ...
 
     def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:

@@ -114,6 +114,31 @@ def rest_changes_nothing(candidate: LearnerCandidate, world: str) -> None:
     np.testing.assert_array_equal(rested.nominal_steps, state.nominal_steps)
 
 
+def longer_controls_move_farther(candidate: LearnerCandidate) -> None:
+    """On a healthy printer a control of c steps moves c steps, also where the trace had single steps alone."""
+    model = candidate.fitted("healthy")
+    for control in (1, -1, 3, -3):
+        moved = model.advance(model.start(START), np.full((1, 2), control)).position_steps[0] - START
+        need(
+            np.abs(moved - control).max() <= 0.5,
+            f"expected a control of {control} to move about {control} full steps an axis, found {moved.round(2)}. "
+            "A trace's ticks have controls of −1, 0 and 1: predict one step, and multiply",
+        )
+
+
+def learns_where_one_axis_rests(candidate: LearnerCandidate) -> None:
+    """A trace along X alone, as measured sets have them, gives a model; Y is as commanded."""
+    twin, x_mm = (
+        printed("pulley", "ender5"),
+        np.concatenate([np.arange(60.0, 160.0, 0.4), np.arange(160.0, 60.0, -0.4)]),
+    )
+    points = np.stack([x_mm, np.full(len(x_mm), 110.0)], axis=1)
+    trace = Trace(points, twin.follow(points))
+    model = fit(candidate.name, trace, twin.printer, rng=np.random.default_rng(0), truth=twin.mechanism)
+    moved = model.advance(model.start(START), np.array([[1, 0]])).position_steps
+    need(np.isfinite(moved).all(), f"expected finite positions, found {moved}")
+
+
 def tables_are_sound(candidate: LearnerCandidate, world: str) -> None:
     """Tables are finite and of the bed's size; branches of play rise and lie the right way round."""
     model = candidate.fitted(world)
@@ -206,6 +231,8 @@ CHECKS: dict[str, Callable[[LearnerCandidate], str | None]] = {
     },
     **{f"advance takes batches ({w})": partial(advance_takes_batches, world=w) for w in WORLDS},
     **{f"rest changes nothing ({w})": partial(rest_changes_nothing, world=w) for w in WORLDS},
+    "longer controls move farther": longer_controls_move_farther,
+    "learns where one axis rests": learns_where_one_axis_rests,
     **{f"tables are sound ({w})": partial(tables_are_sound, world=w) for w in WORLDS},
     **{f"is planned for ({w})": partial(is_planned_for, world=w) for w in ("pulley-play",)},
     "seeds repeat": seeds_repeat,

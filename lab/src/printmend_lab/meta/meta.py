@@ -240,7 +240,7 @@ def _believe(seen: _Seen, place: Place, weights: Mapping[str, np.ndarray]) -> Me
 def _is_sure(phi: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> bool:
     """Say whether what these columns do at the rows is more than its own doubt."""
     effect = phi @ mean
-    return bool(np.mean(effect**2) > SURE_SIGMAS**2 * np.mean(_doubt(phi, covariance)))
+    return bool(np.sum(effect**2) > SURE_SIGMAS**2 * np.sum(_doubt(phi, covariance)))
 
 
 def _touched(
