@@ -61,7 +61,7 @@ class _Group:
 def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = (), lift: Lift | None = None) -> Diagnosis:
     """Return the faults that act in one sentence, motor by motor; ``gaps`` is what the trace could not tell, ``lift``
     what is known of how Z lifts."""
-    faults = list(filter(is_named, faults_of(parts, scene)))
+    faults = faults_of(parts, scene)
     said = {name: [fault.words for fault in faults if fault.part == name] for name in (*scene.printer.motors, "frame")}
     motors = [
         say("motor-has", name.upper(), together(", ", said[name])) if said[name] else say("motor-healthy", name.upper())
@@ -93,8 +93,12 @@ def kind_words(kind: str) -> str:
 
 
 def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:
-    """Return the faults that act, motor by motor and the frame last; one that another effect explains as well says so.
-    Some are too small or too uncertain to be named."""
+    """Name the faults that act, motor by motor and the frame last; one that another effect explains as well says so."""
+    return list(filter(is_named, acting_faults(parts, scene)))
+
+
+def acting_faults(parts: Sequence[Part], scene: Scene) -> list[Fault]:
+    """Return the faults that act, those that are too small or too uncertain for a name, too."""
     groups = _groups(parts)
     beside = [each.found for each in groups]
     found: list[Fault] = []

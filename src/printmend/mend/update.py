@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.diagnosis.named import diagnose, faults_of, is_named, misfits_of
+from printmend.diagnosis.named import acting_faults, diagnose, is_named, misfits_of
 from printmend.diagnosis.screw import Z_SAID, Lift, find_lift, lift_of, renewed_lift
 from printmend.effects import Scene, scene_of
 from printmend.effects.pulley import HARMONICS
@@ -248,7 +248,7 @@ def _acting(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]
         return replace(part, draws_mm=part.draws_mm[:, np.resize(there, DRAWS)]) if len(there) else part
 
     acting = [sure(part) for part in parts if part.acts_mm.any()]
-    return {(fault.part, fault.kind): fault for fault in faults_of(acting, scene)}
+    return {(fault.part, fault.kind): fault for fault in acting_faults(acting, scene)}
 
 
 def _change(was: Fault, new: Fault, sd: float) -> Change:
