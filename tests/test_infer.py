@@ -21,7 +21,7 @@ from printmend.infer.machine import machine_of
 from printmend.infer.normal import inverse_of, log_below
 from printmend.infer.part import DRAWS
 from printmend.infer.posterior import drawn_sets, posterior_of
-from printmend.infer.search import Search
+from printmend.infer.search import Search, searched
 from printmend.learn.learned import learn, learn_model
 from printmend.machine import healthy_mechanism, print_from_home
 from printmend.model.model import LEAST_WAVE_MM
@@ -288,6 +288,26 @@ def test_what_is_given_is_summed_out(rng: np.random.Generator) -> None:
     whole = [search.posterior(((0, 0), (1, 0), *each), 0.8, rounds=0) for each in ((), ((2, 0),))]
     assert more[1].score - more[0].score == pytest.approx(whole[1].score - whole[0].score, rel=1e-9)
     np.testing.assert_allclose(more[1].mean_mm, whole[1].mean_mm[4:], rtol=1e-9)
+
+
+def test_what_changes_play_comes_only_with_play_and_keeps_it(rng: np.random.Generator) -> None:
+    """Motors that turn one way alone see changes of play as an uneven pulley: one cause that may be, another not."""
+    columns = np.hstack([np.ones((40, 1)), rng.standard_normal((40, 2))])
+    blocks = tuple(
+        Block(name, 0, (), slice(b, b + 1), np.full((2, 1), [[1.0], [0.3]]), np.array([-0.5, -0.5]), needs=needs)
+        for b, (name, needs) in enumerate((("play", ()), ("breathing", ("play", "friction")), ("skew", ())))
+    )
+    one = np.ones(40)
+    rows = Rows(np.arange(40), np.ones((40, 2)), columns @ [0.02, 2.0, 0.0] + rng.standard_normal(40), one, one)
+    search = Search(Dictionary(blocks, columns), gram_of(columns, rows, one))
+    assert search.offered(()).tolist() == [0, 2]
+    assert search.offered(((0, 1),)).tolist() == [1, 2]
+    both = ((0, 0), (1, 0))
+    assert search.needed(both, (0, 0))
+    assert not search.needed(both, (1, 0))
+    assert {b for b, _ in searched(search, both, 1.0).members} >= {0, 1}
+    drawn = drawn_sets(search, searched(search, both, 1.0), rng)
+    assert all(1 not in each or 0 in each for each in ({b for b, _ in members} for members in drawn))
 
 
 def test_a_triangle_is_inverted_by_halves(rng: np.random.Generator) -> None:

@@ -28,6 +28,7 @@ class Breathing(Usual):
     of = Of.MACHINE
     acts = Acts.DRIVE
     fate = STAYS
+    needs = ("play", "friction")
     keys = Waves(tuple(range(1, 17)))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

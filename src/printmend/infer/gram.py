@@ -17,6 +17,7 @@ class Block:
     """The columns ``at`` (a slice of the dictionary's) of one effect at one place with one shape.
 
     ``sds_mm`` [V, P] and ``log_odds`` [V] are its alternatives in size; ``positive`` ones of one column are above 0.
+    A set that has it has one of the effects that it ``needs`` at the same place, too.
     """
 
     effect: str
@@ -26,6 +27,7 @@ class Block:
     sds_mm: np.ndarray
     log_odds: np.ndarray
     positive: bool = False
+    needs: tuple[str, ...] = ()
 
     @property
     def slot(self) -> tuple[str, int]:
@@ -129,7 +131,8 @@ def block_of(terms: Sequence[Term]) -> Block:
     """Return the alternatives in size of an effect at one place with one shape, its columns the first."""
     one, sds_mm = terms[0], np.array([term.sd_mm for term in terms])
     log_odds = np.array([term.log_odds for term in terms])
-    return Block(one.effect, one.where, one.shape, slice(0, sds_mm.shape[1]), sds_mm, log_odds, one.positive)
+    at, needs = slice(0, sds_mm.shape[1]), EFFECTS[one.effect].needs
+    return Block(one.effect, one.where, one.shape, at, sds_mm, log_odds, one.positive, needs)
 
 
 @dataclass(frozen=True, eq=False)

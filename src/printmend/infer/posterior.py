@@ -124,7 +124,8 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     known: dict[Set, Gains] = {}
     scores: dict[Set, float] = {}
     for _ in range(STEPS):
-        taken = [*members, None][int(rng.integers(len(members) + 1))]
+        free = [member for member in members if not search.needed((*staying, *members), member)]
+        taken = [*free, None][int(rng.integers(len(free) + 1))]
         others = tuple(sorted(member for member in members if member != taken))
         if others not in known:
             without = search.posterior(others, likeliest.sigma_mm, rounds=0)

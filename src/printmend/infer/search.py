@@ -174,7 +174,22 @@ class Search:
         taken = [b for b, _ in members]
         free = (np.bincount(slot[taken], minlength=len(most)) < most)[slot]
         free[taken] = False
+        there = {self.dictionary.blocks[b].slot for b in taken}
+        for b, slots in self._needing:
+            free[b] &= not there.isdisjoint(slots)
         return np.flatnonzero(free)
+
+    def needed(self, members: Set, member: tuple[int, int]) -> bool:
+        """Tell whether another member needs one, and nothing else there is what it needs."""
+        there = {self.dictionary.blocks[b].slot for b, _ in members if (b, _) != member}
+        taken = {b for b, _ in members}
+        return any(b in taken and there.isdisjoint(slots) for b, slots in self._needing)
+
+    @cached_property
+    def _needing(self) -> list[tuple[int, set[tuple[str, int]]]]:
+        """The blocks that need others, each with the slots of which one must be taken."""
+        blocks = enumerate(self.dictionary.blocks)
+        return [(b, {(name, block.where) for name in block.needs}) for b, block in blocks if block.needs]
 
     @cached_property
     def _slots(self) -> tuple[np.ndarray, np.ndarray]:
@@ -308,9 +323,11 @@ def _exchanged(search: Search, state: State, beside: Beside) -> State | None:
     for at, member in reversed(list(enumerate(state.members))):
         others = (*state.members[:at], *state.members[at + 1 :])
         less = beside.without(member)
-        choice, gain = less.gains(search.offered(others)).without(member).best()
-        members = (*others, choice) if gain > 0 else others
-        if less.score + max(gain, 0.0) > state.score + LEAST_BETTER:
+        stays = search.needed(state.members, member)  # in one size or another
+        offered = np.array([member[0]]) if stays else search.offered(others)
+        choice, gain = less.gains(offered).without(member).best()
+        members = (*others, choice) if stays or gain > 0 else others
+        if less.score + (gain if stays else max(gain, 0.0)) > state.score + LEAST_BETTER:
             tried = search.posterior(members, state.sigma_mm)
             if tried.score > state.score + LEAST_BETTER:
                 return tried

@@ -163,7 +163,7 @@ def _weighed_stories(
     like = story.parts
     dictionary = dictionary_of(places, rows, scene)
     dictionary = replace(  # of changes: play may become less
-        dictionary, blocks=tuple(replace(block, positive=False) for block in dictionary.blocks)
+        dictionary, blocks=tuple(replace(block, positive=False, needs=()) for block in dictionary.blocks)
     )
     old = _columns(like, places, rows, scene)
     always: Set = tuple((b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0)
