@@ -274,7 +274,7 @@ def test_what_the_printer_was_before_is_mended_anew(octoprint: OctoPrint) -> Non
     call(f"{octoprint.url}/api/files/local/o.gcode", headers={"X-Api-Key": KEY}, method="DELETE")
     wait_for(lambda: not octoprint.disk("o.mended.gcode").exists(), "the copy gone with its original")
     learned(model, 0.3)
-    assert octoprint.refuses("mine.gcode", "original is not here any more")
+    assert octoprint.refuses("mine.gcode", "no longer kept")
     learned(model, 0.4)
 
 

@@ -100,7 +100,7 @@ def _blocks_of(scene: Scene, kept: Callable[[Term], bool] | None, effects: tuple
         for term in effect.terms(scene):
             if (kept is None or kept(term)) and _shows(term, scene):
                 grouped.setdefault(term.key, []).append(term)
-    return laid_side_by_side(map(block_of, grouped.values()))
+    return laid_side_by_side(block_of(each, EFFECTS[each[0].effect].needs) for each in grouped.values())
 
 
 def dictionary_of(
@@ -127,12 +127,11 @@ def _shows(term: Term, scene: Scene) -> bool:
     return moved[term.where] if effect.acts is Acts.DRIVE else all(moved)
 
 
-def block_of(terms: Sequence[Term]) -> Block:
+def block_of(terms: Sequence[Term], needs: tuple[str, ...] = ()) -> Block:
     """Return the alternatives in size of an effect at one place with one shape, its columns the first."""
     one, sds_mm = terms[0], np.array([term.sd_mm for term in terms])
     log_odds = np.array([term.log_odds for term in terms])
-    at, needs = slice(0, sds_mm.shape[1]), EFFECTS[one.effect].needs
-    return Block(one.effect, one.where, one.shape, at, sds_mm, log_odds, one.positive, needs)
+    return Block(one.effect, one.where, one.shape, slice(0, sds_mm.shape[1]), sds_mm, log_odds, one.positive, needs)
 
 
 @dataclass(frozen=True, eq=False)
