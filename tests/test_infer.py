@@ -16,12 +16,12 @@ from printmend.effects.sample import drawn_places, drawn_sizes
 from printmend.effects.sized import Sized, frame_of
 from printmend.effects.words import Found
 from printmend.infer.fit import HOME_SD_MM, fitted, weighed
-from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, gram_of, seen
+from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, seen
 from printmend.infer.machine import machine_of
 from printmend.infer.normal import inverse_of, log_below
 from printmend.infer.part import DRAWS
 from printmend.infer.posterior import drawn_sets, posterior_of
-from printmend.infer.search import Search, searched
+from printmend.infer.search import search_of, searched
 from printmend.learn.learned import learn, learn_model
 from printmend.machine import healthy_mechanism, print_from_home
 from printmend.model.model import LEAST_WAVE_MM
@@ -240,7 +240,7 @@ def test_sets_are_drawn_by_their_weight(rng: np.random.Generator) -> None:
                    for b, name in enumerate(names))  # fmt: skip
     one = np.ones(12)
     rows = Rows(np.arange(12), np.ones((12, 2)), error, one, one)
-    search = Search(Dictionary(blocks, columns), gram_of(columns, rows, one))
+    search = search_of(Dictionary(blocks, columns), rows, one)
     every = [tuple((b, 0) for b in range(4) if number >> b & 1) for number in range(16)]
     states = {members: search.posterior(members, 1.0, rounds=0) for members in every}
     weights = np.exp([states[members].score for members in every])
@@ -260,7 +260,7 @@ def test_dropping_a_member_is_as_if_it_had_not_been_there(rng: np.random.Generat
         first += width
     one = np.ones(40)
     rows = Rows(np.arange(40), np.ones((40, 2)), columns @ rng.standard_normal(9) + rng.standard_normal(40), one, one)
-    search = Search(Dictionary(tuple(blocks), columns), gram_of(columns, rows, one))
+    search = search_of(Dictionary(tuple(blocks), columns), rows, one)
     members, offered = ((2, 1), (0, 0), (1, 0)), np.array([0, 3, 4])
     state = search.posterior(members, 1.0, rounds=0)
     less = search.beside(state).without((0, 0))
@@ -282,7 +282,7 @@ def test_what_is_given_is_summed_out(rng: np.random.Generator) -> None:
     )
     one = np.ones(30)
     rows = Rows(np.arange(30), np.ones((30, 2)), columns @ rng.standard_normal(6) + rng.standard_normal(30), one, one)
-    search = Search(Dictionary(blocks, columns), gram_of(columns, rows, one))
+    search = search_of(Dictionary(blocks, columns), rows, one)
     given = search.given(((0, 0),), 0.8).given(((1, 0),), 0.8)
     more = [given.posterior(each, 0.8, rounds=0) for each in ((), ((2, 0),))]
     whole = [search.posterior(((0, 0), (1, 0), *each), 0.8, rounds=0) for each in ((), ((2, 0),))]
@@ -299,7 +299,7 @@ def test_what_changes_play_comes_only_with_play_and_keeps_it(rng: np.random.Gene
     )
     one = np.ones(40)
     rows = Rows(np.arange(40), np.ones((40, 2)), columns @ [0.02, 2.0, 0.0] + rng.standard_normal(40), one, one)
-    search = Search(Dictionary(blocks, columns), gram_of(columns, rows, one))
+    search = search_of(Dictionary(blocks, columns), rows, one)
     assert search.offered(()).tolist() == [0, 2]
     assert search.offered(((0, 1),)).tolist() == [1, 2]
     both = ((0, 0), (1, 0))

@@ -5,9 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
-from printmend.effects.prior import alternatives
+from printmend.effects.prior import alternatives, share_of
 from printmend.effects.words import Fault, Found, amount, motor_name
 from printmend.messages import say
+
+HOME_SD_MM = 0.1  # of an end stop's place: switches scatter by as much
 
 
 class Place(Usual):
@@ -22,7 +24,8 @@ class Place(Usual):
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.placed:  # a measurement without a place has an origin of its own
             for motor in range(2):
-                yield from alternatives(self.name, motor, [()], (scene.home_sd_mm[motor],))
+                sd_mm = scene.home_sd_mm[motor]
+                yield from alternatives(self.name, motor, [()], (sd_mm,), share=_share(sd_mm) if scene.homed else None)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, np.ones((len(places), 1)))
@@ -34,3 +37,9 @@ class Place(Usual):
             value, sd = found.size(lambda sizes: float(sizes[0]))
             words = say("fault-shifted", amount(value, sd))
             yield Fault(motor_name(scene, found.where), "offset", value, sd, "mm", words)
+
+
+def _share(home_sd_mm: float) -> float:
+    """Return the chance that a belt rests elsewhere: the more of its variance is play's, the surer it is."""
+    usual, switch = share_of("place"), min(HOME_SD_MM / home_sd_mm, 1.0) ** 2
+    return usual + (1.0 - usual) * (1.0 - switch)

@@ -18,8 +18,8 @@ from printmend.effects.prior import mild_shares, share_of, size_mm
 from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.effects.teeth import TOOTH_MM
 from printmend.infer.fit import Fit, fitted, weighed
-from printmend.infer.gram import Block, Dictionary, Rows, gram_of, laid_side_by_side, narrowed, seen
-from printmend.infer.search import Search, Set, State
+from printmend.infer.gram import Block, Dictionary, Rows, laid_side_by_side, narrowed, seen
+from printmend.infer.search import Search, Set, State, search_of
 from printmend.path import Trace
 
 # Effects that do not turn, and those that decide where a belt touches.
@@ -138,7 +138,7 @@ class _Beside:
         kept = [one for one in members if blocks[one[0]].effect not in REPEATING or blocks[one[0]].where != self.motor]
         weight = weighed(self.fit.rows, self.fit.left_mm())
         dictionary = self.fit.search.narrowed([b for b, _ in kept]).dictionary
-        search = Search(dictionary, gram_of(dictionary.columns, self.fit.rows, weight))
+        search = search_of(dictionary, self.fit.rows, weight)
         own: Set = tuple((at, variant) for at, (_, variant) in enumerate(kept))
         return search, search.posterior(own, self.fit.state.sigma_mm, rounds=0), weight
 
@@ -158,7 +158,7 @@ class _Beside:
         own = Block("pulley", self.motor, (), slice(0, sizes.shape[1]), sizes, np.zeros(len(sizes)))
         blocks = laid_side_by_side((*search.dictionary.blocks, *[own] * len(turns)))
         columns = np.hstack([search.dictionary.columns, *new])
-        search = search.with_more(Dictionary(blocks, columns), self.fit.rows, weight)
+        search = search_of(Dictionary(blocks, columns), self.fit.rows, weight)
         gains = search.gains(beside, count + np.arange(len(turns))).values.reshape(len(turns), -1)
         likeliest = enumerate(np.argmax(gains, axis=1).tolist(), start=count)
         found = [search.posterior((*beside.members, one), beside.sigma_mm).score for one in likeliest]

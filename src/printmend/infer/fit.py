@@ -8,6 +8,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Places, Scene, Term, columns_of, places_of
 from printmend.effects.effect import SCALE_MM, TIMES_FINER
+from printmend.effects.place import HOME_SD_MM
 from printmend.effects.sized import Sized, guided
 from printmend.infer.gram import (
     Block,
@@ -23,7 +24,7 @@ from printmend.infer.gram import (
     summed,
 )
 from printmend.infer.machine import machine_of
-from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
+from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, search_of, searched
 from printmend.machine import Contacts, Mechanism, contacts_of, healthy_mechanism
 from printmend.metrics.robust import own_share, scale_of, weights_of
 from printmend.path import Trace
@@ -37,7 +38,6 @@ SETTLED_MM = 0.02  # belts that move less from pass to pass change the columns t
 WEIGHINGS = 2  # of rows in each pass
 NEWS, LEAST_NEWS, MOST_NEWS = 0.25, 0.08, 0.99  # share of a wall's place that is news: at first, least, and most
 FEWEST_READ = 4  # with fewer marks a coordinate may look as if it had never been measured
-HOME_SD_MM = 0.1  # of an end stop's place: switches scatter by as much
 BEGUN_WITH = ("place", "scale")  # a search from nothing may explain a pulley's size by a skewed frame, bit by bit
 MOST_LOST_SHARE = 0.5  # of the numbers of one pass that the next must still see
 WORSE = 1.02  # factor by which a pass may leave more than the one before
@@ -261,7 +261,7 @@ def _searched(
     state: State | None = None
     begun = [members] if last is None else []
     for _ in range(WEIGHINGS):
-        search = Search(dictionary, gram_of(dictionary.columns, rows, weight))
+        search = search_of(dictionary, rows, weight)
         # From the beginning, too: what came in beside a shape that was too coarse need not come beside a finer one.
         starts = dict.fromkeys([members, *begun])
         state = max((searched(search, each, sigma_mm) for each in starts), key=lambda each: each.score)
@@ -329,14 +329,14 @@ def _finer(
         dictionary = with_finer(among.dictionary, own, round_, places, rows, scene)
         if dictionary is among.dictionary:
             break
-        among = among.with_more(dictionary, rows, weight)
+        among = search_of(dictionary, rows, weight)
         found = searched(among, own, sigma_mm)
         own, sigma_mm = found.members, found.sigma_mm
     blocks, columns = among.dictionary.blocks[len(members) :], among.dictionary.columns[:, first:]
     if not blocks:
         return search, state
     whole = laid_side_by_side((*search.dictionary.blocks, *blocks))
-    search = search.with_more(Dictionary(whole, np.hstack([search.dictionary.columns, columns])), rows, weight)
+    search = search_of(Dictionary(whole, np.hstack([search.dictionary.columns, columns])), rows, weight)
     if own == start:
         return search, state
     numbers = [*members, *range(len(whole) - len(blocks), len(whole))]

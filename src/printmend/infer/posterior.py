@@ -118,13 +118,17 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     seldom goes where two members have to change at once, and then stays there for long.
     """
     blocks, sure = _beside(search, likeliest)
-    staying: Set = tuple((blocks.index(b), variant) for b, variant in sure)
-    members: Set = tuple((blocks.index(b), variant) for b, variant in likeliest.members if (b, variant) not in sure)
-    search = search.narrowed(blocks).given(staying, likeliest.sigma_mm)
+    search = search.narrowed(blocks)
+    members: Set = tuple((blocks.index(b), variant) for b, variant in likeliest.members)
+    sure = tuple((blocks.index(b), variant) for b, variant in sure)
+    # What is above 0 is not summed out: a set may ask for less, and its score has to say so.
+    staying: Set = tuple(member for member in sure if not search.dictionary.blocks[member[0]].positive)
+    members = tuple(member for member in members if member not in staying)
+    search = search.given(staying, likeliest.sigma_mm)
     known: dict[Set, Gains] = {}
     scores: dict[Set, float] = {}
     for _ in range(STEPS):
-        free = [member for member in members if not search.needed((*staying, *members), member)]
+        free = [one for one in members if one not in sure and not search.needed((*staying, *members), one)]
         taken = [*free, None][int(rng.integers(len(free) + 1))]
         others = tuple(sorted(member for member in members if member != taken))
         if others not in known:

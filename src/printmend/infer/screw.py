@@ -15,8 +15,8 @@ import numpy as np
 
 from printmend.effects.prior import alternatives, lift_rests
 from printmend.errors import TraceError
-from printmend.infer.gram import Block, Dictionary, Rows, block_of, gram_of, laid_side_by_side
-from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State
+from printmend.infer.gram import Block, Dictionary, Rows, block_of, laid_side_by_side
+from printmend.infer.search import LEAST_SIGMA_MM, Set, State, search_of
 from printmend.machine.kernels import run
 from printmend.messages import say
 from printmend.metrics.robust import scale_of, weights_of
@@ -76,7 +76,7 @@ def _fitted(
         rows = Rows(
             np.arange(len(wanted_mm)), np.zeros((len(wanted_mm), 2)), wanted_mm, weight, np.ones(len(wanted_mm))
         )
-        search = Search(Dictionary(blocks, design), gram_of(design, rows, weight))
+        search = search_of(Dictionary(blocks, design), rows, weight)
         state = max(
             (search.posterior(members, sigma_mm) for members in _sets(blocks, turns)), key=lambda each: each.score
         )

@@ -133,10 +133,6 @@ class Search:
         some = Dictionary(laid_side_by_side(blocks[b] for b in numbers), self.dictionary.columns[:, columns])
         return Search(some, self.gram.some(columns))
 
-    def with_more(self, dictionary: Dictionary, rows: Rows, weight: np.ndarray) -> "Search":
-        """Return the search in a dictionary whose first columns are this one's, for the rows of these weights."""
-        return Search(dictionary, gram_of(dictionary.columns, rows, weight))
-
     @cached_property
     def groups(self) -> list["_Group"]:
         """The blocks of each width and sign."""
@@ -197,6 +193,11 @@ class Search:
         slots: dict[tuple[str, int], int] = {}
         numbers = [slots.setdefault(block.slot, len(slots)) for block in self.dictionary.blocks]
         return np.array(numbers, np.int64), np.array([EFFECTS[name].most for name, _ in slots])
+
+
+def search_of(dictionary: Dictionary, rows: Rows, weight: np.ndarray) -> Search:
+    """Return the search in a dictionary for rows of these weights [M]."""
+    return Search(dictionary, gram_of(dictionary.columns, rows, weight))
 
 
 @dataclass(frozen=True, eq=False)
