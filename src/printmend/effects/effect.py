@@ -186,11 +186,6 @@ class Effect(Protocol):
         """How many terms of this effect one place may have."""
         ...
 
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """Effects of which one must be at the same place: this one only changes what they do."""
-        ...
-
     def terms(self, scene: Scene) -> Iterator[Term]:
         """Yield the terms that a machine may have, each with its prior: the same ones for equal scenes."""
         ...
@@ -210,7 +205,6 @@ class Usual:
 
     from_home = True
     most = 1
-    needs: tuple[str, ...] = ()
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         return iter(())

@@ -100,7 +100,7 @@ def _blocks_of(scene: Scene, kept: Callable[[Term], bool] | None, effects: tuple
         for term in effect.terms(scene):
             if (kept is None or kept(term)) and _shows(term, scene):
                 grouped.setdefault(term.key, []).append(term)
-    return laid_side_by_side(block_of(each, EFFECTS[each[0].effect].needs) for each in grouped.values())
+    return laid_side_by_side(block_of(each, getattr(EFFECTS[each[0].effect], "needs", ())) for each in grouped.values())
 
 
 def dictionary_of(
