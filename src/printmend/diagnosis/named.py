@@ -235,6 +235,7 @@ def _plain(found: Found) -> str:
 
 
 def is_named(fault: Fault) -> bool:
+    """Tell whether a fault is large enough, and sure enough, to have a name."""
     return abs(fault.value) > max(NAMED_SIGMAS * fault.sd, LEAST.get(fault.unit, 0.0))
 
 

@@ -117,13 +117,13 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     score (Gibbs sampling). Members that nothing replaces stay. How often the chain is somewhere counts for nothing: it
     seldom goes where two members have to change at once, and then stays there for long.
     """
-    blocks, sure = _beside(search, likeliest)
+    blocks, certain = _beside(search, likeliest)
+    number = {b: at for at, b in enumerate(blocks)}
+    every, sure = (tuple((number[b], variant) for b, variant in some) for some in (likeliest.members, certain))
     search = search.narrowed(blocks)
-    members: Set = tuple((blocks.index(b), variant) for b, variant in likeliest.members)
-    sure = tuple((blocks.index(b), variant) for b, variant in sure)
     # What is above 0 is not summed out: a set may ask for less, and its score has to say so.
     staying: Set = tuple(member for member in sure if not search.dictionary.blocks[member[0]].positive)
-    members = tuple(member for member in members if member not in staying)
+    members: Set = tuple(member for member in every if member not in staying)
     search = search.given(staying, likeliest.sigma_mm)
     known: dict[Set, Gains] = {}
     scores: dict[Set, float] = {}

@@ -76,10 +76,8 @@ class Search:
 
     def posterior(self, members: Set, sigma_mm: float, *, rounds: int = 3) -> State:
         """Return the posterior of a set, the noise found by ``rounds`` of expectation and maximisation."""
-        blocks = self.dictionary.blocks
-        columns = _columns_of(blocks[b] for b, _ in members)
-        sd = np.concatenate([blocks[b].sds_mm[v] for b, v in members] or [np.zeros(0)])
-        odds = sum(float(blocks[b].log_odds[v]) for b, v in members)
+        columns, sd = self._prior_of(members)
+        odds = sum(float(self.dictionary.blocks[b].log_odds[v]) for b, v in members)
         matrix, slope = self.gram.between(columns, columns), self.gram.slope[columns]
         scaled, scaled_slope = matrix * np.outer(sd, sd), slope * sd
         newer = max(sigma_mm, LEAST_SIGMA_MM) ** 2
@@ -121,10 +119,15 @@ class Search:
 
     def given(self, members: Set, sigma_mm: float) -> "Search":
         """Return the search beside members that stay, whatever their sizes: these are summed out."""
-        columns = _columns_of(self.dictionary.blocks[b] for b, _ in members)
-        sd = np.concatenate([self.dictionary.blocks[b].sds_mm[v] for b, v in members] or [np.zeros(0)])
+        columns, sd = self._prior_of(members)
         gram, _, _ = self.gram.summed_out(columns, np.zeros(len(sd)), np.diag(sd), sigma_mm)
         return replace(self, gram=gram)
+
+    def _prior_of(self, members: Set) -> tuple[np.ndarray, np.ndarray]:
+        """Return the numbers of a set's columns [A] and the standard deviations of their sizes [A]."""
+        blocks = self.dictionary.blocks
+        columns = _columns_of(blocks[b] for b, _ in members)
+        return columns, np.concatenate([np.zeros(0), *(blocks[b].sds_mm[v] for b, v in members)])
 
     def narrowed(self, numbers: Sequence[int]) -> "Search":
         """Return the search among some blocks alone, in this order."""
@@ -177,7 +180,7 @@ class Search:
 
     def needed(self, members: Set, member: tuple[int, int]) -> bool:
         """Tell whether another member needs one, and nothing else there is what it needs."""
-        there = {self.dictionary.blocks[b].slot for b, _ in members if (b, _) != member}
+        there = {self.dictionary.blocks[one[0]].slot for one in members if one != member}
         taken = {b for b, _ in members}
         return any(b in taken and there.isdisjoint(slots) for b, slots in self._needing)
 
