@@ -180,13 +180,34 @@ def test_corrections_undo_what_came_out():
     assert values["superslicer"]["first_layer_size_compensation"] == "-0.15"
 
 
+CORRECTING = (
+    b"; OrcaSlicer 2\n; xy_contour_compensation = -0.1\n; xy_hole_compensation = 0.07\n"
+    b"; elefant_foot_compensation = 0.2\n"
+)  # fmt: skip
+
+
+def test_what_a_file_corrects_already_is_not_corrected_twice():
+    """Its paths hold its corrections: a part that came out as it was drawn stands off them by as much, inwards."""
+    file = sliced(CORRECTING)
+    right = wanted(estimate_of(side(1, 0.3, 0.27), side(9, 0.1, 0.07)), file)
+    assert right == Wanted(-0.1, -0.07, 0.2, 0.0)
+    for sides in ([side(1, 0.24, 0.31), side(9, 0.05, 0.12)], [side(9, 0.05, 0.12)], [side(1, 0.4, 0.3)]):
+        found = estimate_of(*sides)
+        corrections = wanted(found, file)
+        for one in sides:
+            drawn, after = after_size_mm(one, 0, found, file, corrections, SLICERS["orcaslicer"])
+            assert after == pytest.approx(drawn, abs=0.02)
+            foot = corrections.foot_mm if one.layer == 1 else 0.0
+            assert corrections.hole_mm - foot == pytest.approx(-one.hole_mm, abs=0.01)
+
+
 def test_what_a_file_corrects_already_is_kept():
     file = sliced(b"; OrcaSlicer 2\n; xy_contour_compensation = -0.02\n; xy_hole_compensation = 0.1\n"
                   b"; elefant_foot_compensation = 0.15\n; filament_shrink = 99.5%\n")  # fmt: skip
     assert (file.outline_mm, file.hole_mm, file.foot_mm) == (-0.02, -0.1, 0.15)
     assert file.shrinkage == pytest.approx(0.005)
     corrections = wanted(estimate_of(side(9, 0.03, 0.05), scale=(-0.005, -0.005)), file)
-    assert (corrections.outline_mm, corrections.hole_mm, corrections.foot_mm) == (-0.05, -0.15, 0.15)
+    assert (corrections.outline_mm, corrections.hole_mm, corrections.foot_mm) == (-0.02, -0.05, 0.15)
 
 
 @pytest.mark.parametrize(

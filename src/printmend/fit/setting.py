@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from printmend.fit.estimate import RANGE, Estimate
+from printmend.fit.estimate import RANGE, Estimate, Side
 from printmend.gcode.sliced import Sliced
 
 STEP_MM = 0.01  # in which a length is typed
@@ -53,21 +53,25 @@ class Slicer:
 
 
 def wanted(estimate: Estimate, file: Sliced) -> Wanted:
-    """Return the corrections that an estimate asks for; what is not surely off stays as the file has it."""
+    """Return the corrections that an estimate asks for; what is not surely off what was drawn stays as the file has it.
+
+    An estimate counts from the file's paths, which its own corrections have pushed already.
+    """
     first, upper = estimate.first, estimate.upper
     outline, hole, foot = file.outline_mm, file.hole_mm, file.foot_mm
     if upper is not None:
-        outline -= _sure(upper.outline_mm, upper.outline_sd_mm)
+        outline -= _sure(_outline_off_mm(upper, file), upper.outline_sd_mm)
         if upper.hole_mm is not None:
-            hole -= _sure(upper.hole_mm, upper.hole_sd_mm)
+            hole -= _sure(_hole_off_mm(upper, file), upper.hole_sd_mm)
         if first is not None and estimate.foot_mm is not None:
-            foot = max(foot + _sure(*estimate.foot_mm), 0.0)
+            foot_mm, sd_mm = estimate.foot_mm
+            foot = max(foot + _sure(foot_mm - file.foot_mm, sd_mm), 0.0)
     elif first is not None:  # what stands out there is taken for the foot; what falls short is no foot
-        off = _sure(first.outline_mm, first.outline_sd_mm)
+        off = _sure(_outline_off_mm(first, file), first.outline_sd_mm)
         foot = max(foot + off, 0.0)
         outline -= off - (foot - file.foot_mm)
         if first.hole_mm is not None:
-            beyond = _sure(first.hole_mm - first.outline_mm, first.extra_sd_mm)
+            beyond = _sure(_hole_off_mm(first, file) - _outline_off_mm(first, file), first.extra_sd_mm)
             hole -= beyond + (file.outline_mm - outline)
     shares = [-scale for scale in estimate.scale]
     both = (shares[0] + shares[1]) / 2
@@ -75,6 +79,16 @@ def wanted(estimate: Estimate, file: Sliced) -> Wanted:
     is_sure = abs(both - file.shrinkage) > max(RANGE * sd, LEAST_SHARE)
     shrinkage = both if is_sure and abs(both) > LEAST_SHARE else file.shrinkage
     return Wanted(_step(outline), _step(hole), _step(foot), round(shrinkage, 4) + 0.0)
+
+
+def _outline_off_mm(side: Side, file: Sliced) -> float:
+    """Return how far outlines came out beyond what was drawn."""
+    return file.outward_mm(hole=False, layer=side.layer) + side.outline_mm
+
+
+def _hole_off_mm(side: Side, file: Sliced) -> float:
+    """Return how far walls stand into holes beyond what was drawn."""
+    return file.outward_mm(hole=True, layer=side.layer) + (side.hole_mm or 0.0)
 
 
 def _step(value_mm: float) -> float:
