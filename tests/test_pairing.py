@@ -3,6 +3,7 @@
 import contextlib
 import json
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ import uvicorn
 from click.testing import CliRunner
 
 from printmend import client
-from printmend.cli.main import group
+from printmend.cli.main import group, main
 from printmend.client import Studio, StudioError, pair_file
 from printmend.corruption import Corruption, Drive, Play
 from printmend.errors import InputError
@@ -100,6 +101,16 @@ def test_a_paired_host_has_the_model_and_each_newer_one(folder: Path, tmp_path: 
     pair_file(model).unlink()
     with pytest.raises(InputError, match="paired with a studio"):
         client.update(model)
+
+
+def test_the_terminal_says_why_a_studio_does_not_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["printmend", "pair", "http://127.0.0.1:1", "123456", "-m", str(tmp_path / "m")])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.startswith("printmend: http://127.0.0.1:1: wanted a studio, got ")
 
 
 def test_no_code_can_be_guessed_and_none_is_good_for_long(monkeypatch: pytest.MonkeyPatch) -> None:

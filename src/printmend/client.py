@@ -30,10 +30,7 @@ class StudioError(PrintmendError):
 
     def __init__(self, words: str) -> None:
         super().__init__("studio", wanted="", came="", todo="")
-        self.args = (words,)
-
-    def __str__(self) -> str:
-        return str(self.args[0])
+        self.message, self.args = words, (words,)
 
 
 class Studio:

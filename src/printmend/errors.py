@@ -44,7 +44,7 @@ class PrintmendError(Exception):
         parts = (self.subject, wanted, came, todo)
         a, b, c, d = map(_line, parts)
         name, english = self.frame
-        self.message = said(name, {"a": a, "b": b, "c": c, "d": d}, english.format(a, b, c, d))
+        self.message: str = said(name, {"a": a, "b": b, "c": c, "d": d}, english.format(a, b, c, d))
         super().__init__(str(self.message))
 
     def __reduce__(self) -> tuple[Any, ...]:
