@@ -265,16 +265,22 @@ def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndar
     last = np.maximum.accumulate(np.where(step > 0, np.arange(len(step)), 0))
     return Places(
         motor_mm=np.take_along_axis(motor, at, axis=0),
-        side=np.where(contact_row >= 0, side, 0).astype(float),
+        side=np.where(contact_row >= 0, side, 0).astype(np.float32),
         bed_mm=bed_mm,
-        ways=np.stack([last_way(axis) for axis in trace.commanded_mm.T], axis=1).astype(float),
-        turned=np.stack([last_way(axis) for axis in motor.T], axis=1).astype(float),
-        done=np.cumsum(step) / max(scene.way_mm, 1e-9),
+        ways=np.stack([last_way(axis) for axis in trace.commanded_mm.T], axis=1).astype(np.float32),
+        turned=np.stack([last_way(axis) for axis in motor.T], axis=1).astype(np.float32),
+        done=done_of(trace, scene),
         move_mm=step,
-        normal=np.zeros((len(step), 2)) if trace.normal is None else np.nan_to_num(trace.normal),
+        normal=np.broadcast_to(0.0, (len(step), 2)) if trace.normal is None else np.nan_to_num(trace.normal),
         z_mm=None if trace.z_mm is None else np.nan_to_num(trace.z_mm, nan=scene.printer.z.home_mm),
         heading=moves[last] / np.maximum(step[last, None], 1e-9),
     )
+
+
+def done_of(trace: Trace, scene: Scene) -> np.ndarray:
+    """Return the length printed before each row [N], over that of the measured print."""
+    moves = np.diff(trace.commanded_mm, axis=0, prepend=trace.commanded_mm[:1])
+    return np.cumsum(np.hypot(*moves.T)) / max(scene.way_mm, 1e-9)
 
 
 def scene_of(trace: Trace, printer: Printer, turns_mm: tuple[float, float]) -> Scene:

@@ -185,8 +185,10 @@ def _framed(frame: Frame, printer: Printer, parts: list[Sized]) -> Frame:
 def guided(places: Places, path_mm: np.ndarray, parts: Sequence[Sized]) -> Places:
     """Return the places of a path [N, 2] whose ways are those of the head: where a guide has play, a short move back
     does not turn its way round."""
-    ways = places.ways.copy()
-    for part in parts:
-        if part.effect == "lag" and part.sizes_mm[0] > 0:
-            ways[:, part.where] = share_behind(path_mm[:, part.where], float(part.sizes_mm[0]))
+    lags = [part for part in parts if part.effect == "lag" and part.sizes_mm[0] > 0]
+    if not lags:
+        return places
+    ways = places.ways.astype(float)
+    for part in lags:
+        ways[:, part.where] = share_behind(path_mm[:, part.where], float(part.sizes_mm[0]))
     return replace(places, ways=ways)

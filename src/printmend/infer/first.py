@@ -14,6 +14,7 @@ import numpy as np
 
 from printmend.effects import Places, Scene, Term
 from printmend.effects.breathing import HARMONICS as BREATHS
+from printmend.effects.effect import done_of
 from printmend.effects.prior import mild_shares, share_of, size_mm
 from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.effects.teeth import TOOTH_MM
@@ -65,14 +66,16 @@ def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
     """Return a fit of few effects, in whose scene the motors' turns are as long as the trace says, and the trace as the
     motors really went: where one lost steps, its pulley turned by less. Each length is judged at its own contacts, and
     so is play: a loose nozzle resembles it where belts are thought to touch everywhere."""
-    still = fitted(trace, scene, kept=among(STILL), quick=True)
+
+    def told(scene: Scene, before: Fit | None, names: tuple[str, ...] = FEW) -> Fit:
+        fit = fitted(trace, scene, before, kept=among(names), quick=True)
+        places, rows = narrowed(fit.places, fit.rows)
+        return replace(fit, places=places, rows=rows)
+
+    still = told(scene, None, STILL)
     if any(block.effect == "loose" for block in still.blocks):
         tight = tuple(name for name in STILL if name != "loose")
-        still = max(still, fitted(trace, scene, kept=among(tight), quick=True), key=lambda fit: fit.state.score)
-
-    def told(scene: Scene, before: Fit) -> Fit:
-        return fitted(trace, scene, before, kept=among(FEW), quick=True)
-
+        still = max(still, told(scene, None, tight), key=lambda fit: fit.state.score)
     best, odds = told(scene, still), 0.0
     for round_, base in enumerate((still, None)):
         rivals = [rival for motor in range(2) if (rival := _rival(base or best, motor, near=round_ > 0)) is not None]
@@ -91,7 +94,8 @@ def _as_turned(trace: Trace, fit: Fit) -> Trace:
         turns, teeth = (part.sizes_mm[0] / (count * axis.mm_per_step) for count in (LOST_STEPS, TOOTH_STEPS))
         off, other = (abs(each - round(each)) * count for each, count in ((turns, LOST_STEPS), (teeth, TOOTH_STEPS)))
         if part.effect == "skip" and off < other and off * axis.mm_per_step < ALIKE_MM:
-            lost_mm[fit.places.done > part.shape[0], part.where] += round(turns) * LOST_STEPS * axis.mm_per_step
+            after = done_of(trace, fit.scene) > part.shape[0]
+            lost_mm[after, part.where] += round(turns) * LOST_STEPS * axis.mm_per_step
     if not lost_mm.any():
         return trace
     return replace(trace, commanded_mm=trace.commanded_mm + fit.scene.printer.from_motor(lost_mm))

@@ -132,6 +132,7 @@ def fitted(
         turns_mm = [] if trace.wall_rows.any() else [part.sizes_mm[0] for part in parts if part.effect == "turn"]
         turned_rad = math.atan(sum(turns_mm) / SCALE_MM)
     assert fit is not None
+    del contacts, places, rows  # of a long trace they take more than all the rest
     return fit if quick else _on_all_marks(fit, turned_back(whole, fit.turned_rad, scene))
 
 
@@ -168,6 +169,8 @@ def _turned_mm(places: Places, by_rad: float, scene: Scene) -> np.ndarray:
 
 def _with_turn(rows: Rows, places: Places, by_rad: float, scene: Scene) -> Rows:
     """Return rows of a trace that was turned back with the turn as a linear effect: sets without it are rivals."""
+    if not by_rad:
+        return rows
     few, here = narrowed(places, rows)
     more_mm = np.einsum("mc,mc->m", here.along, _turned_mm(few, by_rad, scene)[here.mark])
     return replace(rows, error_mm=rows.error_mm + more_mm)
