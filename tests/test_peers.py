@@ -171,11 +171,11 @@ def test_prandtl_ishlinskii_weights_are_found(rng: np.random.Generator) -> None:
     motor = zigzag(rng, pitch_mm=0.05)
     weights = np.array([0, 0.2, 0, 0.1, 0, 0, 0.15, 0, 0, 0.05])
     truth = PrandtlIshlinskii(0.6, 0.8 * np.arange(1, 11) / 10, weights)
-    found = fitted_operator(rows_of(motor, truth.run(motor)), 0.8)
+    rows = rows_of(motor, truth.run(motor))
+    found = fitted_operator(rows, truth.radii_mm, lags(rows, truth.radii_mm))
     assert found.gain == pytest.approx(0.6, abs=1e-9)
     np.testing.assert_allclose(found.weights, weights, atol=1e-9)
-    element = prandtl_element(rows_of(motor, truth.run(motor)))
-    rows = rows_of(motor, truth.run(motor))
+    element = prandtl_element(rows)
     left = followed_element(element, rows) - rows.error_mm
     assert np.std(left) < 0.01
 

@@ -9,6 +9,7 @@ from non-negative least squares, and how wide the thresholds reach from held-out
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -64,28 +65,38 @@ class PrandtlIshlinskii:
         return np.asarray((self.gain + self.weights.sum() - 1.0) * motor_mm + lag)
 
 
-def fitted_operator(rows: MotorRows, reach_mm: float) -> PrandtlIshlinskii:
-    """Fit an operator whose widest threshold is ``reach_mm``; a bare gain for 0."""
+def thresholds_mm(reach_mm: float) -> np.ndarray:
+    """Return the thresholds [R] of which the widest is ``reach_mm``; none for 0."""
+    return reach_mm * np.arange(1, _THRESHOLDS + 1) / _THRESHOLDS if reach_mm else np.zeros(0)
+
+
+def fitted_operator(rows: MotorRows, radii_mm: np.ndarray, lags_mm: np.ndarray) -> PrandtlIshlinskii:
+    """Fit an operator with the thresholds ``radii_mm`` [R], whose `lags` along the rows' path are ``lags_mm`` [N, R]; a
+    bare gain for none."""
     from scipy.optimize import nnls
 
-    radii = reach_mm * np.arange(1, _THRESHOLDS + 1) / _THRESHOLDS if reach_mm else np.zeros(0)
     motor = rows.motor_mm[:, None]
-    columns = rows.centred(np.concatenate([motor, motor + lags(rows, radii)], axis=1))
+    columns = rows.centred(np.concatenate([motor, motor + lags_mm], axis=1))
     target = rows.centred(rows.error_mm) + (1 - LEAST_GAIN) * columns[:, 0]
     basis, triangle = np.linalg.qr(columns)  # the same problem in as few rows as there are operators
     weights = nnls(triangle, basis.T @ target)[0]
-    return PrandtlIshlinskii(LEAST_GAIN + float(weights[0]), radii, weights[1:])
+    return PrandtlIshlinskii(LEAST_GAIN + float(weights[0]), radii_mm, weights[1:])
 
 
 def prandtl_element(rows: MotorRows) -> Element:
     """Return the operator that predicts held-out blocks best."""
 
+    @cache
+    def table(reach_mm: float) -> tuple[np.ndarray, np.ndarray]:  # of the path, whichever rows are measured
+        radii = thresholds_mm(reach_mm)
+        return radii, lags(rows, radii)
+
     def fit(some: MotorRows, reach_mm: float) -> np.ndarray:
-        operator = fitted_operator(some, reach_mm)
-        lag = lags(rows, operator.radii_mm)
+        radii, lag = table(reach_mm)
+        operator = fitted_operator(some, radii, lag)
         return np.asarray((operator.gain + operator.weights.sum() - 1) * rows.motor_mm + lag @ operator.weights)
 
-    return fitted_operator(rows, chosen(rows, (0.0, *_REACHES_MM), fit))
+    return fitted_operator(rows, *table(chosen(rows, (0.0, *_REACHES_MM), fit)))
 
 
 @dataclass(frozen=True)
