@@ -42,6 +42,6 @@ def test_the_controller_keeps_what_it_must() -> None:
 
 
 def test_the_problem_is_played_by_name() -> None:
-    found = runpy.run_path(str(EXAMPLES / "one_print.py"))["scores"]("play", "damaged", scenes=2)
+    found = runpy.run_path(str(EXAMPLES / "one_print.py"))["scores"]("play", "damaged", scenes=1)
     assert list(found) == ["Naive", "printmend", "greybox", "meta"]
     assert abs(found["Naive"]).max() < 1e-9 < found["greybox"].min()
