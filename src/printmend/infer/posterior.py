@@ -5,6 +5,7 @@ likeliest comes by (Madigan & York 1995). A draw is one of these sets, with size
 the likeliest set acts where its mean lowers the expected square of the drawn machines' errors.
 """
 
+from bisect import bisect
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -135,8 +136,9 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
             without = search.posterior(others, likeliest.sigma_mm, rounds=0)
             known[others] = search.gains(without, search.offered((*staying, *others))).above(LEAST_LOG_WEIGHT)
             scores[others] = without.score
-            for (b, variant), gain in zip(known[others].keys.tolist(), known[others].values.tolist(), strict=True):
-                scores[tuple(sorted((*others, (b, variant))))] = without.score + gain
+            for key, gain in zip(map(tuple, known[others].keys.tolist()), known[others].values.tolist(), strict=True):
+                at = bisect(others, key)
+                scores[*others[:at], key, *others[at:]] = without.score + gain
         gains = np.append(known[others].values, 0.0)
         choice = int(np.argmax(gains + rng.gumbel(size=len(gains))))  # the largest is one drawn by its weight
         chosen = known[others].keys[choice : choice + 1].tolist()  # none where it is the last

@@ -114,7 +114,9 @@ class Search:
         information = []
         for group, own in zip(self.groups, self._own, strict=True):
             told = own / variance
-            information.append(told - products(half, group.columns) if len(half) else told)
+            if len(half):
+                told -= products(half, group.columns)
+            information.append(told)
         return Beside(self, state, state.score, state.root.T @ half, tuple(information), slope)
 
     def given(self, members: Set, sigma_mm: float) -> "Search":
@@ -227,12 +229,12 @@ class Beside:
             mine = chosen[group.blocks]
             if not mine.any():
                 continue
-            told, slope, sds = information[mine], self.slope[group.columns[mine]], group.sds_mm[mine]
-            gains = _gains(told, slope, sds) + group.log_odds[mine]
+            # all of a group: hardly any is not offered, and picking costs more than their gains
+            slope = self.slope[group.columns]
+            gains = _gains(information, slope, group.sds_mm) + group.log_odds
             if group.positive:
-                gains += _halved(told, slope, sds)
-            which = np.repeat(group.blocks[mine], sds.shape[1]), np.tile(np.arange(sds.shape[1]), int(mine.sum()))
-            found.append((np.stack(which, axis=1), gains.ravel()))
+                gains += _halved(information, slope, group.sds_mm)
+            found.append((group.keys[mine].reshape(-1, 2), gains[mine].ravel()))
         if not found:
             return Gains(np.zeros((0, 2), np.int64), np.zeros(0))
         return Gains(np.concatenate([keys for keys, _ in found]), np.concatenate([gains for _, gains in found]))
@@ -273,6 +275,11 @@ class _Group:
     sds_mm: np.ndarray
     log_odds: np.ndarray
     positive: bool
+
+    @cached_property
+    def keys(self) -> np.ndarray:
+        """The block and the number of each alternative [B, V, 2]."""
+        return np.stack(np.broadcast_arrays(self.blocks[:, None], np.arange(self.sds_mm.shape[1])), axis=2)
 
 
 def _halved(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.ndarray:
