@@ -18,6 +18,7 @@ from printmend.cli.main import group, main
 from printmend.client import Studio, StudioError, pair_file
 from printmend.corruption import Corruption, Drive, Play
 from printmend.errors import InputError
+from printmend.messages import GERMAN, translated
 from printmend.model import exact_model, write_model
 from printmend.printer import read_printer
 from printmend.provenance import read_model
@@ -25,6 +26,7 @@ from printmend.studio import guard, pairing
 from printmend.studio.app import create_app
 from printmend.studio.devices import Devices
 from printmend.studio.jobs import Jobs
+from printmend.studio.places import Places
 from printmend.twin import Twin
 
 PRINTER = read_printer("ender3")
@@ -37,8 +39,8 @@ def _served(folder: Path) -> Iterator[tuple[str, str]]:
     token = devices.add("desk")
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
-        config = uvicorn.Config(create_app(folder, workers=1, devices=devices), log_level="error", http=guard.Door,
-                                timeout_graceful_shutdown=1)  # fmt: skip
+        app = create_app(Places.below(folder), workers=1, devices=devices)
+        config = uvicorn.Config(app, log_level="error", http=guard.Door, timeout_graceful_shutdown=1)
         server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
         thread.start()
@@ -110,7 +112,28 @@ def test_the_terminal_says_why_a_studio_does_not_answer(
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2
-    assert capsys.readouterr().err.startswith("printmend: http://127.0.0.1:1: wanted a studio, got ")
+    told = "http://127.0.0.1:1: expected a studio, found nobody answers there; is it running?"
+    assert capsys.readouterr().err == f"printmend: {told}\n"
+
+
+def test_what_a_studio_answers_is_known_in_german(folder: Path) -> None:
+    with _served(folder) as (address, token):
+        studio = Studio(address, token=token)
+        for asked, words in (
+            (lambda: Studio(address).get("/printers"), "Dieses Studio braucht seinen Schlüssel"),
+            (lambda: studio.get("/jobs/" + "0" * 16), "gebraucht: ein Auftrag dieses Studios"),
+            (lambda: Studio(address).fetch_model(folder / "m"), "Dieser Rechner ist nicht gekoppelt"),
+        ):
+            with pytest.raises(StudioError) as refused:
+                asked()
+            assert words in translated(refused.value.message, GERMAN)
+    for where, words in (
+        (address, "gebraucht: ein Studio; gefunden: niemand antwortet dort. Läuft es?"),
+        ("http://nobody.invalid", "gefunden: niemand kennt diesen Namen. Läuft es?"),
+    ):
+        with pytest.raises(StudioError) as refused:
+            Studio(where).get("/printers")
+        assert translated(refused.value.message, GERMAN).endswith(words)
 
 
 def test_no_code_can_be_guessed_and_none_is_good_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,7 +163,9 @@ def test_a_body_that_drips_in_is_ended(folder: Path, monkeypatch: pytest.MonkeyP
         begun_s = time.monotonic()
         with socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2])), timeout=10) as asker:
             host, kind = address.removeprefix("http://"), "Content-Type: application/json\r\nContent-Length: 1000"
-            head = f"POST /api/play/preview HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {token}\r\n{kind}\r\n\r\n"
+            head = (
+                f"POST /api/v1/play/preview HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {token}\r\n{kind}\r\n\r\n"
+            )
             asker.sendall(head.encode())
             answer = b""
             asker.settimeout(0.05)

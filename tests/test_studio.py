@@ -60,6 +60,7 @@ from printmend.studio.host import Host, checked_address, find_host
 from printmend.studio.jobs import Jobs
 from printmend.studio.next_print import next_print
 from printmend.studio.pace import busiest, slicer_s
+from printmend.studio.places import Places
 from printmend.studio.play import Faults, preview
 from printmend.studio.scene import (
     MOST_POINTS,
@@ -90,44 +91,44 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def _client(folder: Path, **options: object) -> TestClient:
-    return TestClient(create_app(folder, workers=1, **options), base_url=HERE)  # type: ignore[arg-type]
+    return TestClient(create_app(Places.below(folder), workers=1, **options), base_url=HERE)  # type: ignore[arg-type]
 
 
 def test_only_this_computer_and_its_own_pages_may_talk_to_it(folder: Path) -> None:
     with _client(folder) as client:
-        assert client.get("/api/health").json()["waiting"] == 0
+        assert client.get("/api/v1/health").json()["waiting"] == 0
         for host in ("evil.example", "127.0.0.1.evil.example:8765", "", "[::1", "127.0.0.1@evil.example"):
-            assert client.get("/api/health", headers={"host": host}).status_code == 421, host
+            assert client.get("/api/v1/health", headers={"host": host}).status_code == 421, host
         for headers in ({"origin": "http://evil.example"}, {"origin": "null"}, {"origin": "http://127.0.0.1:9999"},
                         {"sec-fetch-site": "cross-site"}):  # fmt: skip
-            said = client.post("/api/play/preview", json={}, headers=headers)
+            said = client.post("/api/v1/play/preview", json={}, headers=headers)
             assert said.status_code == 403, headers
             assert "another site" in said.json()["error"]
-        assert client.post("/api/play/preview", json={}, headers={"origin": HERE}).status_code == 200
+        assert client.post("/api/v1/play/preview", json={}, headers={"origin": HERE}).status_code == 200
 
 
 def test_nothing_that_is_sent_grows_without_bounds_or_gets_out_of_its_folder(folder: Path) -> None:
     with _client(folder, most_bytes=1000) as client:
-        assert client.post("/api/uploads?name=a.gcode", content=b"x" * 1001).status_code == 413
+        assert client.post("/api/v1/uploads?name=a.gcode", content=b"x" * 1001).status_code == 413
 
         def endless() -> Iterator[bytes]:  # a body without a length
             for _ in range(50):
                 yield b"x" * 100
 
-        assert client.post("/api/uploads?name=a.gcode", content=endless()).status_code == 413
-        assert client.post("/api/uploads?name=a.gcode", content=b"").status_code == 400
+        assert client.post("/api/v1/uploads?name=a.gcode", content=endless()).status_code == 413
+        assert client.post("/api/v1/uploads?name=a.gcode", content=b"").status_code == 400
         table = {"content-type": "application/json"}
-        long = client.post("/api/play/preview", content=(b" " * 100_000 for _ in range(20)), headers=table)
+        long = client.post("/api/v1/play/preview", content=(b" " * 100_000 for _ in range(20)), headers=table)
         assert (long.status_code, long.json()["error"]) == (413, "the file is larger than 1 MB. Give a smaller file")
         assert list((folder / "uploads").iterdir()) == []
-        sent = client.post("/api/uploads", params={"name": "../../etc/pass\nwd.gcode"}, content=b"G28\n").json()
+        sent = client.post("/api/v1/uploads", params={"name": "../../etc/pass\nwd.gcode"}, content=b"G28\n").json()
         assert sent["name"] == "pass_wd.gcode"
         assert [path.name for path in (folder / "uploads").iterdir()] == [sent["id"]]
-        assert client.delete(f"/api/uploads/{sent['id']}").status_code == 204
+        assert client.delete(f"/api/v1/uploads/{sent['id']}").status_code == 204
         assert list((folder / "uploads").iterdir()) == []
         for odd in ("..%2f..%2fstudio.sqlite", "%2e%2e", "0123456789abcdef", "0" * 400, "nul%00"):
-            assert client.get(f"/api/jobs/{odd}").status_code in (404, 422), odd
-            assert client.get(f"/api/jobs/{'0' * 16}/files/{odd}").status_code in (404, 422), odd
+            assert client.get(f"/api/v1/jobs/{odd}").status_code in (404, 422), odd
+            assert client.get(f"/api/v1/jobs/{'0' * 16}/files/{odd}").status_code in (404, 422), odd
             assert client.get(f"/{odd}").status_code in (400, 404), odd
     assert plain_name("..") == plain_name("/") == plain_name(".") == "file"
     assert plain_name("C:\\x\\part 1.gcode.3mf") == "part 1.gcode.3mf"
@@ -140,7 +141,7 @@ def test_the_page_is_whole_by_itself_and_small(folder: Path) -> None:
         policy = page.headers["content-security-policy"]
         assert "script-src 'self';" in policy
         assert "unsafe" not in policy
-        assert client.get("/api/nowhere").json() == {"error": "Not Found"}
+        assert client.get("/api/v1/nowhere").json() == {"error": "Not Found"}
     for path in PAGE.iterdir():
         if path.suffix in (".html", ".css", ".svg") or (path.suffix == ".js" and path.name != "vendor.js"):
             text = path.read_text(encoding="utf-8")
@@ -253,11 +254,11 @@ def test_a_tower_is_printed_in_the_order_of_its_table_and_shows_a_bent_screw(fol
         (Drive(pulley=EccentricBore(0.4, 1.0)), Drive()), screw=Screw(wobble_mm=0.3, wobble_phase_rad=0.6)
     )
     with _client(folder) as client:
-        key = client.post("/api/printers", json={"preset": "ender3"}).json()["id"]
-        made = client.post(f"/api/printers/{key}/tower").json()
-        assert client.get(f"/api/printers/{key}/tower").json() == made
+        key = client.post("/api/v1/printers", json={"preset": "ender3"}).json()["id"]
+        made = client.post(f"/api/v1/printers/{key}/tower").json()
+        assert client.get(f"/api/v1/printers/{key}/tower").json() == made
         assert 16 < made["height_mm"] < 20
-        files = f"/api/printers/{key}/files"
+        files = f"/api/v1/printers/{key}/files"
         (gcode := tmp_path / "tower.gcode").write_bytes(client.get(f"{files}/tower.gcode").content)
         (table := tmp_path / "tower.csv").write_bytes(client.get(f"{files}/tower.csv").content)
         empty = read_gcode(gcode, printer=printer).moves
@@ -270,7 +271,7 @@ def test_a_tower_is_printed_in_the_order_of_its_table_and_shows_a_bent_screw(fol
         seen = Twin.of(bent, printer).follow(told) + np.random.default_rng(2).normal(0, 0.02, told.shape)
         write_trace(table, Trace(told[:, :2], seen[:, :2], z_mm=told[:, 2], z_measured_mm=seen[:, 2], homed=True))
         write_model(folder / "printers" / key / "printer.mend.json", _learned_flat(bent, printer))
-        upload = client.post("/api/uploads?name=tower.csv", content=table.read_bytes()).json()["id"]
+        upload = client.post("/api/v1/uploads?name=tower.csv", content=table.read_bytes()).json()["id"]
     said = work.run("learn", str(tmp_path / "job"), str(folder), {"printer": key, "upload": upload})["said"]
     titles = " ".join(one["title"] for one in said["faults"])
     assert "X pulley is off its centre" in titles
@@ -361,35 +362,35 @@ def test_points_are_those_of_the_slow_twin() -> None:
 def test_the_way_of_ones_own_printer(folder: Path) -> None:
     """Describe, write the test print, read the distances, learn from callipers: without a job, in the server itself."""
     with _client(folder) as client:
-        assert {"ender3", "corexy"} <= {one["id"] for one in client.get("/api/presets").json()}
-        sent = client.post("/api/uploads?name=printer.cfg", content=CFG).json()["id"]
-        mine = client.post("/api/printers", json={"upload": sent, "name": " Cellar "}).json()
+        assert {"ender3", "corexy"} <= {one["id"] for one in client.get("/api/v1/presets").json()}
+        sent = client.post("/api/v1/uploads?name=printer.cfg", content=CFG).json()["id"]
+        mine = client.post("/api/v1/printers", json={"upload": sent, "name": " Cellar "}).json()
         assert (mine["name"], mine["bed_mm"], mine["health"]) == ("Cellar", [0, 0, 200, 180], None)
-        wide = client.post("/api/printers", json={"preset": "ender3", "bed_mm": [150, 120]}).json()
+        wide = client.post("/api/v1/printers", json={"preset": "ender3", "bed_mm": [150, 120]}).json()
         assert wide["bed_mm"] == [0, 0, 150, 120]
-        again = client.post("/api/printers", json={"preset": "ender3"}).json()
+        again = client.post("/api/v1/printers", json={"preset": "ender3"}).json()
         assert again["name"] == f"{wide['name']} 2"
-        for said in (client.post("/api/printers", json={"preset": "ender3", "name": "cellar "}),
-                     client.patch(f"/api/printers/{again['id']}", json={"name": "Cellar"})):  # fmt: skip
+        for said in (client.post("/api/v1/printers", json={"preset": "ender3", "name": "cellar "}),
+                     client.patch(f"/api/v1/printers/{again['id']}", json={"name": "Cellar"})):  # fmt: skip
             assert "expected a name of its own, found that of another printer" in said.json()["error"]
-        assert "expected a name" in client.patch(f"/api/printers/{again['id']}", json={"name": " "}).json()["error"]
+        assert "expected a name" in client.patch(f"/api/v1/printers/{again['id']}", json={"name": " "}).json()["error"]
         for end in ("\n", "\r", "\u2028"):
             wrong = {"name": f"Cellar{end}G28"}
-            for said in (client.post("/api/printers", json={"preset": "ender3", **wrong}),
-                         client.patch(f"/api/printers/{again['id']}", json=wrong)):  # fmt: skip
+            for said in (client.post("/api/v1/printers", json={"preset": "ender3", **wrong}),
+                         client.patch(f"/api/v1/printers/{again['id']}", json=wrong)):  # fmt: skip
                 assert (said.status_code, "expected name as text of one line" in said.json()["error"]) == (400, True)
-        assert client.get(f"/api/printers/{again['id']}").json()["name"] == again["name"]
-        assert client.delete(f"/api/printers/{again['id']}").status_code == 204
-        assert client.delete(f"/api/printers/{wide['id']}").status_code == 204
+        assert client.get(f"/api/v1/printers/{again['id']}").json()["name"] == again["name"]
+        assert client.delete(f"/api/v1/printers/{again['id']}").status_code == 204
+        assert client.delete(f"/api/v1/printers/{wide['id']}").status_code == 204
         wrongs: tuple[tuple[dict[str, Any], str], ...] = (
             ({}, "neither"), ({"preset": "../x"}, "none of that name"), ({"upload": "0" * 16}, "none"),
             ({"preset": "ender3", "bed_mm": [1e9, 5]}, "max_mm"), ({"preset": 5}, "preset"),
         )  # fmt: skip
         for wrong, words in wrongs:
-            said = client.post("/api/printers", json=wrong)
+            said = client.post("/api/v1/printers", json=wrong)
             assert said.status_code in (400, 404, 422), wrong
             assert words in said.json()["error"], said.json()
-        place = f"/api/printers/{mine['id']}"
+        place = f"/api/v1/printers/{mine['id']}"
         assert "write the test print first" in client.get(f"{place}/callipers").json()["error"]
         assert client.get(f"{place}/probe").json() is client.get(f"{place}/tower").json() is None
         probe = client.post(f"{place}/probe", json={"size_mm": 120}).json()
@@ -414,13 +415,13 @@ def test_the_way_of_ones_own_printer(folder: Path) -> None:
         assert (card["healthy"], card["health"]) == (False, refused["words"])
         kept.write_text(json.dumps(document), encoding="utf-8")
         assert client.patch(place, json={"name": "Attic"}).json()["name"] == "Attic"
-        assert [one["name"] for one in client.get("/api/printers").json()] == ["Attic"]
+        assert [one["name"] for one in client.get("/api/v1/printers").json()] == ["Attic"]
         bad = client.post(f"{place}/learn", json={"measurement": "0" * 16, "exclude": [-1]})
         assert (bad.status_code, bad.json()["error"]) == (
-            422, "exclude: expected at least 0, found -1; see /api/openapi.json",
+            422, "exclude: expected at least 0, found -1; see /api/v1/openapi.json",
         )  # fmt: skip
-        document = client.get("/api/openapi.json").json()
-        assert {"get", "post"} <= set(document["paths"]["/api/printers"])
+        document = client.get("/api/v1/openapi.json").json()
+        assert {"get", "post"} <= set(document["paths"]["/api/v1/printers"])
         names = [one["operationId"] for operations in document["paths"].values() for one in operations.values()]
         assert len({*names}) == len(names)
         for operations in document["paths"].values():
@@ -430,7 +431,7 @@ def test_the_way_of_ones_own_printer(folder: Path) -> None:
 
 def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_address(folder: Path) -> None:
     """A real server and a real worker: a job that a killed studio left is run, `client` mends, a running one stops."""
-    store = Store(folder)
+    store = Store(Places.below(folder))
     left = store.add_job("nonsense", None, {})  # a killed studio's: its kind is not known any more
     old = store.add_job("mend", None, {})
     store.end_job(old, "done")
@@ -438,7 +439,7 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
         link.execute("update jobs set ended_s = 1 where id = ?", [old])  # long ago
     link.close()
     store.close()
-    app = create_app(folder, workers=1, stopping=lambda: server.should_exit)
+    app = create_app(Places.below(folder), workers=1, stopping=lambda: server.should_exit)
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", ws="none"))
     thread = threading.Thread(target=server.run)
     thread.start()
@@ -541,13 +542,13 @@ def test_only_octoprint_and_moonraker_are_sent_to(folder: Path, monkeypatch: pyt
     try:
         address = f"http://127.0.0.1:{server.server_port}"
         with _client(folder) as client:
-            key = client.post("/api/printers", json={"preset": "ender3"}).json()["id"]
-            assert "connect it first" in client.post(f"/api/printers/{key}/send", json={}).json()["error"]
+            key = client.post("/api/v1/printers", json={"preset": "ender3"}).json()["id"]
+            assert "connect it first" in client.post(f"/api/v1/printers/{key}/send", json={}).json()["error"]
             for way in ("/other", "/elsewhere", "/endless"):
-                said = client.post(f"/api/printers/{key}/host", json={"address": address + way, "key": "k"})
+                said = client.post(f"/api/v1/printers/{key}/host", json={"address": address + way, "key": "k"})
                 assert said.status_code == 400
                 assert "expected OctoPrint or Moonraker" in said.json()["error"]
-            assert client.get(f"/api/printers/{key}").json()["host"] is None
+            assert client.get(f"/api/v1/printers/{key}").json()["host"] is None
         assert "/secret" not in _Strange.asked
         assert len(_Strange.asked) == 12  # where it was told, and at the root
         monkeypatch.setattr(_Strange, "mainsail", True)

@@ -22,16 +22,23 @@ from httpx2 import Response
 from starlette.testclient import TestClient
 
 from printmend.cli.main import group
-from printmend.cli.studio import usual_folder
+from printmend.corruption import Corruption, Drive, Play
 from printmend.errors import InputError
-from printmend.studio import guard
+from printmend.messages import GERMAN, restored, translated
+from printmend.model import exact_model, write_model
+from printmend.printer import read_printer
+from printmend.studio import guard, quota
+from printmend.studio import serve as serving
 from printmend.studio.app import create_app
 from printmend.studio.devices import Devices
+from printmend.studio.jobs import Jobs
+from printmend.studio.places import Places
 from printmend.studio.serve import serve
 from printmend.studio.service import service, write_service
 from printmend.studio.store import Store
 
 HERE = "http://127.0.0.1:8765"
+PART = "G28\nG90\nM83\nG1 Z0.2 F3000\nG1 X60 Y60\n" + "G1 X110 Y60 E2\nG1 Y100 E2\nG1 X60 E2\nG1 Y60 E2\n" * 3
 
 
 @pytest.fixture
@@ -43,17 +50,17 @@ def folder(tmp_path: Path) -> Path:
 def test_a_token_is_asked_for_and_kept_as_a_cookie_that_scripts_cannot_read(folder: Path) -> None:
     devices = Devices(folder)
     token, other = devices.add("phone"), devices.add("laptop")
-    with TestClient(create_app(folder, workers=1, devices=devices), base_url=HERE) as client:
-        assert client.get("/").status_code == client.get("/api/health").status_code == 401
-        assert client.get("/api/health", headers={"authorization": "Bearer wrong"}).status_code == 401
-        assert client.get("/api/health", headers={"authorization": f"Bearer {token}"}).status_code == 200
+    with TestClient(create_app(Places.below(folder), workers=1, devices=devices), base_url=HERE) as client:
+        assert client.get("/").status_code == client.get("/api/v1/health").status_code == 401
+        assert client.get("/api/v1/health", headers={"authorization": "Bearer wrong"}).status_code == 401
+        assert client.get("/api/v1/health", headers={"authorization": f"Bearer {token}"}).status_code == 200
         come = client.get("/", params={"token": token})
         assert come.status_code == 200
         assert "HttpOnly; SameSite=Strict" in come.headers["set-cookie"]
-        assert client.get("/api/health").status_code == 200  # the browser sends the cookie now
+        assert client.get("/api/v1/health").status_code == 200  # the browser sends the cookie now
         Devices(folder).revoke("Phone")  # by another program, while the studio runs
-        assert client.get("/api/health").status_code == 401
-        assert client.get("/api/health", headers={"authorization": f"Bearer {other}"}).status_code == 200
+        assert client.get("/api/v1/health").status_code == 401
+        assert client.get("/api/v1/health", headers={"authorization": f"Bearer {other}"}).status_code == 200
 
 
 def test_a_folder_of_devices_holds_no_token_and_is_its_owners_alone(folder: Path) -> None:
@@ -67,6 +74,9 @@ def test_a_folder_of_devices_holds_no_token_and_is_its_owners_alone(folder: Path
     for call, name, words in (
         ("add", "PHONE", "one of that name"),
         ("add", " ", "a name"),
+        ("add", "../x", "without slashes"),  # no address could revoke it
+        ("add", "a\\b", "without slashes"),
+        ("add", "..", "not of dots alone"),
         ("revoke", "pc", "phone, tv"),
     ):
         with pytest.raises(InputError, match=words):
@@ -88,24 +98,59 @@ def test_a_studio_behind_a_proxy_asks_for_a_token(
         with TestClient(server.config.app, base_url=HERE) as client:
             token = told[0].partition("token=")[2].partition(" ")[0]
             headers = {"Authorization": f"Bearer {token}", "Host": names[0] if names else "127.0.0.1"}
-            answers.extend(client.get("/api/printers", headers=h).status_code for h in ({}, headers))
+            answers.extend(client.get("/api/v1/printers", headers=h).status_code for h in ({}, headers))
         sockets[0].close()
 
     monkeypatch.setattr(uvicorn.Server, "run", run)
-    serve(folder, host="127.0.0.1", port=0, names=names, browser=False, told=told.append)
+    serve(Places.below(folder), host="127.0.0.1", port=0, names=names, browser=False, told=told.append)
     assert answers == [401 if asks else 200, 200]
 
 
 def test_an_address_that_the_computer_got_later_is_answered_to(folder: Path) -> None:
     """A lease may change over the years; a name that leads here is another site's, whatever address it led to."""
-    app, new = create_app(folder, workers=1, devices=Devices(folder)), "192.168.7.9"
+    app, new = create_app(Places.below(folder), workers=1, devices=Devices(folder)), "192.168.7.9"
     token = {"authorization": f"Bearer {Devices(folder).add('phone')}"}
     with TestClient(app, base_url=f"http://{new}:8765") as client:
-        assert client.get("/api/health", headers=token).status_code == 200
+        assert client.get("/api/v1/health", headers=token).status_code == 200
         for host in ("192.168.7.8", f"{new}.evil.example", "evil.example"):
-            assert client.get("/api/health", headers={**token, "host": host}).status_code == 421, host
+            assert client.get("/api/v1/health", headers={**token, "host": host}).status_code == 421, host
     with TestClient(app, base_url="http://evil.example") as client:
-        assert client.get("/api/health", headers=token).status_code == 421
+        assert client.get("/api/v1/health", headers=token).status_code == 421
+
+
+@pytest.mark.parametrize(
+    ("host", "names", "wanted"),
+    [("workshop", (), "http://workshop:{port}/"), ("127.0.0.1", ("studio.example",), "https://studio.example/")],
+)
+def test_a_devices_address_is_that_of_the_studio_that_runs(
+    host: str, names: tuple[str, ...], wanted: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not of one with the usual port, nor, behind a proxy, of the port that nobody else comes to."""
+    listened: list[int] = []
+
+    def listener(host: str, port: int) -> socket.socket:
+        made = socket.create_server(("127.0.0.1", port))
+        listened.append(made.getsockname()[1])
+        return made
+
+    def run(server: uvicorn.Server, sockets: list[socket.socket]) -> None:
+        sockets[0].close()
+        told.append(_told("--folder", str(folder), "--device", "phone"))
+        told.append(_told("--folder", str(folder), "--device", "tablet", "--port", "9000", "--host", "attic"))
+
+    told: list[str] = []
+    monkeypatch.setattr(serving, "_listener", listener)
+    monkeypatch.setattr(uvicorn.Server, "run", run)
+    for _ in range(2):  # another port each time
+        told.clear()
+        serve(Places.below(folder), host=host, port=0, names=names, browser=False, told=lambda _: None)
+        assert told[0].startswith("phone: " + wanted.format(port=listened[-1]) + "?token=")
+        assert told[1].startswith("tablet: http://attic:9000/?token=")
+        for name in ("phone", "tablet"):
+            Devices(folder).revoke(name)
+    serve(Places.below(folder), host="127.0.0.1", port=0, browser=False, told=lambda _: None)  # for nobody else
+    assert told[2].startswith("phone: http://")
+    assert ":8765/?token=" in told[2]
 
 
 def test_devices_are_let_in_and_revoked_by_name(folder: Path) -> None:
@@ -122,26 +167,129 @@ def test_devices_are_let_in_and_revoked_by_name(folder: Path) -> None:
     assert say("--devices") == ""
 
 
-def test_everything_is_kept_where_the_system_has_users_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.platform", "linux")
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A user's home, whose programs keep their things where XDG says."""
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    monkeypatch.delenv("XDG_DATA_HOME", raising=False)
-    assert usual_folder() == tmp_path / ".local/share/printmend/studio"
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    assert usual_folder() == tmp_path / "data/printmend/studio"
-    assert CliRunner().invoke(group, ["studio", "--devices"]).exit_code == 0
-    assert usual_folder().stat().st_mode & 0o077 == 0
+    for kind in ("DATA", "STATE", "CACHE", "CONFIG"):
+        monkeypatch.delenv(f"XDG_{kind}_HOME", raising=False)
+    return tmp_path
+
+
+def _told(*options: str) -> str:
+    done = CliRunner().invoke(group, ["studio", *options])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="XDG is for Linux")
+
+
+@linux
+def test_data_notes_and_pictures_are_kept_where_the_system_has_each(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places = [home / ".local" / kind / "printmend/studio" for kind in ("share", "state")]
+    assert Places.usual() == Places(*places, home / ".cache/printmend/studio")
+    for kind in ("data", "state", "cache"):
+        monkeypatch.setenv(f"XDG_{kind.upper()}_HOME", str(home / kind))
+    assert Places.usual() == Places(*(home / kind / "printmend/studio" for kind in ("data", "state", "cache")))
+    _told("--device", "phone")
+    assert (home / "state/printmend/studio/devices.json").is_file()
+    with TestClient(create_app(Places.usual(), workers=1), base_url=HERE) as client:
+        key = client.post("/api/v1/printers", json={"preset": "ender3"}).json()["id"]
+        model = exact_model(Corruption((Drive(belt=Play(0.3)), Drive())).lower(read_printer("ender3")))
+        write_model(home / "data/printmend/studio/printers" / key / "printer.mend.json", model)
+        sent = client.post("/api/v1/uploads?name=a.gcode", content=PART).json()["id"]
+        job = client.post(f"/api/v1/printers/{key}/mend", json={"upload": sent, "scene": True}).json()["id"]
+        while (told := client.get(f"/api/v1/jobs/{job}").json())["state"] not in ("done", "failed"):
+            time.sleep(0.05)
+        assert told["state"] == "done", told
+        kept = {kind: {path.name for path in (home / kind).rglob(f"jobs/{job}/*")} for kind in ("data", "cache")}
+        assert kept["cache"] == {"thumb.svg", "printed.bin", "mended.bin"} <= set(told["files"])
+        assert "a.mended.gcode" in kept["data"]
+        assert not kept["data"] & kept["cache"]
+        assert client.get(f"/api/v1/jobs/{job}/files/thumb.svg").status_code == 200
+        shown = next(one for one in client.get("/api/v1/storage").json()["parts"] if one["part"] == "mended")
+        assert shown["shown"] == [f"/api/v1/jobs/{job}/files/thumb.svg"]
+        assert shown["bytes"] > sum(path.stat().st_size for path in (home / "cache").rglob("*.bin"))
+        shutil.rmtree(home / "cache/printmend")  # whoever empties a cache loses pictures, and nothing else
+        assert client.get(f"/api/v1/jobs/{job}").json()["files"] == ["a.mended.gcode"]
+        assert client.get(f"/api/v1/jobs/{job}/files/thumb.svg").status_code == 404
+        assert client.get(f"/api/v1/jobs/{job}/files/a.mended.gcode").status_code == 200
+        assert client.delete(f"/api/v1/jobs/{job}").status_code == 204
+        assert not list(home.rglob(job))
+    shutil.rmtree(home / "state")  # nor are printers lost with the notes
+    (store := Store(Places.usual())).close()
+    assert [(row["id"], row["name"]) for row in store.printers()] == [(key, read_printer("ender3").name)]
+
+
+@linux
+def test_a_folder_of_before_is_used_as_it_is(home: Path) -> None:
+    before = Places.below(home / ".local/share/printmend/studio")
+    store = Store(before)
+    store.add_printer("Old one", usually="")
+    (store.path("job", job := store.add_job("play", None, {}))).mkdir()
+    (store.path("job", job) / "thumb.svg").write_text("picture")  # beside the other files, as it was then
+    store.end_job(job, "done", result={"files": ["thumb.svg"]})
+    store.close()
+    Devices(before.state).add("phone")
+    assert Places.usual() == Places(before.data, before.data, home / ".cache/printmend/studio")
+    assert _told("--devices").startswith("phone, since 20")
+    with TestClient(create_app(Places.usual(), workers=1), base_url=HERE) as client:
+        assert client.get(f"/api/v1/jobs/{job}/files/thumb.svg").text == "picture"
+        assert client.get(f"/api/v1/jobs/{job}").json()["files"] == ["thumb.svg"]
+        assert client.get("/api/v1/health").json()["waiting"] == 0
+    assert [row["name"] for row in store.printers()] == ["Old one"]
+    assert not (home / ".local/state").exists()
+
+
+def test_what_is_kept_is_its_owners_alone(folder: Path) -> None:
+    (folder / "printers").mkdir()
+    (folder / "studio.sqlite").touch()
+    for path in (folder, folder / "printers", folder / "studio.sqlite"):  # as earlier versions made them
+        path.chmod(0o755)
+    assert _told("--folder", str(folder), "--device", "phone").count("\n") == 1
+    serving._alone(folder).close()
+    (store := Store(Places.below(folder))).add_printer("one", usually="")
+    modes = {path.name: path.stat().st_mode & 0o777 for path in (folder, *folder.iterdir())}
+    store.close()
+    files = {"studio.sqlite", "studio.sqlite-wal", "studio.sqlite-shm", "studio.lock", "devices.json"}
+    assert {name: mode for name, mode in modes.items() if mode != 0o700} == dict.fromkeys(files, 0o600)
+    assert set(modes) == {folder.name, "printers", "uploads", "jobs", *files}
+
+
+def test_a_folder_with_other_things_stays_open_and_what_cannot_be_closed_is_said(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "letter.txt").touch()
+    folder.chmod(0o755)
+    assert _told("--folder", str(folder), "--devices") == ""
+    assert folder.stat().st_mode & 0o777 == 0o755
+    (folder / "jobs").chmod(0o755)
+
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(Path, "chmod", refuse)  # of somebody else, or on a drive that knows no rights
+    told = _told("--folder", str(folder), "--devices")
+    assert (
+        told == f"Others on this computer may still read {folder / 'jobs'}: the system does not let that be changed.\n"
+    )
+    (folder / "file").touch()
+    with pytest.raises(InputError, match="expected a folder that can be written to"):
+        Places.below(folder / "file/below").make()
 
 
 def test_the_api_describes_itself_in_openapi_and_has_a_name_that_stays(folder: Path) -> None:
-    with TestClient(create_app(folder, workers=1), base_url=HERE) as client:
-        assert client.get("/api/v1/health").json() == client.get("/api/health").json()
+    with TestClient(create_app(Places.below(folder), workers=1), base_url=HERE) as client:
+        assert client.get("/api/v1/health").json() == client.get("/api/health").json()  # of before
         assert client.get("/api/v1/absent").status_code == client.get("/api/absent").status_code == 404
         for _ in range(2):
             document = client.get("/api/v1/openapi.json").json()
             assert document["openapi"] == "3.1.0"
             assert "itemSchema" not in str(document)
+        assert {path[: len("/api/v1/")] for path in document["paths"]} == {"/api/v1/"}
         ids = [one["operationId"] for operations in document["paths"].values() for one in operations.values()]
         assert {
             "jobs_list",
@@ -158,7 +306,7 @@ def test_the_api_describes_itself_in_openapi_and_has_a_name_that_stays(folder: P
 
 def test_connections_that_ask_for_nothing_keep_nobody_out(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guard, "ASK_S", 0.5)
-    app = create_app(folder, workers=1)
+    app = create_app(Places.below(folder), workers=1)
     server = uvicorn.Server(
         uvicorn.Config(app, port=0, log_level="error", ws="none", http=guard.Door, limit_concurrency=50)
     )
@@ -172,7 +320,7 @@ def test_connections_that_ask_for_nothing_keep_nobody_out(folder: Path, monkeypa
         for k in range(2 * guard.MOST_SILENT):
             silent.append(socket.create_connection(place))
             if k % 2:
-                silent[-1].sendall(b"GET /api/health HTTP/1.1\r\nHost: 127.0.0.1\r\nX-More: ")
+                silent[-1].sendall(b"GET /api/v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\nX-More: ")
 
         def ended() -> int:
             """Count those that the server has ended."""
@@ -183,10 +331,10 @@ def test_connections_that_ask_for_nothing_keep_nobody_out(folder: Path, monkeypa
         assert ended() == len(silent)  # some at once, the others after the time to ask
         asking = http.client.HTTPConnection(*place, timeout=5)
         for _ in range(2):  # a second request on a connection, too, and then half of one
-            asking.request("GET", "/api/health")
+            asking.request("GET", "/api/v1/health")
             answer = asking.getresponse()
             assert (answer.status, b"version" in answer.read()) == (200, True)
-        asking.sock.sendall(b"GET /api/hea")
+        asking.sock.sendall(b"GET /api/v1/hea")
         silent.append(asking.sock)
         assert _is_ended(asking.sock)
         assert not guard.Door._silent
@@ -211,7 +359,7 @@ def _is_ended(link: socket.socket) -> bool:
 def test_a_browser_without_a_token_is_shown_a_page_that_asks_for_one(folder: Path) -> None:
     devices = Devices(folder)
     token = devices.add("phone")
-    with TestClient(create_app(folder, workers=1, devices=devices), base_url=HERE) as client:
+    with TestClient(create_app(Places.below(folder), workers=1, devices=devices), base_url=HERE) as client:
         page = {"accept": "text/html,*/*"}
         asked = client.get("/", headers=page)
         assert asked.status_code == 401
@@ -223,17 +371,19 @@ def test_a_browser_without_a_token_is_shown_a_page_that_asks_for_one(folder: Pat
         assert 'role="alert" hidden' not in wrong.text
         for part in ("/style.css", "/icon.svg"):
             assert client.get(part).status_code == 200
-        assert client.get("/app.js").status_code == client.get("/api/openapi.json").status_code == 401
+        assert client.get("/app.js").status_code == client.get("/api/v1/openapi.json").status_code == 401
         assert client.get("/", params={"token": token}, headers=page).status_code == 200
         assert client.get("/", headers=page).status_code == 200  # by its cookie
-    with TestClient(create_app(folder, workers=1, devices=devices), base_url="https://127.0.0.1") as client:
+    with TestClient(
+        create_app(Places.below(folder), workers=1, devices=devices), base_url="https://127.0.0.1"
+    ) as client:
         assert client.get("/", params={"token": token}).headers["set-cookie"].endswith("; Secure")
 
 
 def test_users_see_their_own_printers_and_everybodys(folder: Path) -> None:
     devices = Devices(folder)
     tokens = {"desk": devices.add("desk"), "anna": devices.add("phone", "Anna"), "ben": devices.add("tablet", "Ben")}
-    with TestClient(create_app(folder, workers=1, devices=devices), base_url=HERE) as client:
+    with TestClient(create_app(Places.below(folder), workers=1, devices=devices), base_url=HERE) as client:
 
         def ask(who: str, method: str, path: str, **more: object) -> Response:
             headers = {"authorization": f"Bearer {tokens[who]}"}
@@ -255,18 +405,58 @@ def test_users_see_their_own_printers_and_everybodys(folder: Path) -> None:
         assert [one["user"] for one in ask("desk", "GET", "/devices").json()] == ["", "Anna", "Ben"]
 
 
+def test_one_user_fills_neither_the_disk_nor_the_queue(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 30 MB a user has half; who sees everything has them all, and of jobs as many as the studio takes."""
+    devices = Devices(folder)
+    tokens = {"desk": devices.add("desk"), "anna": devices.add("phone", "Anna"), "ben": devices.add("tablet", "Ben")}
+    monkeypatch.setattr(Jobs, "_schedule", lambda *_: None)  # they wait
+    monkeypatch.setattr(quota, "MOST_WAITING", 2)
+    app = create_app(Places.below(folder), workers=1, devices=devices, most_held_bytes=30_000_000)
+    with TestClient(app, base_url=HERE) as client:
+
+        def ask(who: str, path: str, **more: object) -> Response:
+            return client.post(f"/api/v1{path}", headers={"authorization": f"Bearer {tokens[who]}"}, **more)  # type: ignore[arg-type]
+
+        for size, status in ((10_000_000, 201), (6_000_000, 400), (1_000_000, 201)):
+            sent = ask("anna", "/uploads?name=a.gcode", content=b"G" * size)
+            assert sent.status_code == status, size
+            if status == 400:
+                told = sent.json()["error"]
+                assert (
+                    told == "Anna: expected at most 0.015 GB of one user, found 0.0 GB; free some of it under Storage"
+                )
+                german = translated(restored(told, sent.json()["messages"]), GERMAN)
+                assert german.endswith(
+                    "höchstens 0,015 GB von einem Benutzer; gefunden: 0,0 GB. Unter Speicher etwas davon freigeben"
+                )
+        headers = {"authorization": f"Bearer {tokens['anna']}"}
+        storage = client.get("/api/v1/storage", headers=headers).json()
+        assert storage["most_bytes"] == 15_000_000
+        assert sum(part["bytes"] for part in storage["parts"]) + storage["kept_bytes"] == 11_000_000
+        assert ask("ben", "/uploads?name=b.gcode", content=b"G" * 6_000_000).status_code == 201
+        assert ask("desk", "/uploads?name=c.gcode", content=b"G" * 6_000_000).status_code == 201
+        assert (
+            ask("desk", "/uploads?name=c.gcode", content=b"G" * 9_000_000).status_code == 400
+        )  # the studio's own bound
+        monkeypatch.setattr(quota, "SHARE", 1.0)
+        assert [ask("anna", "/play", json={}).status_code for _ in range(3)] == [202, 202, 400]
+        assert "expected fewer than 2 jobs of one user" in ask("anna", "/play", json={}).json()["error"]
+        assert ask("ben", "/play", json={}).status_code == 202
+        assert [ask("desk", "/play", json={}).status_code for _ in range(4)] == [202] * 4
+
+
 def test_a_device_is_let_in_by_a_code(folder: Path) -> None:
     pytest.importorskip("segno", reason="needs segno, of the extra studio")
     devices = Devices(folder)
     token = devices.add("desk")
-    with TestClient(create_app(folder, workers=1, devices=devices), base_url=HERE) as client:
+    with TestClient(create_app(Places.below(folder), workers=1, devices=devices), base_url=HERE) as client:
         client.headers["authorization"] = f"Bearer {token}"
-        fresh = client.post("/api/devices", json={"name": "phone"}).json()
+        fresh = client.post("/api/v1/devices", json={"name": "phone"}).json()
         assert fresh["address"].startswith(f"{HERE}/?token=")
         assert fresh["qr"].startswith("data:image/svg+xml")
         assert devices.user_of(fresh["address"].partition("token=")[2]) is not None
-        assert client.post("/api/devices", json={"name": "phone"}).status_code == 400
-        assert client.delete("/api/devices/phone").status_code == 204
+        assert client.post("/api/v1/devices", json={"name": "phone"}).status_code == 400
+        assert client.delete("/api/v1/devices/phone").status_code == 204
         assert devices.user_of(fresh["address"].partition("token=")[2]) is None
 
 
@@ -314,6 +504,6 @@ def test_a_studio_from_before_there_were_users_keeps_its_printers(folder: Path) 
         link.execute("CREATE TABLE printers (id VARCHAR PRIMARY KEY, name VARCHAR NOT NULL, created_s FLOAT NOT NULL)")
         link.execute("INSERT INTO printers VALUES ('0000000000000000', 'old one', 1.0)")
     link.close()
-    store = Store(folder)
+    store = Store(Places.below(folder))
     assert [row["name"] for row in store.of("Anna").printers()] == ["old one"]
     store.close()

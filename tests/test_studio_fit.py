@@ -15,6 +15,7 @@ from printmend.printer.convert import printer_text
 from printmend.promise.filament import UNTOLD
 from printmend.studio import work
 from printmend.studio.app import create_app
+from printmend.studio.places import Places
 from tests import foreign_part as foreign
 from tests.test_studio import _german
 
@@ -59,13 +60,13 @@ def test_a_part_is_judged_learned_from_and_mended(data: Path) -> None:
 
 
 def test_the_api_checks_what_it_is_given(tmp_path: Path) -> None:
-    with TestClient(create_app(tmp_path, workers=1), base_url=HERE) as client:
-        made = client.post("/api/printers", json={"name": "one", "preset": "ender3"}).json()
+    with TestClient(create_app(Places.below(tmp_path), workers=1), base_url=HERE) as client:
+        made = client.post("/api/v1/printers", json={"name": "one", "preset": "ender3"}).json()
         assert made["filaments"] == []
-        sent = client.post("/api/uploads?name=a.gcode", content=b"G28\n").json()["id"]
+        sent = client.post("/api/v1/uploads?name=a.gcode", content=b"G28\n").json()["id"]
         wrong = {"upload": sent, "uploads": [sent], "filament": "wood"}
-        answer = client.post(f"/api/printers/{made['id']}/fit", json=wrong)
+        answer = client.post(f"/api/v1/printers/{made['id']}/fit", json=wrong)
         assert answer.status_code == 400
         assert "begins with its polymer" in answer.json()["error"]
-        assert client.post(f"/api/printers/{made['id']}/fit", json={**wrong, "uploads": []}).status_code == 422
+        assert client.post(f"/api/v1/printers/{made['id']}/fit", json={**wrong, "uploads": []}).status_code == 422
     shutil.rmtree(tmp_path)

@@ -21,6 +21,7 @@ from printmend.studio import plate
 from printmend.studio import scene as studio_scene
 from printmend.studio.app import create_app
 from printmend.studio.jobs import Jobs
+from printmend.studio.places import Places
 from printmend.studio.play import Faults, Side, play_layer, preview
 from printmend.studio.scene import Scene, Tap, as_mended, as_printed, read_drawing
 from printmend.studio.store import Store
@@ -142,7 +143,7 @@ def test_a_photo_is_shown_small_and_upright_and_no_other_file(tmp_path: Path) ->
 
 def test_what_is_freed_is_gone_and_all_else_stays(folder: Path) -> None:
     folder.mkdir()
-    store = Store(folder)
+    store = Store(Places.below(folder))
     given, spare = "0" * 16, "1" * 16
     for key, size in ((given, 700), (spare, 300)):
         store.path("upload", key).write_bytes(bytes(size))
@@ -151,31 +152,31 @@ def test_what_is_freed_is_gone_and_all_else_stays(folder: Path) -> None:
     _failed(store)
     played, learned = _ended(store, "play", {}, 2000), _ended(store, "learn", {}, 1000)
     store.close()
-    with TestClient(create_app(folder, workers=1), base_url=HERE) as client:
+    with TestClient(create_app(Places.below(folder), workers=1), base_url=HERE) as client:
 
         def kept() -> dict[str, tuple[int, int]]:
-            found = client.get("/api/storage").json()
+            found = client.get("/api/v1/storage").json()
             return {one["part"]: (one["count"], one["bytes"]) for one in found["parts"]}
 
         assert kept() == {"mended": (1, 5000), "play": (1, 2000), "measured": (1, 7), "unused": (1, 300)}
-        shown = {one["part"]: one["shown"] for one in client.get("/api/storage").json()["parts"]}
-        assert shown == {"mended": [f"/api/jobs/{mended}/files/{THUMB}"], "play": [], "measured": [], "unused": []}
+        shown = {one["part"]: one["shown"] for one in client.get("/api/v1/storage").json()["parts"]}
+        assert shown == {"mended": [f"/api/v1/jobs/{mended}/files/{THUMB}"], "play": [], "measured": [], "unused": []}
         assert client.get(shown["mended"][0]).text == "picture"
-        assert client.delete("/api/storage/measured").status_code == 200
-        assert client.delete("/api/storage/mended").status_code == 200
+        assert client.delete("/api/v1/storage/measured").status_code == 200
+        assert client.delete("/api/v1/storage/mended").status_code == 200
         assert kept() == {"mended": (0, 0), "play": (1, 2000), "measured": (0, 0), "unused": (1, 300)}
         assert [path.name for path in (folder / "uploads").iterdir()] == [spare]  # the mended file's own went with it
-        client.delete("/api/storage/unused")
+        client.delete("/api/v1/storage/unused")
         assert not list((folder / "uploads").iterdir())
-        assert sorted(one["id"] for one in client.get("/api/jobs").json()) == sorted([played, learned])
+        assert sorted(one["id"] for one in client.get("/api/v1/jobs").json()) == sorted([played, learned])
         assert not (folder / "jobs" / mended).exists()
-        assert client.delete("/api/storage/printers").status_code == 422
+        assert client.delete("/api/v1/storage/printers").status_code == 422
 
 
 def test_a_studio_holds_no_more_than_it_may(folder: Path) -> None:
-    with TestClient(create_app(folder, workers=1, most_held_bytes=1_000_000), base_url=HERE) as client:
-        assert client.post("/api/uploads?name=a.gcode", content=bytes(500_000)).status_code == 201
-        refused = client.post("/api/uploads?name=b.gcode", content=bytes(800_000))
+    with TestClient(create_app(Places.below(folder), workers=1, most_held_bytes=1_000_000), base_url=HERE) as client:
+        assert client.post("/api/v1/uploads?name=a.gcode", content=bytes(500_000)).status_code == 201
+        refused = client.post("/api/v1/uploads?name=b.gcode", content=bytes(800_000))
         assert refused.status_code == 400
         assert refused.json()["error"] == ("the studio: expected at most 0.001 GB in its folder, found 0.0 GB; "
                                            "free some of it under Storage")  # fmt: skip
@@ -232,7 +233,7 @@ def test_workers_rest_where_no_job_runs_and_the_next_job_has_new_ones(
 
     monkeypatch.setattr(studio_jobs, "ProcessPool", Pool)
     (tmp_path / "studio").mkdir()
-    jobs = Jobs(store := Store(tmp_path / "studio"), workers=1)
+    jobs = Jobs(store := Store(Places.below(tmp_path / "studio")), workers=1)
     key = jobs.submit("play", None, {})
     jobs.rest()
     assert len(made) == 1  # a job runs

@@ -15,6 +15,7 @@ from printmend.studio import plate
 from printmend.studio.app import create_app
 from printmend.studio.jobs import Jobs
 from printmend.studio.offered import causes_of, offered_effects
+from printmend.studio.places import Places
 from printmend.studio.play import Faults, play_printer, shown
 from printmend.studio.scene import as_printed, read_drawing
 from printmend.twin import Twin
@@ -62,18 +63,20 @@ def test_an_effect_of_another_package_appears_by_itself(monkeypatch: pytest.Monk
 
 def test_the_page_asks_for_them_and_is_told_what_does_not_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Jobs, "warm", lambda jobs: None)
-    with TestClient(create_app(tmp_path / "studio", workers=1), base_url="http://127.0.0.1:8765") as client:
-        told = client.get("/api/play/effects").json()
+    with TestClient(
+        create_app(Places.below(tmp_path / "studio"), workers=1), base_url="http://127.0.0.1:8765"
+    ) as client:
+        told = client.get("/api/v1/play/effects").json()
         assert {card["name"] for card in told["effects"]} == set(EFFECTS)
         splice = next(card for card in told["effects"] if card["name"] == "splice")
         german = page_messages()[told["messages"][splice["title"]]["id"]]["de"]
         assert german == "Eine Nahtstelle oder Delle im Riemen"
-        healthy = client.post("/api/play/preview", json={}).json()
-        broken = client.post("/api/play/preview", json={"effects": [_row(splice)]}).json()
+        healthy = client.post("/api/v1/play/preview", json={}).json()
+        broken = client.post("/api/v1/play/preview", json={"effects": [_row(splice)]}).json()
         assert broken["rms_mm"] > healthy["rms_mm"] + 0.05
         for effects in ([{"name": "no-such"}], [{"name": "splice", "values": {"size_mm": 1e9}}],
                         [{"name": "aspect"}], [{"name": "splice", "on": "z"}]):  # fmt: skip
-            assert client.post("/api/play/preview", json={"effects": effects}).status_code in (400, 422)
+            assert client.post("/api/v1/play/preview", json={"effects": effects}).status_code in (400, 422)
 
 
 def test_what_acts_along_the_path_is_in_the_picture_of_the_part(tmp_path: Path) -> None:

@@ -198,22 +198,24 @@ from pathlib import Path
 from starlette.testclient import TestClient
 from printmend.cluster import Cluster
 from printmend.studio.app import create_app
+from printmend.studio.places import Places
 if __name__ == "__main__":
     with Cluster.at("local:1").client() as dask, dask.get_executor(pure=False) as pool:
-        with TestClient(create_app(Path(sys.argv[1]), cluster=pool), base_url="http://127.0.0.1:8765") as client:
+        app = create_app(Places.below(Path(sys.argv[1])), cluster=pool)
+        with TestClient(app, base_url="http://127.0.0.1:8765") as client:
             def done(job):
-                while (job := client.get("/api/jobs/" + job["id"]).json())["state"] in ("queued", "running"):
+                while (job := client.get("/api/v1/jobs/" + job["id"]).json())["state"] in ("queued", "running"):
                     time.sleep(1.0)
                 assert job["state"] == "done", job
                 return job
-            bent, sound = (client.post("/api/play", json=faults).json() for faults in ({"screw_mm": 0.35}, {}))
+            bent, sound = (client.post("/api/v1/play", json=faults).json() for faults in ({"screw_mm": 0.35}, {}))
             sound, job = done(sound), done(bent)
             assert sound["result"]["after"]["rms_mm"] < 0.01
             assert not sound["result"]["said"]["faults"]
             assert "printed.bin" in sound["files"]
             assert [one["title"] for one in job["result"]["said"]["faults"]] == ["The Z screw is bent"]
             assert job["result"]["after"]["rms_mm"] < 0.02 < 0.1 < job["result"]["before"]["rms_mm"]
-            assert client.get(f"/api/jobs/{job['id']}/files/mended.bin").status_code == 200
+            assert client.get(f"/api/v1/jobs/{job['id']}/files/mended.bin").status_code == 200
 """
 
 

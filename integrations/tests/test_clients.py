@@ -29,13 +29,13 @@ const sent = {
   params: { query: { name: "part.gcode" } }, body: readFileSync(source), bodySerializer: (body) => body,
   headers: { "Content-Type": "application/octet-stream" },
 };
-const { data: upload } = await client.POST("/api/uploads", sent);
-const { data: health } = await client.GET("/api/health");
+const { data: upload } = await client.POST("/api/v1/uploads", sent);
+const { data: health } = await client.GET("/api/v1/health");
 const of = (key) => ({ params: { path: { key } } });
-const { data: known } = await client.GET("/api/printers/{key}", of(printer));
+const { data: known } = await client.GET("/api/v1/printers/{key}", of(printer));
 const body = { upload: upload.id, force: false, scene: false };
-const { data: job } = await client.POST("/api/printers/{key}/mend", { ...of(printer), body });
-const { error, response } = await client.GET("/api/jobs/{key}", of("0000000000000000"));
+const { data: job } = await client.POST("/api/v1/printers/{key}/mend", { ...of(printer), body });
+const { error, response } = await client.GET("/api/v1/jobs/{key}", of("0000000000000000"));
 console.log(JSON.stringify({ health, name: known.name, kind: job.kind, status: response.status, error }));
 """
 IN_PYTHON = """\
@@ -114,7 +114,7 @@ def test_the_typescript_client_does_the_same(clients: Path, server: Server, prin
     told = _said(["node", "use.mjs", server.address.rstrip("/"), printer, source], folder)
     assert (told["name"], told["kind"], told["status"]) == ("By a client", "mend", 404)
     assert told["health"]["version"]
-    wrong = 'import { studio } from "./client.js";\nawait studio("").GET("/api/no-such-path");\n'
+    wrong = 'import { studio } from "./client.js";\nawait studio("").GET("/api/v1/no-such-path");\n'
     (folder / "wrong.ts").write_text(wrong)
     strictly = ["--noEmit", "--strict", "--module", "nodenext", "--target", "es2022", "wrong.ts"]
     checked = [str(folder / "node_modules/.bin/tsc"), *strictly]

@@ -83,7 +83,7 @@ def test_a_large_file_goes_through_and_events_come_as_they_happen(proxied, tmp_p
     assert (server.folder / "uploads" / studio.upload(large)).stat().st_size == LARGE_BYTES
     faults = {"x": {"shape": "oval", "dent_mm": 0.7}, "y": {"play_mm": 0.1}}
     job = studio.post("/play", faults)["id"]
-    with urllib.request.urlopen(f"{address}/api/jobs/{job}/events?token={server.token}") as events:  # noqa: S310 - our own
+    with urllib.request.urlopen(f"{address}/api/v1/jobs/{job}/events?token={server.token}") as events:  # noqa: S310 - our own
         assert events.readline()
         assert studio.get(f"/jobs/{job}")["state"] in ("queued", "running")  # no proxy keeps events back until the end
     studio.post(f"/jobs/{job}/cancel")

@@ -404,11 +404,11 @@ def test_what_goes_wrong_is_said_in_one_line(browser: Browser, server: Server, t
     page.goto(server.address + f"#/printers/{key}/mend")
     (strange := tmp_path / "holiday.gcode").write_text("this is no G-code\n")
     alert = page.locator("[role=alert]").first
-    page.route("**/api/uploads*", lambda route: None)  # a way to the server that takes for ever
+    page.route("**/api/v1/uploads*", lambda route: None)  # a way to the server that takes for ever
     page.set_input_files("input[type=file][accept*=gcode]", strange)
     page.get_by_role("button", name="Stop").click()
     expect(alert).to_have_text("Stopped")
-    page.unroute("**/api/uploads*")
+    page.unroute("**/api/v1/uploads*")
     page.set_input_files("input[type=file][accept*=gcode]", strange)
     expect(alert).to_contain_text("holiday.gcode: expected")
     page.goto(server.address + f"#/printers/{key}/measure")
@@ -454,7 +454,7 @@ def test_of_several_files_each_has_its_own_fate(browser: Browser, server: Server
     page = watched.page
     late: list[Route] = []
     # what was there before is told only after the drop
-    page.route("**/api/jobs?printer=*", lambda route: late.append(route), times=1)
+    page.route("**/api/v1/jobs?printer=*", lambda route: late.append(route), times=1)
     page.goto(server.address + f"#/printers/{key}/mend")
     large = part(1) + b"; bed_shape = 0x0,300x0,300x300,0x300\n; layer_height = 0.2\n"
     texts = {"good.gcode": part(1), "large.gcode": large, "holiday.gcode": b"no G-code\n"}
@@ -522,7 +522,7 @@ def test_fifty_at_once_and_killed_in_the_middle(browser: Browser, tmp_path: Path
         until(lambda: sum(job["state"] == "done" for job in studio.get("/jobs")) >= 3)
         most = one.memory_bytes()
         half = http.client.HTTPConnection("127.0.0.1", one.port)
-        half.putrequest("POST", "/api/uploads?name=half.gcode")
+        half.putrequest("POST", "/api/v1/uploads?name=half.gcode")
         half.putheader("Content-Length", "2000000")
         half.endheaders(part(1))
         until(lambda: list((one.folder / "uploads").glob(".*.tmp")))

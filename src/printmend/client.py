@@ -7,6 +7,7 @@
 Only the standard library and `errors` are used, so that a computer too small for the rest can mend on another one.
 """
 
+import http.client
 import json
 import time
 import urllib.error
@@ -19,7 +20,7 @@ from typing import IO, Any
 from printmend import provenance
 from printmend.errors import InputError, PrintmendError, RefusedError, reason
 from printmend.files import replacing
-from printmend.messages import say
+from printmend.messages import restored, say
 
 _PATIENCE_S = 60.0  # for one answer
 _LOOK_S = 0.2  # between two looks at a job
@@ -69,7 +70,8 @@ class Studio:
             if now["state"] == "done":
                 return dict(now["result"])
             if now["state"] in ("failed", "cancelled"):
-                raise StudioError(now["error"] or "the job was cancelled")
+                messages = (now["result"] or {}).get("messages", {})
+                raise StudioError(restored(now["error"], messages) or say("job-was-stopped"))
             time.sleep(_LOOK_S)
 
     def fetch(self, job: str, name: str, output: str | Path) -> None:
@@ -116,8 +118,8 @@ class Studio:
                 file.flush()
                 try:
                     provenance.read_model(file.name)
-                except provenance.NoModelError as error:
-                    raise StudioError(f"the studio sent no whole model ({error}); try again") from None
+                except provenance.NoModelError:
+                    raise StudioError(say("studio-no-whole-model")) from None
         return True
 
     def _ask(self, method: str, path: str, body: bytes | IO[bytes] | None = None, kind: str = "", *,
@@ -134,17 +136,22 @@ class Studio:
         if self._token is not None:
             headers["Authorization"] = f"Bearer {self._token}"
         # an address of http or https: see __init__
-        request = urllib.request.Request(f"{self._address}/api{path}", data=body, method=method, headers=headers)  # noqa: S310
+        request = urllib.request.Request(f"{self._address}/api/v1{path}", data=body, method=method, headers=headers)  # noqa: S310
         try:
             return urllib.request.urlopen(request, timeout=_PATIENCE_S)  # noqa: S310
         except urllib.error.HTTPError as error:
             try:
-                words = str(json.loads(error.read())["error"])
+                table = json.loads(error.read())
+                words = restored(str(table["error"]), table.get("messages", {}))
             except (ValueError, KeyError, TypeError):
                 words = f"{error.code} {error.reason}"
             raise StudioError(words) from None
-        except urllib.error.URLError as error:
-            raise StudioError(f"{self._address}: wanted a studio, got {error.reason}; is it running?") from None
+        except (OSError, http.client.HTTPException) as error:
+            why = getattr(error, "reason", error)
+            came = reason(why) if isinstance(why, Exception) else str(why)
+            raise StudioError(
+                InputError(self._address, wanted=say("studio-2"), came=came, todo=say("running")).message
+            ) from None
 
 
 def pair_file(model: Path) -> Path:

@@ -14,6 +14,7 @@ PrintmendError                   exit code 2: the input or the machine's set-up 
 """
 
 import errno
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -24,7 +25,11 @@ from printmend.messages import is_one_of, said, say
 # An error as a message: its id, and its English with the subject, what was expected, what was found, what to do.
 WHY = "why", "{}: expected {}, found {}; {}"
 REFUSED = "refused", "{}: {} ({}); {}"
-_REASONS = {errno.ENOENT: "no-such-file-or-directory", errno.EACCES: "permission-denied", errno.ENOSPC: "no-space-left"}
+_REASONS = {
+    errno.ENOENT: "no-such-file-or-directory", errno.EACCES: "permission-denied", errno.ENOSPC: "no-space-left",
+    errno.ECONNREFUSED: "nobody-answers", errno.EHOSTUNREACH: "no-way-to-host", errno.ENETUNREACH: "no-way-to-host",
+    socket.EAI_NONAME: "nobody-knows-name", socket.EAI_AGAIN: "nobody-knows-name",
+}  # fmt: skip
 _LONGEST = 600  # characters of each part of a message
 
 
@@ -64,6 +69,8 @@ def reason(error: Exception) -> str:
     """Return the reason given by the system or a library, as a part of a sentence: "no such file or directory"."""
     if (number := getattr(error, "errno", None)) in _REASONS:
         return say(_REASONS[number])
+    if isinstance(error, TimeoutError):
+        return say("no-answer-time")
     words = getattr(error, "strerror", None) or str(error)
     return words[:1].lower() + words[1:]
 

@@ -29,6 +29,7 @@ _EXTRAS = {
     "httpx2": "studio",
     "segno": "studio",
     "pebble": "studio",
+    "platformdirs": "studio",
     "sqlalchemy": "studio",
     "uvicorn": "studio",
 }

@@ -17,6 +17,7 @@ from typing import Any
 from starlette.testclient import TestClient
 
 from printmend.studio.app import create_app
+from printmend.studio.places import Places
 
 HERE = Path(__file__).resolve().parent
 GENERATOR = HERE.parents[1] / ".venv-hosts/clients/bin/openapi-python-client"
@@ -35,7 +36,9 @@ export const studio = (baseUrl: string, token?: string, options: ClientOptions =
 def description() -> dict[str, Any]:
     """Return what a studio says of its API."""
     with tempfile.TemporaryDirectory() as folder:
-        client = TestClient(create_app(Path(folder) / "studio", workers=1), base_url="http://127.0.0.1:8765")
+        client = TestClient(
+            create_app(Places.below(Path(folder) / "studio"), workers=1), base_url="http://127.0.0.1:8765"
+        )
         answer: dict[str, Any] = client.get("/api/v1/openapi.json").json()
     return answer
 

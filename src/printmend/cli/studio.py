@@ -1,11 +1,11 @@
 """`printmend studio`: everything in the browser."""
 
-import os
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from printmend.cli.terminal import echo
 from printmend.messages import say
@@ -18,8 +18,8 @@ from printmend.messages import say
 @click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0 takes a free one.")
 @click.option("--name", "names", multiple=True, metavar="NAME", help="A further name by which browsers reach it.")
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
-@click.option("--folder", type=click.Path(path_type=Path, file_okay=False), help="Where everything is kept [default: a "
-              "folder of the user's]")  # fmt: skip
+@click.option("--folder", type=click.Path(path_type=Path, file_okay=False), help="Keep everything below this folder "
+              "[default: the system's folders for a user's programs]")  # fmt: skip
 @click.option("--device", metavar="NAME", help="Let in another device, print its address, and end.")
 @click.option("--user", default="", metavar="USER", help="With --device: whose printers it sees; all without one.")
 @click.option("--revoke", metavar="NAME", help="Let a device in no longer, and end.")
@@ -44,29 +44,33 @@ def command(
     from printmend.extras import require
 
     require(
-        "printmend studio", "cv2", "fastapi", "httpx2", "matplotlib", "pebble", "PIL", "reportlab", "scipy",
-        "sqlalchemy", "uvicorn", *(["distributed"] if cluster else []),
+        "printmend studio", "cv2", "fastapi", "httpx2", "matplotlib", "pebble", "PIL", "platformdirs", "reportlab",
+        "scipy", "sqlalchemy", "uvicorn", *(["distributed"] if cluster else []),
     )  # fmt: skip
     from printmend.studio.devices import Devices
+    from printmend.studio.places import Places
     from printmend.studio.serve import let_in, serve
 
-    folder = _made(folder or usual_folder())
+    places = Places.usual() if folder is None else Places.below(folder)
+    if open_still := places.make():
+        echo(say("terminal-studio-open-to-others", ", ".join(open_still)))
     if device is not None:
         require("printmend studio --device", "segno")
-        address = let_in(folder, device, user, host=host, port=port)
+        given = any(ctx.get_parameter_source(each) == ParameterSource.COMMANDLINE for each in ("host", "port"))
+        address = let_in(places.state, device, user, host=host, port=port, given=given)
         click.echo(f"{device}: {address}")
         if sys.stdout.isatty():
             _draw_code(address)
     if revoke is not None:
-        Devices(folder).revoke(revoke)
+        Devices(places.state).revoke(revoke)
         echo(say("terminal-studio-revoked", revoke))
     if devices:
-        for one in Devices(folder).known():
+        for one in Devices(places.state).known():
             since = datetime.fromtimestamp(one.created_s, UTC).date().isoformat()
             of = say("terminal-device-of", one.name, one.user) if one.user else one.name
             echo(say("terminal-device-since", of, since))
     if device is None and revoke is None and not devices:
-        serve(folder, host=host, port=port, names=names, browser=not no_browser, workers=workers, cluster=cluster,
+        serve(places, host=host, port=port, names=names, browser=not no_browser, workers=workers, cluster=cluster,
               most_gb=most_gb, told=echo)  # fmt: skip
 
 
@@ -95,7 +99,7 @@ def _options(ctx: click.Context) -> list[str]:
     given = []
     for option in ctx.command.params:
         value = ctx.params.get(str(option.name))
-        if ctx.get_parameter_source(str(option.name)) != click.core.ParameterSource.COMMANDLINE:
+        if ctx.get_parameter_source(str(option.name)) != ParameterSource.COMMANDLINE:
             continue
         if option.name not in ("host", "port", "names", "folder", "workers", "most_gb", "cluster"):
             raise click.UsageError(say("terminal-usage-service", option.opts[0]))
@@ -109,20 +113,3 @@ def _draw_code(address: str) -> None:
     import segno
 
     segno.make(address).terminal(compact=True)
-
-
-def usual_folder() -> Path:
-    """Return the studio's folder, in the system's place for user data."""
-    if sys.platform in ("win32", "darwin"):
-        return Path(click.get_app_dir("printmend")) / "studio"
-    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local/share") / "printmend/studio"
-
-
-def _made(folder: Path) -> Path:
-    """Return the folder, made for its owner only where it was not there."""
-    if not folder.is_dir():
-        folder.mkdir(parents=True)
-        folder.chmod(0o700)
-    elif folder == usual_folder():
-        folder.chmod(0o700)
-    return folder

@@ -22,10 +22,11 @@ from starlette.concurrency import run_in_threadpool
 from printmend import __version__
 from printmend.errors import InputError
 from printmend.messages import messages_of, say
-from printmend.studio.guard import LONGEST_UPLOAD_S, USER
+from printmend.studio.guard import API, LONGEST_UPLOAD_S, USER
 from printmend.studio.jobs import StudioState
+from printmend.studio.quota import check_bytes
 from printmend.studio.shapes import KEY, EffectList, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
-from printmend.studio.store import DONE, HALF, NotThereError, bytes_in
+from printmend.studio.store import DONE, HALF, NotThereError
 
 LEAST_FREE_BYTES = 500_000_000  # on the disk, below which nothing more is taken
 _LOOK_S, _ASK_S = 0.05, 1.0  # how often a job's folder is looked at, and at the latest the job itself
@@ -35,7 +36,7 @@ _ODD = re.compile(r"[^\w.+ ()\-]")
 PROBLEMS: dict[int | str, dict[str, Any]] = {
     code: {"model": Problem} for code in (400, 401, 403, 404, 409, 413, 421, 422, 507)
 }
-router = APIRouter(prefix="/api", responses=PROBLEMS)
+router = APIRouter(prefix=API, responses=PROBLEMS)
 
 
 def studio_of(request: Request) -> StudioState:
@@ -86,11 +87,12 @@ def presets() -> list[Preset]:
 async def upload(request: Request, here: Here, name: Annotated[str, Query(min_length=1, max_length=300)]) -> Upload:
     """Send a file, as the body of the request; its key then stands for it."""
     key, shown, size = secrets.token_hex(8), plain_name(name), 0
-    if shutil.disk_usage(here.store.folder).free < LEAST_FREE_BYTES:
+    if shutil.disk_usage(here.store.places.data).free < LEAST_FREE_BYTES:
         raise InputError(
             say("disk"), wanted=say("some-free-space"), came=say("less-500-mb"), todo=say("remove-what-needed")
         )
-    await run_in_threadpool(_hold, here, int(request.headers.get("content-length", 0)))
+    more_bytes = int(request.headers.get("content-length", 0))
+    await run_in_threadpool(check_bytes, here.store, here.most_bytes, more_bytes)
     target = here.store.path("upload", key)
     beside = target.with_name(f".{key}{HALF}")
     try:
@@ -112,15 +114,6 @@ async def upload(request: Request, here: Here, name: Annotated[str, Query(min_le
     finally:
         beside.unlink(missing_ok=True)
     return Upload(id=key, name=shown, bytes=size)
-
-
-def _hold(here: StudioState, more_bytes: int) -> None:
-    """Raise `InputError` if ``more_bytes`` would exceed the limit of the folder."""
-    if (held := bytes_in(here.store.folder)) + more_bytes > here.most_bytes:
-        raise InputError(
-            say("subject-studio"), wanted=say("most-gb-folder", f"{here.most_bytes / 1e9:g}"),
-            came=say("gb", f"{held / 1e9:.1f}"), todo=say("free-some-under-storage"),
-        )  # fmt: skip
 
 
 def _settle(file: Any, beside: Path, target: Path) -> None:
@@ -151,7 +144,8 @@ def card(here: StudioState, key: str, waiting: list[str] | None = None) -> JobCa
     """Return a job as the API shows it; ``waiting`` is the queue, where it is known already."""
     here.store.job(key)
     job = here.jobs.look(key)
-    files = job.get("files") or (job["result"] or {}).get("files", [])
+    named = job.get("files") or (job["result"] or {}).get("files", [])
+    files = [name for name in named if here.store.made(key, name).is_file()]  # a cache may be emptied at any time
     queue = [] if job["state"] != "queued" else here.jobs.waiting() if waiting is None else waiting
     ahead, may_force = queue.index(key) if key in queue else 0, (job["result"] or {}).get("may_force", False)
     return JobCard(**{**job, "files": files, "ahead": ahead, "may_force": may_force})
@@ -238,7 +232,7 @@ def remove_job(here: Here, key: Key) -> None:
 def file(here: Here, key: Key, name: Annotated[str, Where(max_length=200)]) -> FileResponse:
     """Fetch a file that a job made."""
     offered = card(here, key).files
-    path = here.store.path("job", key) / name
+    path = here.store.made(key, name)
     if name not in offered or not path.is_file():
         raise NotThereError(name, wanted=say("file-job"), came=say("none-name"), todo=say("see-job-files"))
     # shown in the page's own documents only; content-encoding: what is on this computer is not worth compressing

@@ -9,18 +9,18 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi import Path as Where
-from fastapi.responses import FileResponse
+from fastapi.responses import FileResponse, JSONResponse
 
 from printmend.errors import InputError, RefusedError
-from printmend.messages import say
+from printmend.messages import messages_of, say
 from printmend.studio import pairing
 from printmend.studio.api import PROBLEMS, Here, Key
 from printmend.studio.devices import LONGEST_NAME, Devices
-from printmend.studio.guard import USER
+from printmend.studio.guard import API, USER
 from printmend.studio.shapes import KEY, DeviceCard, NewDevice, PairCode, Paired, PairedHost, PairIn, Welcome
 from printmend.studio.work import MODEL
 
-router = APIRouter(prefix="/api/devices", responses=PROBLEMS, tags=["devices"])
+router = APIRouter(prefix=f"{API}/devices", responses=PROBLEMS, tags=["devices"])
 
 
 def _devices(request: Request) -> Devices:
@@ -61,7 +61,7 @@ def remove(request: Request, name: Annotated[str, Where(min_length=1, max_length
     _devices(request).revoke(name)
 
 
-pairs_router = APIRouter(prefix="/api", responses=PROBLEMS, tags=["pair"])
+pairs_router = APIRouter(prefix=API, responses=PROBLEMS, tags=["pair"])
 _TOKEN = re.compile(rf"Bearer ({KEY[1:-1]})\.[\w-]{{10,80}}", re.ASCII)
 
 
@@ -105,8 +105,8 @@ def model(request: Request, here: Here, have: Annotated[str, Query(pattern="^[0-
     found = _TOKEN.fullmatch(request.headers.get("authorization", ""))
     folder = here.store.path("printer", found[1]) if found else None
     if found is None or folder is None or not pairing.may_fetch(folder, found[0].removeprefix("Bearer ")):
-        return Response(json.dumps({"error": "this host is not paired: ask the studio for a code"}), 401,
-                        media_type="application/json")  # fmt: skip
+        words = say("host-not-paired")
+        return JSONResponse({"error": words, "messages": messages_of(words)}, 401)
     path = folder / MODEL
     if not path.is_file():
         raise InputError(

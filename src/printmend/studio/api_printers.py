@@ -18,6 +18,7 @@ from printmend.printer import Printer, read_printer
 from printmend.printer.convert import convert, printer_text
 from printmend.printer.toml import check_name, parse_printer
 from printmend.studio.api import PROBLEMS, Here, Key, card, plain_name
+from printmend.studio.guard import API
 from printmend.studio.host import FILE, find_host, keep_host, read_host
 from printmend.studio.jobs import StudioState
 from printmend.studio.shapes import (
@@ -43,7 +44,7 @@ from printmend.studio.shapes import (
 from printmend.studio.store import NotThereError
 from printmend.studio.work import MODEL, PLAN, PRINTER, PROBE, TOWER, TOWER_TABLE
 
-router = APIRouter(prefix="/api/printers", responses=PROBLEMS, tags=["printers"])
+router = APIRouter(prefix=f"{API}/printers", responses=PROBLEMS, tags=["printers"])
 _NOTES = "notes.json"
 _OFFERED = (PRINTER, PROBE, PLAN, MODEL, TOWER, TOWER_TABLE)
 

@@ -9,7 +9,9 @@ from fastapi import APIRouter
 from fastapi import Path as Where
 
 from printmend.studio.api import PROBLEMS, Here, card
+from printmend.studio.guard import API
 from printmend.studio.jobs import StudioState
+from printmend.studio.quota import most_of
 from printmend.studio.shapes import Storage, StoragePart
 from printmend.studio.store import DONE, NotThereError, bytes_in
 from printmend.studio.work import PHOTO, THUMB
@@ -25,7 +27,7 @@ _KINDS: dict[str, Part] = {
 }
 _PICTURES = (THUMB, PHOTO.format(1))
 _MOST_SHOWN = 8  # small pictures of a part
-router = APIRouter(prefix="/api/storage", responses=PROBLEMS, tags=["storage"])
+router = APIRouter(prefix=f"{API}/storage", responses=PROBLEMS, tags=["storage"])
 
 
 @router.get("", name="list")
@@ -35,17 +37,20 @@ def storage(here: Here) -> Storage:
     for name, path in _freed(here):
         part = found[name]
         part.count += 1
-        part.bytes += bytes_in(path)
-        if len(part.shown) < _MOST_SHOWN and (picture := next((p for p in _PICTURES if (path / p).is_file()), None)):
+        part.bytes += bytes_in(path, here.store.pictures(path.name))
+        made = (one for one in _PICTURES if here.store.made(path.name, one).is_file())
+        if len(part.shown) < _MOST_SHOWN and (picture := next(made, None)):
             with contextlib.suppress(
                 NotThereError
             ):  # a job that failed offers no picture; one may be removed meanwhile
                 if picture in card(here, path.name).files:
-                    part.shown.append(f"/api/jobs/{path.name}/files/{picture}")
+                    part.shown.append(f"{API}/jobs/{path.name}/files/{picture}")
     parts = list(found.values())
-    kept = bytes_in(here.store.folder) - sum(part.bytes for part in parts)
-    free = shutil.disk_usage(here.store.folder).free
-    return Storage(parts=parts, kept_bytes=max(kept, 0), free_bytes=free, most_bytes=here.most_bytes)
+    kept = here.store.bytes() - sum(part.bytes for part in parts)
+    free = shutil.disk_usage(here.store.places.data).free
+    return Storage(
+        parts=parts, kept_bytes=max(kept, 0), free_bytes=free, most_bytes=most_of(here.store, here.most_bytes)
+    )
 
 
 @router.delete("/{part}", name="free")

@@ -20,9 +20,10 @@ from printmend.errors import InputError, PrintmendError, RefusedError
 from printmend.messages import messages_of, page_messages, say
 from printmend.studio import api, api_devices, api_printers, api_storage
 from printmend.studio.devices import Devices
-from printmend.studio.guard import LOOPBACK, Guard, TooLargeError
+from printmend.studio.guard import API, LOOPBACK, Guard, TooLargeError
 from printmend.studio.jobs import Jobs, StudioState
 from printmend.studio.pairing import Codes
+from printmend.studio.places import Places
 from printmend.studio.store import NotThereError, Store
 
 PAGE = Path(__file__).parent / "page"
@@ -36,7 +37,7 @@ _ABOUT = (
 
 
 def create_app(
-    folder: Path,
+    places: Places,
     *,
     hosts: Iterable[str] = LOOPBACK,
     devices: Devices | None = None,
@@ -46,16 +47,16 @@ def create_app(
     most_held_bytes: int = MOST_HELD_BYTES,
     stopping: Callable[[], bool] = lambda: False,
 ) -> ASGIApp:
-    """Return the server over ``folder``, where everything is kept: printers, uploads, jobs and their files.
+    """Return the server over ``places``, where everything is kept: printers, uploads, jobs and their files.
 
     ``hosts`` are the names that it answers to, ``devices`` who may come in from elsewhere than this computer. Jobs
-    run in ``workers`` processes, or on a ``cluster`` that sees the folder, too. ``stopping`` says when streams of
+    run in ``workers`` processes, or on a ``cluster`` that sees the folders, too. ``stopping`` says when streams of
     events should end.
     """
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        store = Store(folder)
+        store = Store(places)
         jobs = Jobs(store, workers=workers, cluster=cluster)
         app.state.studio = StudioState(store, jobs, most_held_bytes)
         yield
@@ -67,7 +68,7 @@ def create_app(
         redoc_url=None, openapi_url=None, generate_unique_id_function=_operation_id,
     )  # fmt: skip
     app.add_api_route(
-        "/api/openapi.json", lambda: _description(app), include_in_schema=False, response_class=JSONResponse
+        f"{API}/openapi.json", lambda: _description(app), include_in_schema=False, response_class=JSONResponse
     )
     app.state.most_bytes, app.state.stopping, app.state.devices = most_bytes, stopping, devices
     app.state.codes = Codes()

@@ -12,8 +12,8 @@ from pathlib import Path
 from printmend.errors import InputError
 from printmend.files import replacing
 from printmend.messages import say
+from printmend.studio.places import DEVICES
 
-FILE = "devices.json"
 FIRST = "first device"  # the name of the token that a studio makes where it has none
 LONGEST_NAME = 60
 
@@ -32,7 +32,7 @@ class Devices:
     """The devices of a studio's folder; another program may add and revoke them while the studio runs."""
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / FILE
+        self._path = folder / DEVICES
         self._lock = threading.Lock()
         self._seen: tuple[int, int] | None = None
         self._known: tuple[Device, ...] = ()
@@ -53,7 +53,7 @@ class Devices:
         """Let a device in; return its token, which is not kept. Raises `InputError` for a name that is taken."""
         name = name.strip()
         user = user.strip()
-        if not name or max(len(name), len(user)) > LONGEST_NAME or not (name + user).isprintable():
+        if max(len(name), len(user)) > LONGEST_NAME or not (name + user).isprintable() or not may_be_named(name):
             raise InputError(say("subject-device"), wanted=say("name-1-characters", LONGEST_NAME), came=repr(name),
                              todo=say("name-after-what-phone-laptop"))  # fmt: skip
         if any(one.name.casefold() == name.casefold() for one in self.known()):
@@ -95,6 +95,11 @@ def _read(path: Path) -> tuple[Device, ...]:
     except (OSError, ValueError, TypeError, KeyError):
         raise InputError(path, wanted=say("devices-studio"), came=say("another-file"),
                          todo=say("terminal-remove-let-devices-again-device")) from None  # fmt: skip
+
+
+def may_be_named(name: str) -> bool:
+    """Say whether a name can be a part of an address, as which a device is revoked: some character, and no slash."""
+    return bool(name.strip(".")) and not {*name} & {*"/\\"}
 
 
 def hash_of(token: str) -> str:

@@ -81,11 +81,11 @@ class Door(H11Protocol):
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "printmend_token"
 USER = "printmend.user"  # in the scope of a request: whose device asks, empty where it sees everything
+API, _BEFORE = "/api/v1", "/api/"  # hosts of before it had a version are paired, and stay so
 SIGN_IN = Path(__file__).parent / "sign_in.html"
 _OPEN = (  # what the sign-in page is made of, and where hosts come with a code or a token of their own
-    "/style.css", "/icon.svg", "/api/pair", "/api/pair/model",
+    "/style.css", "/icon.svg", f"{API}/pair", f"{API}/pair/model",
 )  # fmt: skip
-_VERSION = "/api/v1/"
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
     "manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -119,11 +119,11 @@ class Guard:
             return
         if scope["type"] != "http":
             return
-        if scope["path"].startswith(_VERSION):  # the same under a name that stays
-            path = "/api/" + scope["path"].removeprefix(_VERSION)
+        if scope["path"].startswith(_BEFORE) and not scope["path"].startswith(f"{API}/"):
+            path = f"{API}/" + scope["path"].removeprefix(_BEFORE)
             scope = {**scope, "path": path, "raw_path": path.encode()}
         headers = Headers(scope=scope)
-        limit = self._most_bytes if scope["path"] == "/api/uploads" else _SMALL_BYTES
+        limit = self._most_bytes if scope["path"] == f"{API}/uploads" else _SMALL_BYTES
         refusal = self._refusal(scope, headers, limit)
         if refusal is not None:
             await _answer(send, *refusal)

@@ -5,10 +5,8 @@ comes back is read up to a bound. The key lies beside the printer's description,
 never shows it.
 """
 
-import errno
 import itertools
 import json
-import socket
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -18,7 +16,7 @@ from urllib.parse import urlsplit
 
 import httpx2 as httpx
 
-from printmend.errors import InputError, RefusedError
+from printmend.errors import InputError, RefusedError, reason
 from printmend.files import replacing
 from printmend.messages import say
 
@@ -115,9 +113,9 @@ def send_file(host: Host, path: Path, name: str, told: Callable[[float], None]) 
         )  # fmt: skip
         status, said = _ask(client, request, _DIGEST_S)
     if status not in (200, 201):
-        reason = _reason(said)
+        why = _reason(said)
         raise RefusedError(
-            name, wanted=say("takes", NAMES[host.kind]), came=say("answer", status, reason),
+            name, wanted=say("takes", NAMES[host.kind]), came=say("answer", status, why),
             todo=say("see-log-download-file-put-there"),
         )  # fmt: skip
 
@@ -162,8 +160,8 @@ def _ask(client: httpx.Client, request: httpx.Request, patience_s: float) -> tup
         finally:
             answer.close()
     except httpx.HTTPError as error:
-        code = next((cause.errno for cause in _causes(error) if isinstance(cause, OSError)), None)
-        came = say("no-answer-time") if isinstance(error, httpx.TimeoutException) else _no_answer(code, error)
+        cause = next((each for each in _causes(error) if isinstance(each, OSError)), error)
+        came = say("no-answer-time") if isinstance(error, httpx.TimeoutException) else reason(cause)
         raise InputError(
             str(request.url), wanted=say("answer-2"), came=came, todo=say("running-address-right")
         ) from None
@@ -179,19 +177,6 @@ def _causes(error: BaseException) -> Iterator[BaseException]:
     while cause is not None:
         yield cause
         cause = cause.__cause__ or cause.__context__
-
-
-def _no_answer(code: int | None, error: Exception) -> str:
-    """Return the reason why no host answers, from the system's error number."""
-    if code == errno.ECONNREFUSED:
-        return say("nobody-answers")
-    if code in (errno.EHOSTUNREACH, errno.ENETUNREACH):
-        return say("no-way-to-host")
-    return (
-        say("nobody-knows-name")
-        if code in (socket.EAI_NONAME, socket.EAI_AGAIN)
-        else str(error) or type(error).__name__
-    )
 
 
 def _is_of_kind(kind: str, said: Any) -> bool:

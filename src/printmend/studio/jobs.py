@@ -17,6 +17,7 @@ from printmend.cluster import limited
 from printmend.errors import RefusedError
 from printmend.messages import say
 from printmend.studio import work
+from printmend.studio.quota import check_bytes, check_jobs
 from printmend.studio.store import Row, Store
 
 LONGEST_S = 1800.0  # a job that takes longer is stopped
@@ -31,7 +32,7 @@ _LOG = logging.getLogger("printmend.studio")
 class Jobs:
     """The jobs of a `Store`, run by ``workers`` processes; those that a kill interrupted begin again.
 
-    With a ``cluster`` they run there instead, on workers that see the store's folder under the same name; a job that
+    With a ``cluster`` they run there instead, on workers that see the store's folders under the same name; a job that
     is stopped is forgotten at once, though its worker works on it to the end.
     """
 
@@ -101,7 +102,8 @@ class Jobs:
         """Stop a job and take away all that it wrote."""
         self.cancel(key)
         self._store.forget("job", key)
-        shutil.rmtree(self._store.path("job", key), ignore_errors=True)
+        for folder in {self._store.path("job", key), self._store.pictures(key)}:
+            shutil.rmtree(folder, ignore_errors=True)
 
     def warm_soon(self) -> None:
         """Let the workers begin once the first picture, whose data is on its way, is drawn."""
@@ -147,7 +149,7 @@ class Jobs:
     def _schedule(self, key: str, kind: str, params: Row) -> None:
         folder = self._store.path("job", key)
         (folder / work.PROGRESS).unlink(missing_ok=True)  # of a run that was killed
-        arguments = (kind, str(folder), str(self._store.folder), params)
+        arguments = (kind, str(folder), str(self._store.places.data), params, str(self._store.pictures(key)))
         with self._changing:
             self._warmed = True
             future = self._pool.schedule(work.run, args=arguments, timeout=LONGEST_S)
@@ -208,5 +210,11 @@ class StudioState:
     most_bytes: int
 
     def submit(self, kind: str, printer: str | None, params: Row) -> str:
-        """Queue a job of whoever asks; return its key. Raises `RefusedError` where too many wait."""
+        """Queue a job of whoever asks; return its key.
+
+        Raises `RefusedError` where too many wait, `InputError` where too many are one user's or too much is kept.
+        """
+        if kind != "send":  # which makes nothing
+            check_bytes(self.store, self.most_bytes)
+        check_jobs(self.store)
         return self.jobs.submit(kind, printer, params, self.store.owner)

@@ -1,21 +1,25 @@
 """Start the studio: a socket on this computer, a token where others may come, the browser."""
 
 import contextlib
+import json
 import socket
 import sqlite3
 import threading
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import uvicorn
 
 from printmend.cluster import Cluster
 from printmend.errors import InputError, reason
+from printmend.files import replacing
 from printmend.messages import say
 from printmend.studio.app import MOST_HELD_BYTES, WORKERS, create_app
 from printmend.studio.devices import FIRST, Devices
 from printmend.studio.guard import LOOPBACK, Door
+from printmend.studio.places import ADDRESS, LOCK, Places
 
 _EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - recognised, never a default
 # Addresses kept for documents (RFC 5737, RFC 3849): nobody has them, so the way to them begins as that to anybody.
@@ -23,7 +27,7 @@ _ELSEWHERE = ((socket.AF_INET, "198.51.100.1"), (socket.AF_INET6, "2001:db8::1")
 
 
 def serve(
-    folder: Path, *, host: str, port: int, names: tuple[str, ...] = (), browser: bool, told: Callable[[str], None],
+    places: Places, *, host: str, port: int, names: tuple[str, ...] = (), browser: bool, told: Callable[[str], None],
     workers: int = WORKERS, cluster: str | None = None, most_gb: float = MOST_HELD_BYTES / 1e9,
 ) -> None:  # fmt: skip
     """Serve until Ctrl-C. From another ``host`` than this computer only known devices come in, see `Devices`.
@@ -33,28 +37,29 @@ def serve(
     nobody answers at the cluster's address.
     """
     remote = None if cluster is None else Cluster.at(cluster)
-    devices = None if host in LOOPBACK and not names else Devices(folder)
+    devices = None if host in LOOPBACK and not names else Devices(places.state)
     known = () if devices is None else devices.known()
     reached = _everywhere() if host in _EVERYWHERE else [host]
     hosts = {*LOOPBACK, *names, *reached}
     listener = _listener(host, port)
-    alone = _alone(folder)
+    alone = _alone(places.state)
     threading.Thread(target=_draw_beforehand, daemon=True).start()
     port = listener.getsockname()[1]
     token = devices.add(FIRST) if devices is not None and not known else None
     address = _address(reached[0], port, token)
-    told(say("terminal-studio-runs", address, folder))
+    told(say("terminal-studio-runs", address, places.data))
     if token:
         told(say("terminal-studio-token"))
     elif known:
         told(say("terminal-studio-lets-in", ", ".join(one.name for one in known)))
     if devices is not None:
         told(say("terminal-studio-not-encrypted"))
+    _note(places.state / ADDRESS, None if devices is None else {"host": host, "port": port, "names": list(names)})
     with contextlib.ExitStack() as stack:
         stack.callback(alone.close)
         pool = None if remote is None else stack.enter_context(remote.client()).get_executor(pure=False)
         config = uvicorn.Config(
-            create_app(folder.resolve(), hosts=hosts, devices=devices, workers=workers,
+            create_app(places.resolved(), hosts=hosts, devices=devices, workers=workers,
                        cluster=pool, most_held_bytes=int(most_gb * 1e9), stopping=lambda: server.should_exit),
             log_level="warning",
             server_header=False, timeout_keep_alive=30, timeout_graceful_shutdown=2, limit_concurrency=400, ws="none",
@@ -66,10 +71,26 @@ def serve(
         server.run(sockets=[listener])
 
 
-def let_in(folder: Path, name: str, user: str = "", *, host: str, port: int) -> str:
-    """Let a device in; return the address that it opens. Raises `InputError` for a name that is taken."""
-    token = Devices(folder).add(name, user)
+def let_in(folder: Path, name: str, user: str = "", *, host: str, port: int, given: bool) -> str:
+    """Let a device in; return the address that it opens: of the studio that was last started for others from
+    ``folder``, unless ``host`` or ``port`` was ``given``. Raises `InputError` for a name that is taken."""
+    token, names = Devices(folder).add(name, user), []
+    if not given:
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+            noted = json.loads((folder / ADDRESS).read_text(encoding="utf-8"))
+            host, port, names = noted["host"], noted["port"], noted["names"]
+    if names and host in LOOPBACK:  # nobody else comes to it but through a proxy
+        return f"https://{names[0]}/?token={token}"
     return _address(_everywhere()[0] if host in (*_EVERYWHERE, *LOOPBACK) else host, port, token)
+
+
+def _note(path: Path, table: dict[str, Any] | None) -> None:
+    """Write a table for the other commands; None where there is nothing to tell them."""
+    path.unlink(missing_ok=True)
+    if table is not None:
+        path.touch(mode=0o600)
+        with replacing(path) as file:
+            json.dump(table, file)
 
 
 def _address(host: str, port: int, token: str | None) -> str:
@@ -83,7 +104,7 @@ def _alone(folder: Path) -> sqlite3.Connection:
     Raises `InputError` where another studio has it, as two would take each other's jobs, and where nothing can be
     written there.
     """
-    path, held = folder / "studio.lock", None
+    path, held = folder / LOCK, None
     try:
         held = sqlite3.connect(path, timeout=0, isolation_level=None, check_same_thread=False)
         held.execute("BEGIN EXCLUSIVE")

@@ -38,11 +38,14 @@ class PairCode(BaseModel):
     minutes: int
 
 
+_NAME = r"^[^/\\\x00-\x1f]*[^./\\\x00-\x1f][^/\\\x00-\x1f]*$"  # can be a part of an address: not of dots alone
+
+
 class PairIn(Strict):
     """A code that a host was given, and the host's name."""
 
     code: str = Field(pattern=r"^[0-9]{6}$")
-    name: str = Field(min_length=1, max_length=60, pattern=r"^[^/\x00-\x1f]+$")
+    name: str = Field(min_length=1, max_length=60, pattern=_NAME)
 
 
 class Paired(BaseModel):

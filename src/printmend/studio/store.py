@@ -1,10 +1,11 @@
-"""What the studio remembers: printers, uploads and jobs, in one SQLite file; large things lie in folders beside it."""
+"""What the studio remembers: printers, uploads and jobs, in one SQLite file; large things lie in folders."""
 
 import contextlib
 import copy
 import itertools
 import json
 import os
+import re
 import secrets
 import threading
 import time
@@ -14,8 +15,12 @@ from typing import Any
 
 import sqlalchemy as sql
 
-from printmend.errors import InputError
+from printmend.errors import InputError, PrintmendError
 from printmend.messages import messages_of, say
+from printmend.printer import read_printer
+from printmend.studio.places import DATABASE, Places
+from printmend.studio.shapes import KEY
+from printmend.studio.work import PRINTER
 
 DONE = ("done", "failed", "cancelled")
 HALF = ".tmp"  # what the name of an upload ends with, and a dot what it begins with, until all of it is there
@@ -43,23 +48,23 @@ Row = dict[str, Any]
 
 
 class Store:
-    """The database ``folder``/studio.sqlite and the folders of printers, uploads and jobs, made where they are not.
+    """The database and the folders of printers, uploads and jobs, made where they are not; ``places`` says where.
 
     Safe to use from several threads; a kill at any moment leaves it as it was before or after a call.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        for part in ("printers", "uploads", "jobs"):
-            (folder / part).mkdir(parents=True, exist_ok=True)
-        for half in (folder / "uploads").glob(f".*{HALF}"):  # was being sent when a server was killed
+    def __init__(self, places: Places) -> None:
+        self.places = places
+        places.make()
+        for half in (places.data / "uploads").glob(f".*{HALF}"):  # was being sent when a server was killed
             half.unlink(missing_ok=True)
         self._naming = threading.Lock()  # between the look whether a name is free and taking it
-        self._engine = sql.create_engine(f"sqlite:///{folder / 'studio.sqlite'}")
+        self._engine = sql.create_engine(f"sqlite:///{places.state / DATABASE}")
         sql.event.listen(self._engine, "connect", _settle)
         _META.create_all(self._engine)
         self._add_owners()
         self.owner: str | None = None
+        self._find_again()
 
     def _add_owners(self) -> None:
         """Add the owners' column to the tables of a studio that knew no users."""
@@ -67,6 +72,14 @@ class Store:
             if all(column["name"] != "owner" for column in sql.inspect(self._engine).get_columns(table.name)):
                 with self._engine.begin() as link:
                     link.execute(sql.text(f"ALTER TABLE {table.name} ADD COLUMN owner VARCHAR"))
+
+    def _find_again(self) -> None:
+        """Note printers whose folders are there and which the database does not know: their data outlive its loss."""
+        known = {row["id"] for row in self.printers()}
+        for place in sorted((self.places.data / "printers").iterdir()):
+            if place.name not in known and re.fullmatch(KEY, place.name) and (place / PRINTER).is_file():
+                with contextlib.suppress(PrintmendError):  # not ours
+                    self.add_printer("", usually=read_printer(place / PRINTER).name, id=place.name)
 
     def of(self, owner: str | None) -> "Store":
         """Return the same store as a user sees it: what is their own, and what is everybody's."""
@@ -83,12 +96,33 @@ class Store:
 
     def path(self, kind: str, key: str) -> Path:
         """Return the folder of a printer or a job, the file of an upload; ``key`` is one of ours."""
-        return self.folder / f"{kind}s" / key
+        return self.places.data / f"{kind}s" / key
 
-    def add_printer(self, name: str, *, usually: str) -> str:
-        """Note a printer; return its key. Without a name it is called ``usually``, numbered where that is taken.
+    def pictures(self, job: str) -> Path:
+        """Return the folder of a job's pictures, which may be one with its own."""
+        return self.places.cache / "jobs" / job
 
-        Raises `InputError` for the name of another printer.
+    def made(self, job: str, name: str) -> Path:
+        """Return where a file is that a job made; before there was a cache, its pictures lay among its other files."""
+        path = self.path("job", job) / name
+        return path if path.is_file() else self.pictures(job) / name
+
+    def bytes(self) -> int:
+        """Return what everything takes of the disk; as a user sees it, what is that user's own."""
+        if self.owner is None:
+            return bytes_in(*self.places.folders)
+        own = {
+            kind: [row["id"] for row in self._rows(sql.select(table.c.id).where(table.c.owner == self.owner))]
+            for kind, table in (("printer", PRINTERS), ("upload", UPLOADS), ("job", JOBS))
+        }
+        return bytes_in(*(self.path(kind, key) for kind, keys in own.items() for key in keys),
+                        *map(self.pictures, own["job"]))  # fmt: skip
+
+    def add_printer(self, name: str, *, usually: str, **key: str) -> str:
+        """Note a printer; return its key, a new one unless its ``id`` is given.
+
+        Without a name it is called ``usually``, numbered where that is taken. Raises `InputError` for the name of
+        another printer.
         """
         with self._naming:
             if name:
@@ -96,7 +130,7 @@ class Store:
             else:
                 taken = self._names()
                 name = next(one for one in _numbered(usually) if one.casefold() not in taken)
-            return self._insert(PRINTERS, name=name)
+            return self._insert(PRINTERS, name=name, **key)
 
     def add_upload(self, key: str, name: str, size: int) -> None:
         """Note an upload whose file is in its place."""
@@ -211,14 +245,15 @@ class NotThereError(InputError):
     """What was asked for is not in the studio."""
 
 
-def bytes_in(path: Path) -> int:
-    """Return what a file, or all in a folder, takes of the disk; what two names share counts once."""
-    seen: dict[int, int] = {}
-    places = [path] if path.is_file() else (Path(base) / name for base, _, names in os.walk(path) for name in names)
-    for place in places:
-        with contextlib.suppress(OSError):  # removed meanwhile
-            stat = place.stat()
-            seen[stat.st_ino] = stat.st_size
+def bytes_in(*paths: Path) -> int:
+    """Return what files, and all in folders, take of the disk; what two names share counts once."""
+    seen: dict[tuple[int, int], int] = {}
+    for path in paths:
+        places = [path] if path.is_file() else (Path(base) / name for base, _, names in os.walk(path) for name in names)
+        for place in places:
+            with contextlib.suppress(OSError):  # removed meanwhile
+                stat = place.stat()
+                seen[stat.st_dev, stat.st_ino] = stat.st_size
     return sum(seen.values())
 
 

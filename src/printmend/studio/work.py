@@ -38,11 +38,12 @@ _SEEN_PX = 1800  # of a scan as it is shown
 class Job:
     """One job: where it works, and whom it tells how far it is."""
 
-    def __init__(self, folder: Path, data: Path, params: Params) -> None:
-        self.folder, self.data, self.params = folder, data, params
+    def __init__(self, folder: Path, data: Path, params: Params, pictures: Path | None = None) -> None:
+        self.folder, self.data, self.params, self._pictures = folder, data, params, pictures or folder
         self.files: list[str] = []
         self._begun_s, self._told_s = time.time(), 0.0
-        folder.mkdir(parents=True, exist_ok=True)
+        for place in (self.folder, self._pictures):
+            place.mkdir(parents=True, exist_ok=True)
 
     def tell(self, share: float, step: str, *, now: bool = True) -> None:
         """Say that ``share`` 0–1 is done and what comes next; with ``now`` false only if that was a while ago."""
@@ -62,6 +63,11 @@ class Job:
             self.files.append(name)
         return self.folder / name
 
+    def picture(self, name: str) -> Path:
+        """Return where a picture goes, which may be fetched from now on as a `file` and may be lost."""
+        self.file(name)
+        return self._pictures / name
+
     @property
     def given(self) -> Path:
         """Where uploads lie under the names that they came with, apart from what the job itself writes."""
@@ -70,7 +76,7 @@ class Job:
     def said(self, error: PrintmendError) -> str:
         """Return what an error says, without the folders of this studio."""
         words = error.message
-        for place in (self.given, self.folder, self.data):
+        for place in (self.given, self.folder, self._pictures, self.data):
             words = words.replace(f"{place}{os.sep}", "")
         return words
 
@@ -117,9 +123,9 @@ def rehearse() -> None:
         run("mend", str(data / "jobs"), name, {"printer": "0", "upload": "0", "name": "part.gcode"})
 
 
-def run(kind: str, folder: str, data: str, params: Params) -> dict[str, Any]:
-    """Run one job; return its result, or ``error`` in one line."""
-    job = Job(Path(folder), Path(data), params)
+def run(kind: str, folder: str, data: str, params: Params, pictures: str | None = None) -> dict[str, Any]:
+    """Run one job; return its result, or ``error`` in one line. Its ``pictures`` may have a folder of their own."""
+    job = Job(Path(folder), Path(data), params, None if pictures is None else Path(pictures))
     try:
         result = KINDS[kind](job)
     except PrintmendError as error:
@@ -184,8 +190,7 @@ def _mend(job: Job) -> dict[str, Any]:
     if drawing is not None and tap.seen:
         job.tell(0.8, "draw")
         scene = as_mended(scene, drawing, model.mechanism, tap, aligned=_is_of_shape(model))
-        write_mended(job.folder / MENDED, scene)
-        job.file(MENDED)
+        write_mended(job.picture(MENDED), scene)
         paces = _paces(named, scene, prediction.duration)
     table = prediction.json()
     table.pop("layers")
@@ -204,14 +209,12 @@ def _draw(job: Job, path: Path, model: Any) -> tuple[Any, Any]:
 
     motion, aligned = read_motion(path, model.printer), _is_of_shape(model)
     if (few := coarse(motion)) is not None:
-        write_wanted(job.folder / COARSE, as_printed(lay_points(few), model.mechanism, aligned=aligned))
-        job.file(COARSE)
+        write_wanted(job.picture(COARSE), as_printed(lay_points(few), model.mechanism, aligned=aligned))
         job.tell(0.15, "read")
     drawing = lay_points(motion)
     scene = as_printed(drawing, model.mechanism, aligned=aligned)
-    write_wanted(job.folder / WANTED, scene)
-    write_thumb(job.file(THUMB), scene)
-    job.file(WANTED)
+    write_wanted(job.picture(WANTED), scene)
+    write_thumb(job.picture(THUMB), scene)
     return drawing, scene
 
 
@@ -265,8 +268,8 @@ def _scans(job: Job) -> list[Path]:
     several = len({*names}) < len(names)
     shown = [f"{i + 1}-{name}" if several else name for i, name in enumerate(names)]
     paths = [_named(job, one["upload"], name) for one, name in zip(job.params["scans"], shown, strict=True)]
-    job.files += [photo for i, path in enumerate(paths)
-                  if write_photo(job.folder / (photo := PHOTO.format(i + 1)), path)]  # fmt: skip
+    for i, path in enumerate(paths):
+        write_photo(job.picture(PHOTO.format(i + 1)), path)
     return paths
 
 
@@ -281,7 +284,7 @@ def _measure(job: Job) -> dict[str, Any]:
     seen: dict[str, Any] = {}
 
     def look(reading: Any) -> None:
-        factor = _write_seen(job.file(SEEN), reading.image)
+        factor = _write_seen(job.picture(SEEN), reading.image)
         px = np.full((len(plan), 2), np.nan)
         found = reading.marks.found
         px[found] = (reading.dots.centre_px[reading.marks.match.dot[found]] + 0.5) * factor
@@ -464,9 +467,8 @@ def _play(job: Job) -> dict[str, Any]:
     drawing, tap = read_drawing(part, printer), Tap()
     along = twin.printed_along
     scene = as_printed(drawing, truth, aligned=True, along=along)
-    write_thumb(job.file(THUMB), scene)
-    write_wanted(job.folder / WANTED, scene)
-    job.file(WANTED)
+    write_thumb(job.picture(THUMB), scene)
+    write_wanted(job.picture(WANTED), scene)
     printed = twin.seen(plan.waypoints_mm)
     job.tell(0.1, "scan")
     seed, scans = job.params.get("seed", 0), [job.folder / f"scan-{turns}.png" for turns in range(2)]
@@ -475,7 +477,7 @@ def _play(job: Job) -> dict[str, Any]:
                           rng=np.random.default_rng(seed), quarter_turns=turns)  # fmt: skip
         write_image(path, scan.image, dpi=_PLAY_DPI)
         if not turns:
-            _write_seen(job.file(SEEN), scan.image)
+            _write_seen(job.picture(SEEN), scan.image)
     job.tell(0.3, "measure")
     measurement = measure_scans(scans, plan)
     job.tell(0.5, "learn")
@@ -494,8 +496,7 @@ def _play(job: Job) -> dict[str, Any]:
         refused = str(error)
     if refused is None and tap.seen:  # of a printer found healthy nothing is planned
         scene = as_mended(scene, drawing, truth, tap, aligned=True, along=along)
-        write_mended(job.folder / MENDED, scene)
-        job.file(MENDED)
+        write_mended(job.picture(MENDED), scene)
     after = scene.raw_error_mm if scene.mended_error_mm is None else scene.mended_error_mm
     numbers = {name: {"rms_mm": scene.rms_mm(error), "p95_mm": float(np.quantile(error, 0.95))}
                for name, error in (("before", scene.raw_error_mm), ("after", after))}  # fmt: skip

@@ -42,13 +42,13 @@ async function send(method, path, body) {
     options.body = JSON.stringify(body);
   }
   try {
-    return await answer(await fetch(`/api${path}`, options));
+    return await answer(await fetch(`/api/v1${path}`, options));
   } catch (error) {
     throw error instanceof Problem ? error : new Problem("gone");
   }
 }
 
-export const get = async (path) => answer(await read(`/api${path}`));
+export const get = async (path) => answer(await read(`/api/v1${path}`));
 export const post = (path, body) => send("POST", path, body ?? {});
 export const patch = (path, body) => send("PATCH", path, body);
 export const remove = (path) => send("DELETE", path);
@@ -57,7 +57,7 @@ export const remove = (path) => send("DELETE", path);
 export function upload(file, told = () => {}) {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
-    request.open("POST", `/api/uploads?name=${encodeURIComponent(file.name)}`);
+    request.open("POST", `/api/v1/uploads?name=${encodeURIComponent(file.name)}`);
     request.setRequestHeader("content-type", "application/octet-stream");
     const stop = () => request.abort();
     request.upload.onprogress = (event) => event.total && told(event.loaded / event.total, stop);
@@ -107,7 +107,7 @@ function alone(key, told) {
     told(job);
   };
   const open = () => {
-    source = new EventSource(`/api/jobs/${key}/events`);
+    source = new EventSource(`/api/v1/jobs/${key}/events`);
     source.addEventListener("job", (event) => { tell(false); hear(heed(JSON.parse(event.data))); });
     source.onerror = async () => {
       if (source.readyState !== EventSource.CLOSED) return tell(true);  // the browser itself tries again
@@ -121,7 +121,7 @@ function alone(key, told) {
   return () => { stopped = true; source.close(); };
 }
 
-export const fileOf = (job, name) => `/api/jobs/${job.id}/files/${encodeURIComponent(name)}`;
+export const fileOf = (job, name) => `/api/v1/jobs/${job.id}/files/${encodeURIComponent(name)}`;
 
 // A picture of a job's part.
 export async function tables(url, kinds) {

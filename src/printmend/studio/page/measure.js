@@ -23,7 +23,7 @@ export function Measure({ printer, changed, more, tell }) {
       ${!printer.digest && printer.notes.map((note) => html`<p class="note">${t("not_taken", { what: said(note) })}</p>`)}
       ${probe && html`<div style=${{ height: "17rem" }}><${Plate} id="plate" marks=${probe.marks_mm} errors=${probe.marks_mm.map(() => [0, 0])} big=${probe.big} bed=${probe.bed_mm} enlarge="1" /></div><${Save} id="plate" name="plate" />
         <p><b>${t("plate_facts", { marks: probe.marks, minutes: number(probe.minutes, 0), grams: number(probe.grams, 1) })}</b><br /><span class="faint">${t("plate_left", { mm: mm(probe.expected_mm) })}</span></p>`}
-      ${printer.has_probe && html`<a class="button primary" href=${`/api/printers/${printer.id}/files/probe.gcode`} download>${t("download_plate")}</a><${Send} printer=${printer} changed=${changed} />`}
+      ${printer.has_probe && html`<a class="button primary" href=${`/api/v1/printers/${printer.id}/files/probe.gcode`} download>${t("download_plate")}</a><${Send} printer=${printer} changed=${changed} />`}
       <label class="field">${t("plate_size")}<input inputmode="decimal" value=${size} onInput=${(event) => setSize(event.target.value)} /></label>
       <button class=${printer.has_probe ? "" : "primary"} onClick=${() => make()}>${t(printer.has_probe ? "plate_again" : "plate_make")}</button></section>
     <div class="stack"><div class="segment" role="group" aria-label=${t("tab_measure")}>${["scan", "callipers", "table", "part"].map((one) => html`<button aria-pressed=${way === one} onClick=${() => setWay(one)}>${t(`by_${one}`)}</button>`)}</div>
@@ -94,7 +94,7 @@ function Marks({ job, out, toggle }) {
   const kind = (i) => (out.has(i) ? "out" : odds.has(i) ? "odd" : "found");
   const colour = { found: "var(--good)", odd: "var(--warn)", out: "var(--faint)" };
   return html`<div class="stage"><svg id="scan" class="fill" ...${props} role="img" aria-label=${t("scanned")}>
-      <image href=${fileOf(job, "seen.jpg")} width=${size[0]} height=${size[1]} />
+      ${job.files.includes("seen.jpg") && html`<image href=${fileOf(job, "seen.jpg")} width=${size[0]} height=${size[1]} />`}
       ${marks.map((place, i) => place[0] !== null && html`<circle cx=${place[0]} cy=${place[1]} r=${radius[i] * 1.5 + 2} fill="transparent" stroke=${colour[kind(i)]} stroke-width=${kind(i) === "found" ? 1.4 : 2.6} stroke-dasharray=${kind(i) === "out" ? "3 3" : undefined} vector-effect="non-scaling-stroke" style=${{ cursor: "pointer" }} onClick=${() => toggle(i)} />`)}
       ${job.result.missing_px?.map(([x, y]) => { const r = radius[0] * 2.5 + 4; return html`<path d=${`M${x - r} ${y - r}l${2 * r} ${2 * r}m0 ${-2 * r}l${-2 * r} ${2 * r}`} stroke="var(--printed)" stroke-width="2.6" vector-effect="non-scaling-stroke" />`; })}
       ${ends.length === 2 && html`<g class="asked" data-testid="asked"><line x1=${ends[0][0]} y1=${ends[0][1]} x2=${ends[1][0]} y2=${ends[1][1]} />${ends.map(([x, y]) => html`<ellipse cx=${x} cy=${y} rx=${Math.max(size[0] / 60, 12)} ry=${Math.max(size[0] / 60, 12)} />`)}</g>`}</svg>
@@ -130,7 +130,7 @@ const pointed = (text) => `${/[;\t]/.test(text) ? text.replaceAll(",", ".").repl
 
 // For what no flat print shows: a tower, and the table that says where its corners were told to be.
 function Tower({ printer, changed }) {
-  const [made, setMade] = useState(null), [error, setError] = useState(null), file = (name) => `/api/printers/${printer.id}/files/${name}`;
+  const [made, setMade] = useState(null), [error, setError] = useState(null), file = (name) => `/api/v1/printers/${printer.id}/files/${name}`;
   useEffect(() => { get(`/printers/${printer.id}/tower`).then((card) => setMade((old) => old ?? card), () => {}); }, [printer.id]);
   const make = async () => { try { setMade(await post(`/printers/${printer.id}/tower`)); setError(null); } catch (problem) { setError(problem.message); } };
   return html`<section class="card stack"><h2>${t("tower")}</h2><p class="soft">${t(printer.digest ? "tower_now" : "tower_later")}</p><${Problem} error=${error} />

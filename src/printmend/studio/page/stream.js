@@ -16,14 +16,14 @@ function close() { source?.close(); source = null; }
 function open() {
   close();
   if (!followed.size) return;
-  source = new EventSource(`/api/jobs/events?${[...followed.keys()].map((key) => `key=${key}`).join("&")}`);
+  source = new EventSource(`/api/v1/jobs/events?${[...followed.keys()].map((key) => `key=${key}`).join("&")}`);
   source.addEventListener("job", (event) => hear(JSON.parse(event.data)));
   source.onerror = () => {
     if (source?.readyState !== EventSource.CLOSED) return tell({ away: true }); // the browser itself tries again
     close();
     setTimeout(async () => { // the server says no: some jobs may be gone
       for (const key of [...followed.keys()]) {
-        const answer = await fetch(`/api/jobs/${key}`).catch(() => null);
+        const answer = await fetch(`/api/v1/jobs/${key}`).catch(() => null);
         if (answer?.ok) hear(await answer.json());
         else if (answer?.status === 404) followed.delete(key);
       }
