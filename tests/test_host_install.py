@@ -91,6 +91,25 @@ def test_it_installs_once_and_takes_all_back(live: bool, home: Path) -> None:
     assert texts(home) == {**before, "printer_data/config/printer.mend.json": "{}"}
 
 
+@pytest.mark.parametrize("live", [False, True], ids=["files first", "live first"])
+def test_only_one_of_the_two_ways_is_installed(live: bool, home: Path) -> None:
+    ways: tuple[list[str], list[str]] = (["--klipper"], []) if live else ([], ["--klipper"])
+    first, second = ways
+    assert install(home, *first).returncode == 0
+    once = texts(home)
+    refused = install(home, *second)
+    assert refused.returncode == 2
+    assert refused.stderr.count("\n") == 1
+    assert f"installed for {'Klipper' if live else 'Moonraker'} already" in refused.stderr
+    assert texts(home) == once
+    assert install(home, "--uninstall").returncode == 0
+    assert install(home, *second).returncode == 0
+    links = [home / "klipper/klippy/extras/printmend.py", home / "moonraker/moonraker/components/printmend.py"]
+    assert [link.is_symlink() for link in links] == [not live, live]
+    moonraker = (home / "printer_data/config/printmend-moonraker.conf").read_text()
+    assert ("[printmend]" in moonraker) is live
+
+
 def test_updates_come_from_where_the_folder_came_from(home: Path, tmp_path: Path) -> None:
     clone = tmp_path / "printmend"
     (clone / "integrations").mkdir(parents=True)

@@ -5,8 +5,8 @@
 #   integrations/moonraker/install.sh --uninstall
 #
 # It puts printmend into ~/printmend-env, links the component out of this folder, and writes files of settings that
-# moonraker.conf and printer.cfg include. Run again it changes nothing that is as it should be. --uninstall takes links
-# and settings back; uploaded files, models and ~/printmend-env stay.
+# moonraker.conf and printer.cfg include. Run again it changes nothing that is as it should be. Only one of the two ways
+# can be installed: where the other one is, it says so and changes nothing. --uninstall takes links and settings back; uploaded files, models and ~/printmend-env stay.
 # Other places: MOONRAKER, KLIPPER, PRINTER_DATA and PRINTMEND_ENV in the environment.
 set -eu
 
@@ -86,6 +86,12 @@ if [ "$action" = uninstall ]; then
   exit 0
 fi
 
+# Files are mended, or moves are corrected live: with both, what the one did the other would judge.
+other=$moonraker/moonraker/components/printmend.py way=Moonraker
+[ "$live" = yes ] || other=$klipper/klippy/extras/printmend.py way=Klipper
+if [ -e "$other" ] || [ -L "$other" ]; then
+  fail "printmend is installed for $way already ($other); run install.sh --uninstall first"
+fi
 [ -z "$model" ] || [ -f "$model" ] || fail "there is no $model; name the model that printmend learn wrote"
 [ "$live" = no ] || [ -d "$klipper/klippy/extras" ] || fail "there is no $klipper/klippy/extras; set KLIPPER"
 [ "$live" = no ] || [ -f "$config/printer.cfg" ] || fail "there is no $config/printer.cfg; set PRINTER_DATA"
