@@ -3,7 +3,8 @@
 
 [printmend]
 model: ~/printer_data/config/printer.mend.json
-#if_foreign: hold     (or print) a file that was mended with another model
+#if_stale: hold       (or print) a file that was mended with an earlier model of this printer
+#if_foreign: hold     (or print) one that was mended with another printer's model
 #if_forged: hold      (or print) a file that was changed after it was mended
 #phase_x: 17          the motor's phase at zero when the test print was made: PRINTMEND_PHASE SAVE=1 notes it
 #phase_y: 3
@@ -13,6 +14,7 @@ the same kernels (live/), and handed on. Whoever asks the tool head for its time
 Pure Python: no numpy, and of printmend only its kernels and the file that knows seals.
 """
 
+import contextlib
 import importlib.util
 import json
 import os
@@ -21,6 +23,7 @@ import sys
 HERE = os.path.dirname(os.path.realpath(__file__))
 PLACE = os.path.join(HERE, "../../src/printmend/provenance.py")
 NEWEST = 2
+KINDS = ("stale", "foreign", "forged")  # of files that are held where their owner does not choose otherwise
 WAIT_S = 0.1  # without a further move, those that wait are planned
 DRIVERS = ("tmc2130", "tmc2208", "tmc2209", "tmc2240", "tmc2660", "tmc5160")  # those that tell their phase
 STEPS_A_TURN = 4  # full steps of an electrical turn
@@ -61,8 +64,7 @@ def read_model(path):
     if document.get("version", 0) > NEWEST:
         raise ModelRefused(f"{path} was written by a newer printmend: update this extra")
     digest = document.pop("digest", None)
-    document["key"] = provenance.seal_key(document)
-    if digest != document["key"][:16]:
+    if digest != provenance.seal_key(document)[:16]:
         raise ModelRefused(f"{path} was changed or damaged: copy it again")
     for section in document["motors"].values():
         if section["kind"] not in ("healthy", "series", "table"):
@@ -122,7 +124,8 @@ class Printmend:
         config.getfloat("segment", None)  # of earlier versions: pieces are now as long as the model lets them be
         self.fits, self.folder = Printer(config), os.path.dirname(os.path.expanduser(config.get("model")))
         choices = {"hold": "hold", "print": "print"}
-        self.chosen = {state: config.getchoice("if_" + state, choices, "hold") for state in ("foreign", "forged")}
+        self.chosen = {state: config.getchoice("if_" + state, choices, "hold") for state in KINDS}
+        self.ledger, self.file = provenance.Ledger(os.path.join(self.folder, ".printmend")), ""
         try:
             self._load(os.path.basename(config.get("model")))
         except ModelRefused as refused:
@@ -151,7 +154,10 @@ class Printmend:
             path += ".mend.json"
         document = read_model(path)
         self.fits.check(document)
-        self.planner, self.key, self.parts = planner.Planner(document), document["key"], parts_of(document)
+        self.planner, self.parts, self.path = planner.Planner(document), parts_of(document), path
+        self.model = provenance.read_model(path)
+        with contextlib.suppress(OSError):  # a folder that cannot be written: files of this model are foreign one day
+            self.ledger.remember(self.model)
         self.name = "{}, model {}".format(document["printer"].get("name"), os.path.basename(path))
 
     def _connect(self):
@@ -359,42 +365,63 @@ class Printmend:
     def _loaded(self):
         """Leave a mended file alone, and a test print, which must show the printer as it is.
 
-        Raises where the file is another model's: whoever loaded it to print it gets the error, and nothing is printed.
+        Raises where the file is not what this printer's model made: whoever loaded it to print it gets the error, and
+        nothing is printed.
         """
-        path = self.printer.lookup_object("virtual_sdcard").file_path()
-        start = provenance.head_of(path or "")
-        mark = provenance.MARK.search(start)
-        if mark is not None:
-            self._refuse(mark[2].decode("ascii", "replace"), path)
-        claim = "" if mark is not None else provenance.claimed_test_print(path or "", start, breathe=self._breathe)
-        if claim == provenance.FORGED and provenance.action(claim, self.chosen) == "hold":
+        path = self.printer.lookup_object("virtual_sdcard").file_path() or ""
+        self.file, words = self._judge(path)
+        newer = self._newer()
+        if self.file in self.chosen and provenance.action(self.file, self.chosen) == "hold":
             raise self.printer.command_error(
-                f"printmend: {os.path.basename(path)} says that it is a test print, but printmend did not write it so; "
-                "write it again, or choose if_forged: print"
+                "printmend: {} {}, or choose if_{}: print{}".format(
+                    os.path.basename(path), words, self.file, newer and "; " + newer
+                )
             )
-        what = "mended" if mark else claim and "a test print"
-        if what and self.active:
+        told = [newer] if newer else []
+        if self.file != provenance.UNMENDED and self.active:
             self._switch(False)
-            self.printer.lookup_object("gcode").respond_info(f"printmend: the file is {what}; moves stay as they are")
+            what = "a test print" if self.file == provenance.TEST_PRINT else "mended"
+            told.append(f"the file is {what}; moves stay as they are")
+        for line in told:
+            self.printer.lookup_object("gcode").respond_info("printmend: " + line)
 
     def _breathe(self):
         reactor = self.printer.get_reactor()
         reactor.pause(reactor.monotonic())
 
-    def _refuse(self, digest, path):
-        """Raise where a mended file is another model's, or is not what printmend wrote."""
-        if digest != self.key[:16]:
-            state, words = "foreign", f"was mended with model {digest}, and {self.key[:16]} is in use"
-        elif not provenance.is_sealed(path, self.key, breathe=self._breathe):
-            state, words = "forged", "was changed after it was mended"
-        else:
-            return
-        if provenance.action(state, self.chosen) == "hold":
-            raise self.printer.command_error(
-                f"printmend: {os.path.basename(path)} {words}; mend its original again, or choose if_{state}: print"
+    def _judge(self, path):
+        """Return the state of a file, and where it is not as it should be what is wrong and what to do."""
+        start = provenance.head_of(path)
+        mark = provenance.MARK.search(start)
+        if mark is None:
+            claim = provenance.claimed_test_print(path, start, breathe=self._breathe)
+            return claim or provenance.UNMENDED, (
+                "says that it is a test print, but printmend did not write it so; write it again"
             )
+        digest, again = mark[2].decode("ascii", "replace"), "mend its original again"
+        model = dict(self.ledger.known(), **{self.model.digest: self.model}).get(digest)
+        if model is None or model.printer != self.model.printer:
+            return provenance.FOREIGN, f"was mended with model {digest}, and {self.model.digest} is in use; {again}"
+        if not provenance.is_sealed(path, model.key, breathe=self._breathe):
+            return provenance.FORGED, f"was changed after it was mended; {again}"
+        if model.digest != self.model.digest:
+            return provenance.STALE, (
+                f"was mended with model {digest}, another one of this printer; {self.model.digest} is in use; {again}"
+            )
+        return provenance.CURRENT, ""
+
+    def _newer(self):
+        """Return in words that the model's file is another one by now; nothing where it is not."""
+        try:
+            there = provenance.read_model(self.path).digest
+        except provenance.NoModelError as error:
+            return f"{error}; the model that was there is in use"
+        if there == self.model.digest:
+            return ""
+        return f"{os.path.basename(self.path)} is model {there} by now; RESTART takes it"
 
     def _unloaded(self):
+        self.file = ""
         self._switch(True)
 
     def cmd_PRINTMEND(self, gcmd):
@@ -414,10 +441,12 @@ class Printmend:
         )
 
     def cmd_PRINTMEND_STATUS(self, gcmd):
-        counts, phases = self.planner.counts, [zero is not None for zero in self.phases]
+        counts, phases, newer = self.planner.counts, [zero is not None for zero in self.phases], self._newer()
         gcmd.respond_info("\n".join([
             "printmend: moves are {}".format("corrected" if self.active else "left alone"),
-            f"model: {self.name}, digest {self.key[:16]}",
+            f"model: {self.name}, digest {self.model.digest}",
+            *([newer] if newer else []),
+            "file: {}".format(self.file or "none"),
             "corrects: {}".format(", ".join(self.parts) or "nothing, the printer is healthy"),
             "locked to the motors' phase: {}".format("yes" if all(phases) else "no" if not any(phases) else "in part"),
             f"slack taken up {counts.takeups} times, {counts.stops} of them with the nozzle standing on its line",
@@ -438,8 +467,9 @@ class Printmend:
 
     def get_status(self, eventtime=None):
         counts = self.planner.counts
-        return {"active": self.active, "model": self.name, "digest": self.key[:16], "corrects": self.parts,
-                "takeups": counts.takeups, "stops": counts.stops, "waiting": len(self.planner.waiting)}  # fmt: skip
+        return {"active": self.active, "model": self.name, "digest": self.model.digest, "file": self.file,
+                "corrects": self.parts, "takeups": counts.takeups, "stops": counts.stops,
+                "waiting": len(self.planner.waiting)}  # fmt: skip
 
 
 def load_config(config):

@@ -247,6 +247,50 @@ def test_a_file_of_another_model_or_changed_since_is_not_begun(tmp_path: Path) -
         assert "mend its original again" not in log
 
 
+STATUS = "PRINTMEND_STATUS\n"
+
+
+def test_a_file_that_an_earlier_model_mended_is_stale_and_a_replaced_model_is_said(tmp_path: Path) -> None:
+    """Klipper remembers the models that this printer had: by them it tells stale from foreign, and from forged."""
+    (cards := tmp_path / "cards").mkdir()
+    earlier, later = (exact_model(sample("play", np.random.default_rng(seed)).lower(ENDER3)) for seed in (1, 2))
+    model = tmp_path / "config/printer.mend.json"
+    model.parent.mkdir()
+    (source := tmp_path / "part.gcode").write_bytes(part(1))
+    for name, one in (("early", earlier), ("late", later)):
+        mend_gcode(source, one, cards / f"{name}.gcode")
+    (cards / "forged.gcode").write_bytes((cards / "early.gcode").read_bytes().replace(b"F1800", b"F1900"))
+    (cards / "plain.gcode").write_bytes(part(1))
+
+    def said(name: str, *more: str, before: str = "", after: str = "") -> str:
+        lines = "\n".join([f"[printmend]\nmodel: {model}", *more, f"[virtual_sdcard]\npath: {cards}\n"])
+        text = f"{before}SDCARD_PRINT_FILE FILENAME={name}.gcode\n{after}"
+        plan(text.encode(), ENDER3, tmp_path / "run", extras=lines)
+        return (tmp_path / "run/log").read_text(errors="replace")
+
+    write_model(model, earlier)
+    with pytest.raises(RefusedByPlanner, match=f"was mended with model {later.digest}, and {earlier.digest} is in use"):
+        said("late")  # of a model that this printer never had
+    log = said("early", after=STATUS)
+    assert "the file is mended; moves stay as they are" in log
+    assert "file: current" in log
+    write_model(model, later)  # learned again
+    held = f"early.gcode was mended with model {earlier.digest}, another one of this printer; {later.digest} is in use"
+    with pytest.raises(RefusedByPlanner, match=f"{held}; mend its original again, or choose if_stale: print"):
+        said("early")
+    with pytest.raises(RefusedByPlanner, match="was changed after it was mended"):
+        said("forged")
+    log = said("early", "if_stale: print", after=STATUS)
+    assert "the file is mended; moves stay as they are" in log
+    assert "file: stale" in log
+    assert "file: unmended" in said("plain", after=STATUS)
+    assert "file: current" in said("late", after=STATUS)
+    write_model(tmp_path / "config/winter.mend.json", earlier)  # by name, and then overwritten while it is in use
+    log = said("early", before="PRINTMEND MODEL=winter\n", after=STATUS)
+    assert "file: current" in log
+    assert "by now" not in log
+
+
 def test_it_is_switched_and_takes_a_model_by_name(tmp_path: Path) -> None:
     for name, seed in (("printer", 1), ("winter", 2)):
         machine = sample("screw" if name == "winter" else "pulley-play", np.random.default_rng(seed)).lower(ENDER3)
@@ -402,3 +446,32 @@ def test_a_path_without_an_end_is_begun(chain) -> None:
     assert chain.planner.counts.stops == 0
     assert klipper.place[3] == pytest.approx(0.05 * 3999)
     assert len(klipper.made) > 4000
+
+
+def test_a_model_that_was_replaced_while_klipper_runs_is_said(chain, tmp_path: Path) -> None:
+    """In the status, and as a file is loaded, which may be mended with the newer one."""
+    model, told, klipper = tmp_path / "printer.mend.json", [], chain.printer
+    klipper.respond_info, klipper.reset_last_position = told.append, lambda: None
+    chain.fits, chain.folder, chain.chosen = LIVE.Printer.__new__(LIVE.Printer), str(tmp_path), {"foreign": "hold"}
+    chain.fits.check = lambda document: None
+    chain.ledger, chain.file = LIVE.provenance.Ledger(str(tmp_path / ".printmend")), ""
+    chain._load(model.name)
+    chain.cmd_PRINTMEND_STATUS(klipper)
+    before, after = read_model(model).digest, exact_model(sample("play", np.random.default_rng(9)).lower(ENDER3))
+    assert f"digest {before}" in told[-1]
+    assert "by now" not in told[-1]
+    write_model(model, after)
+    words = f"printer.mend.json is model {after.digest} by now; RESTART takes it"
+    chain.cmd_PRINTMEND_STATUS(klipper)
+    assert f"digest {before}\n{words}\n" in told[-1]  # the one before still corrects
+    (plain := tmp_path / "plain.gcode").write_bytes(part(1))
+    klipper.file_path = lambda: str(plain)
+    chain._loaded()
+    assert told[-1] == f"printmend: {words}"
+    mend_gcode(plain, after, mended := tmp_path / "mended.gcode")
+    klipper.file_path = lambda: str(mended)
+    with pytest.raises(ValueError, match=f"was mended with model {after.digest}.*print; {words}"):
+        chain._loaded()
+    model.unlink()
+    chain.cmd_PRINTMEND_STATUS(klipper)
+    assert "the model that was there is in use" in told[-1]

@@ -249,7 +249,7 @@ class Ledger:
 
     def remember(self, model: Model) -> None:
         """Note that a model is this printer's."""
-        known = self._known()
+        known = self.known()
         if known.get(model.digest) != model:
             known[model.digest] = model
             _write(self._models, {digest: list(one) for digest, one in known.items()})
@@ -319,7 +319,7 @@ class Ledger:
         return Verdict(*self._other(record.model, record.printer, model), record.result, record)
 
     def _by_mark(self, path: str, digest: str, model: Model | None, sha256: str) -> Verdict:
-        known = model if model is not None and model.digest == digest else self._known().get(digest)
+        known = model if model is not None and model.digest == digest else self.known().get(digest)
         if known is None:
             return Verdict(*self._other(digest, None, model), sha256)
         if not is_sealed(path, known.key):
@@ -337,7 +337,8 @@ class Ledger:
             return STALE, self._say("earlier-model")
         return FOREIGN, self._say("foreign", digest)
 
-    def _known(self) -> dict[str, Model]:
+    def known(self) -> dict[str, Model]:
+        """Return the models that the printer has had, by their digests."""
         return {digest: Model(*one) for digest, one in _read(self._models).items()
                 if isinstance(one, list) and len(one) == len(Model._fields)}  # fmt: skip
 
