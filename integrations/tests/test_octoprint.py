@@ -1,5 +1,6 @@
 """The OctoPrint plugin, installed as a package in a real OctoPrint with its virtual printer."""
 
+import json
 import re
 import shutil
 import subprocess
@@ -278,6 +279,57 @@ def test_what_the_printer_was_before_is_mended_anew(octoprint: OctoPrint) -> Non
     learned(model, 0.4)
 
 
+def test_renaming_changes_no_files_state(octoprint: OctoPrint) -> None:
+    """Neither of the mended file, nor of the source: a file is judged by its content, and finds its source again."""
+    model, old, new = octoprint.base / "printer.mend.json", "q.mended.gcode", "renamed.gcode"
+
+    def rename(name: str, to: str) -> None:
+        octoprint.get(f"/api/files/local/{name}", {"command": "move", "destination": to})
+        wait_for(lambda: octoprint.told(to).get("state") and not octoprint.disk(name).exists(), f"{name} as {to}")
+
+    octoprint.upload("q.gcode", part(1, size_mm=9.0))
+    wait_for(lambda: octoprint.told("q.gcode").get("copy") == old, "the copy")
+    first = octoprint.disk(old).read_bytes()
+    rename(old, new)
+    wait_for(lambda: octoprint.told(new)["state"] == "current", "the state under its new name")
+    octoprint.prints(new, new)
+    assert octoprint.disk(new).read_bytes() == first
+    rename("q.gcode", "source.gcode")
+    wait_for(lambda: octoprint.told("source.gcode").get("copy") == "source.mended.gcode", "its own copy")
+    assert octoprint.told("source.gcode")["state"] == "unmended"
+    octoprint.prints("source.gcode", "source.mended.gcode")
+    octoprint.prints(new, new)  # still what the model in use made
+    learned(model, 0.3)  # now it is stale, and its source has another name
+    octoprint.prints(new, new)
+    assert octoprint.disk(new).read_bytes() != first
+    assert octoprint.told(new)["state"] == "current"
+    learned(model, 0.4)
+
+
+def test_a_queue_prints_each_file_as_its_state_asks(octoprint: OctoPrint, tmp_path: Path) -> None:
+    """A queue starts one file after the other: each is judged as it starts, whatever was printed before it."""
+    model = octoprint.base / "printer.mend.json"
+    foreign, own = learned(tmp_path / "m.json", 0.9), learned(model, 0.4)
+    octoprint.upload("queued.gcode", part(1, size_mm=6.5))
+    wait_for(lambda: octoprint.told("queued.gcode").get("copy") == "queued.mended.gcode", "the copy")
+    octoprint.upload("queued-own.gcode", own)
+    octoprint.upload("queued-foreign.gcode", foreign)
+    octoprint.upload("queued-forged.gcode", own.replace(b"F1800", b"F1801"))
+    for name, state in (("own", "current"), ("foreign", "foreign"), ("forged", "forged")):
+        wait_for(lambda name=name, state=state: octoprint.told(f"queued-{name}.gcode").get("state") == state, state)
+    octoprint.prints("queued-own.gcode", "queued-own.gcode")
+    assert octoprint.refuses("queued-foreign.gcode", "not this printer's")
+    octoprint.prints("queued.gcode", "queued.mended.gcode")  # unmended: its copy
+    assert octoprint.refuses("queued-forged.gcode", "not what printmend wrote")
+    learned(model, 0.3)  # between two of a queue
+    stale = octoprint.disk("queued.mended.gcode").read_bytes()
+    octoprint.prints("queued.mended.gcode", "queued.mended.gcode")
+    assert octoprint.disk("queued.mended.gcode").read_bytes() != stale
+    octoprint.prints("queued.gcode", "queued.mended.gcode")
+    assert octoprint.refuses("queued-own.gcode", "no longer kept")  # stale, and nobody has its source
+    learned(model, 0.4)
+
+
 def test_mending_waits_for_a_print_and_an_ending_may_be_in_capitals(octoprint: OctoPrint) -> None:
     octoprint.upload("long.gcode", sealed_test_print(b"; printmend probe: one that waits\nM0\n" + part(2)), start=True)
     wait_for(lambda: octoprint.state() == "Paused", "the pause")
@@ -352,6 +404,50 @@ def test_its_folder_alone_is_a_package_that_octoprint_can_install(tmp_path: Path
         assert f"octoprint_printmend/{name}" in names
     assert any(name.endswith("LICENSE") for name in names)
     assert "Author: printmend's authors" in told
+
+
+CHECKED = """
+import importlib.metadata, json, sys, types
+import octoprint_printmend as plugin
+from octoprint.plugins.softwareupdate import SoftwareUpdatePlugin, version_checks
+
+class Installed:
+    version = "0.1.0"
+    def __init__(self, url, more):
+        self.url, self.more = url, more
+    def read_text(self, name):
+        assert name == "direct_url.json"  # what pip writes, see PEP 610
+        return json.dumps({"url": self.url, **self.more}) if self.url else None
+
+updates, said = SoftwareUpdatePlugin(), []
+updates._settings = types.SimpleNamespace(global_get=lambda path: None)
+for url, more in json.loads(sys.argv[1]):
+    importlib.metadata.distribution = lambda name: Installed(url, more)
+    told = plugin.__plugin_hooks__["octoprint.plugin.softwareupdate.check_config"]()
+    for target, check in told.items():
+        assert updates._get_version_checker(target, check) is version_checks.github_release
+        assert updates._get_update_method(target, check) == "pip"
+        assert updates._populated_check(target, check)["current"] == "0.1.0"
+    said.append([[check["user"], check["repo"], check["pip"].format(target_version="0.2")] for check in told.values()])
+print(json.dumps(said))
+"""
+
+
+def test_updates_come_from_where_it_was_installed_from() -> None:
+    """As OctoPrint's own software update takes what the hook says."""
+    zipped = "https://github.com/somebody/octoprint-printmend/archive/0.2.zip"
+    came = [
+        ("https://github.com/somebody/octoprint-printmend/archive/main.zip", {}),
+        ("https://github.com/somebody/octoprint-printmend.git", {"vcs_info": {"vcs": "git"}}),
+        ("https://github.com/a/printmend/archive/1.zip", {"subdirectory": "integrations/octoprint"}),
+        ("file:///home/pi/octoprint", {}), ("https://example.com/x.zip", {}), ("", {}),
+    ]  # fmt: skip
+    command = [HOSTS / "octoprint/bin/python", "-c", CHECKED, json.dumps(came)]
+    done = subprocess.run(list(map(str, command)), check=False, capture_output=True, text=True)  # noqa: S603
+    assert done.returncode == 0, done.stderr
+    own = [["somebody", "octoprint-printmend", zipped]]
+    part_of = "https://github.com/a/printmend/archive/0.2.zip#subdirectory=integrations/octoprint"
+    assert json.loads(done.stdout) == [own, own, [["a", "printmend", part_of]], [], [], []]
 
 
 @pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's chromium")

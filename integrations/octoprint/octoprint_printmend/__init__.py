@@ -472,19 +472,21 @@ def body_sizes(current_max_body_sizes, *args, **kwargs):
 
 
 def update_information():
-    """Say where newer versions are: in the repository that this package names as its home, if it names one."""
+    """Say where newer versions are: where this one was installed from, which pip notes (PEP 610)."""
     try:
-        told = importlib.metadata.metadata("octoprint-printmend")
-    except importlib.metadata.PackageNotFoundError:
+        installed = importlib.metadata.distribution("octoprint-printmend")
+        came = json.loads(installed.read_text("direct_url.json") or "{}")
+    except (importlib.metadata.PackageNotFoundError, ValueError):
         return {}
-    links = " ".join([told.get("Home-page") or "", *(told.get_all("Project-URL") or [])])
-    home = re.search(r"https://github\.com/([^/\s,]+)/([^/\s,]+)", links)
-    if home is None:
+    home = re.match(r"(?:git\+)?https://github\.com/([^/\s]+)/([^/\s@#]+)", came.get("url", ""))
+    if home is None:  # a file, or a host that OctoPrint does not ask
         return {}
+    user, repository = home[1], home[2].removesuffix(".git")
+    folder = f"#subdirectory={came['subdirectory']}" if came.get("subdirectory") else ""
     return {"printmend": {
-        "displayName": "printmend", "displayVersion": told["Version"], "current": told["Version"],
-        "type": "github_release", "user": home[1], "repo": home[2].removesuffix(".git"),
-        "pip": f"https://github.com/{home[1]}/{home[2]}/archive/{{target_version}}.zip",
+        "displayName": "printmend", "displayVersion": installed.version, "current": installed.version,
+        "type": "github_release", "user": user, "repo": repository,
+        "pip": f"https://github.com/{user}/{repository}/archive/{{target_version}}.zip{folder}",
     }}  # fmt: skip
 
 
