@@ -91,7 +91,7 @@ OWN = [
 ]  # fmt: skip
 
 
-def _told(mechanism: Mechanism) -> dict:
+def told(mechanism: Mechanism) -> dict:
     """Return a machine as the page's planner takes it."""
     frame = mechanism.frame
     way = {"corexy": 0, "framed": int(not frame.is_identity), "origin": [0, 0], "scale": [frame.scale_mm] * 2,
@@ -112,7 +112,7 @@ def test_the_part_is_mended_in_the_browser_with_the_programs_numbers(site: Path,
     shutil.copytree(site, folder := tmp_path / "site")
     (folder / "package.json").write_text('{"type": "module"}')
     (folder / "cases.json").write_text(json.dumps(OWN))
-    (folder / "machines.json").write_text(json.dumps([_told(model.mechanism) for model in models]))
+    (folder / "machines.json").write_text(json.dumps([told(model.mechanism) for model in models]))
     (folder / "run.js").write_text(PLAN)
     subprocess.run([str(NODE), "run.js"], cwd=folder, check=True, timeout=300)  # noqa: S603 - our own program
     (path := tmp_path / "part.gcode").write_bytes(plate.plate_gcode(printer))
@@ -123,8 +123,8 @@ def test_the_part_is_mended_in_the_browser_with_the_programs_numbers(site: Path,
             mend_gcode(path, model, tmp_path / f"mended-{number}.gcode", watch=each.watch)
         scene = as_printed(drawing, model.mechanism, aligned=True)
         scene = as_mended(scene, drawing, model.mechanism, tap, aligned=True)
-        told = other.taken()[1]
-        wanted = np.column_stack([told[name] for name in ("x", "y", "z", "share", "feed")])
+        taken = other.taken()[1]
+        wanted = np.column_stack([taken[name] for name in ("x", "y", "z", "share", "feed")])
         np.testing.assert_allclose(np.array(pieces), wanted, rtol=0, atol=1e-9)
         for name, error in (("before", scene.raw_error_mm), ("after", scene.mended_error_mm)):
             assert said[name]["rms_mm"] == pytest.approx(scene.rms_mm(error), abs=1e-6)
