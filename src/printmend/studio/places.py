@@ -13,7 +13,7 @@ from printmend.errors import InputError, reason
 from printmend.messages import say
 
 DATABASE, DEVICES, LOCK, ADDRESS = "studio.sqlite", "devices.json", "studio.lock", "address.json"
-NOTES = (DATABASE, f"{DATABASE}-wal", f"{DATABASE}-shm", DEVICES, LOCK, ADDRESS)  # files in ``state``
+NOTES = (DATABASE, DEVICES, LOCK, ADDRESS)  # files in ``state``; SQLite has others beside its own, named after them
 PARTS = ("printers", "uploads", "jobs")  # folders in ``data``; of the jobs' pictures in ``cache``
 
 
@@ -65,19 +65,29 @@ class Places:
         except OSError as error:
             raise InputError(path, wanted=say("folder-can-be-written"), came=reason(error),
                              todo=say("terminal-name-another-folder")) from None  # fmt: skip
-        own = [folder for folder in self.folders if {each.name for each in folder.iterdir()} <= {*PARTS, *NOTES}]
-        return [*_close((*own, *self._parts()), 0o700), *_close((self.state / name for name in NOTES), 0o600)]
+        own = [folder for folder in self.folders if all(map(_is_ours, folder.iterdir()))]
+        notes = [path for path in self.state.iterdir() if path.is_file() and _is_ours(path)]
+        return [*_close((*own, *self._parts()), 0o700), *_close(notes, 0o600)]
 
     def _parts(self) -> list[Path]:
         return list(dict.fromkeys((*(self.data / part for part in PARTS), self.cache / "jobs")))
 
 
+def _is_ours(path: Path) -> bool:
+    """Say by its name whether a thing in a folder is the studio's; a file half written begins with a dot."""
+    return path.name in PARTS or path.name.lstrip(".").startswith(NOTES)
+
+
 def _close(paths: Iterable[Path], mode: int) -> list[str]:
-    """Let nobody but their owner use these files and folders, if they are there; return what others still can."""
+    """Let nobody but their owner use these files and folders; return those that others still can."""
     if os.name == "nt":  # rights there are no bits: a user's folder is the user's
         return []
-    found = [path for path in paths if path.exists()]
-    for path in found:
-        with contextlib.suppress(OSError):
-            path.chmod(mode)
-    return [str(path) for path in found if path.stat().st_mode & 0o077]
+    left = []
+    for path in paths:
+        with contextlib.suppress(FileNotFoundError):  # SQLite's own come and go
+            if path.stat().st_mode & 0o777 != mode:
+                with contextlib.suppress(OSError):
+                    path.chmod(mode)
+            if path.stat().st_mode & 0o077:
+                left.append(str(path))
+    return left
