@@ -13,6 +13,7 @@ import argparse
 import csv
 import gzip
 import json
+import os
 import shlex
 import shutil
 import statistics
@@ -199,8 +200,9 @@ def write(path: Path, rows: list[Any]) -> None:
     commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()  # noqa: S603 — a fixed command
     with path.open("w", encoding="utf-8", newline="") as file:
         file.write(
-            "# The page without a server, in Chromium with an empty cache, medians; Python in the browser beside it.\n"
+            "# The page without a server, in Chromium with an empty cache, medians; Python in the browser beside it. "
         )
+        file.write(f"{os.cpu_count()} cores, load {os.getloadavg()[2]:.0f}.\n")
         file.write(f"# command: .venv/bin/python {shlex.join(sys.argv)}\n# commit: {commit or 'unknown'}\n")
         csv.writer(file, lineterminator="\n").writerows([("what", "aim", "found"), *rows])
 
