@@ -110,6 +110,26 @@ def test_only_one_of_the_two_ways_is_installed(live: bool, home: Path) -> None:
     assert ("[printmend]" in moonraker) is live
 
 
+PYTHON = """#!/bin/sh
+echo "$@" >> "$HOME/asked"
+[ "$2" != venv ] || { mkdir -p "$3/bin"; cp "$0" "$3/bin/python"; cp "$0" "$3/bin/printmend"; }
+"""
+
+
+def test_a_new_environment_has_what_compiles(home: Path) -> None:
+    """The folder of a repository has no compiled kernels."""
+    shutil.rmtree(home / "printmend-env")
+    (home / "bin/python3").write_text(PYTHON)
+    (home / "bin/python3").chmod(0o755)
+    for name in ("python3.11", "python3.12", "python3.13"):
+        (home / "bin" / name).symlink_to(home / "bin/python3")
+    assert install(home).returncode == 0
+    asked = (home / "asked").read_text().splitlines()
+    assert asked[1] == f"-m venv {home}/printmend-env"
+    assert asked[2].endswith(f"-e {ROOT}[compile]")
+    assert asked[3] == "warm"
+
+
 def test_updates_come_from_where_the_folder_came_from(home: Path, tmp_path: Path) -> None:
     clone = tmp_path / "printmend"
     (clone / "integrations").mkdir(parents=True)

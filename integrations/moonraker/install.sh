@@ -101,7 +101,7 @@ if [ "$live" = no ] && [ ! -x "$env/bin/printmend" ]; then
   "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' ||
     fail "$python is older than 3.11; see docs/hosts.md, Which computer"
   "$python" -m venv "$env"
-  "$env/bin/python" -m pip install --quiet --disable-pip-version-check -e "$here"
+  "$env/bin/python" -m pip install --quiet --disable-pip-version-check -e "${here}[compile]"
   "$env/bin/printmend" warm || echo "install.sh: the first file will take a minute longer" >&2
 fi
 [ -z "$model" ] || cp "$model" "$config/printer.mend.json"
