@@ -112,7 +112,7 @@ def test_known_faults_need_nothing_more(family: str) -> None:
     model = Hybrid().fit(trace, PRINTER, rng=np.random.default_rng(0))
     assert misfit_mm(model.mechanism, truth) <= misfit_mm(model.box.mechanism, truth) * 1.02 + 0.002
     if model.residuals == (None, None) and family == "pulley":
-        assert learn_model(trace, PRINTER, rng=np.random.default_rng(0)).learner == "greybox"
+        assert learn_model(trace, PRINTER, rng=np.random.default_rng(0)).learner == "printmend"
 
 
 @pytest.mark.parametrize("noise_steps", [0.0, 0.25])

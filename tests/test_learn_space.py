@@ -80,7 +80,7 @@ def tower(layers: int = 20, pitch_mm: float = 0.9) -> np.ndarray:
 
 
 def learned(trace: Trace) -> SavedModel:
-    return learn_model(trace, SHORT, model="greybox", rng=np.random.default_rng(0))
+    return learn_model(trace, SHORT, rng=np.random.default_rng(0))
 
 
 def errors_mm(model: SavedModel, screw: Screw) -> tuple[float, float]:
@@ -96,7 +96,7 @@ def errors_mm(model: SavedModel, screw: Screw) -> tuple[float, float]:
 
 @pytest.fixture(scope="module")
 def told() -> Learned:
-    return learn(measured(SCREW, body()), SHORT, model="greybox", rng=np.random.default_rng(0))
+    return learn(measured(SCREW, body()), SHORT, rng=np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def bent(told: Learned) -> SavedModel:
 @pytest.fixture(scope="module")
 def low() -> Learned:
     """Five layers of 1.15 mm: little more than half a turn of the screw."""
-    return learn(measured(SCREW, body(5)), SHORT, model="greybox", rng=np.random.default_rng(0))
+    return learn(measured(SCREW, body(5)), SHORT, rng=np.random.default_rng(0))
 
 
 def test_the_screw_is_found_beside_the_belts(bent: SavedModel) -> None:

@@ -102,7 +102,7 @@ def test_what_is_learned_and_brought_up_to_date_is_read(
     monkeypatch.setattr("printmend.infer.posterior.STEPS", FEW_STEPS)
     printer, trace = ODD[name]()
     path = tmp_path / "printer.mend.json"
-    model = is_read(learn_model(trace, printer, model="greybox"), trace, path)
+    model = is_read(learn_model(trace, printer), trace, path)
     remember_learned(path, model, name, when=FIRST)
     later = FIRST + timedelta(days=30)
     moved = replace(trace, measured_mm=trace.measured_mm + 0.01)
@@ -112,7 +112,7 @@ def test_what_is_learned_and_brought_up_to_date_is_read(
     assert all(trend.words for trend in trends_of(events))
 
 
-@pytest.mark.parametrize("learner", ["naive", "greybox", "lightgbm-axis"])
+@pytest.mark.parametrize("learner", ["naive", "printmend", "greybox", "lightgbm-axis"])
 def test_a_measurement_that_is_far_off_is_read(learner: str, tmp_path: Path) -> None:
     """Half a metre off: the square of that is no length."""
     trace = measured(BENT, ENDER3, stairs(150))

@@ -18,7 +18,7 @@ from printmend.messages import say
 @click.option(
     "--printer", "printer_name", metavar="NAME|FILE.toml", help="A preset or your own printer [with --update: the old]"
 )
-@click.option("--learner", default="auto", show_default=True, metavar="auto|greybox|lightgbm-axis|…",
+@click.option("--learner", default="auto", show_default=True, metavar="auto|lightgbm-axis|…",
               help="auto: the simplest machine that explains the trace.")  # fmt: skip
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False),

@@ -39,7 +39,7 @@ from printmend.promise.scale import scale_words, seen_scales, shown_scales
 from printmend.twin import Twin
 
 AUTO = "auto"
-_BY_SEARCH = (AUTO, "greybox")  # learners whose model is made of effects
+SEARCH = "printmend"  # the name of the search over effects: among learners, and in a model's file
 FAR_ORIGIN_MM = 5.0  # an origin of a measurement's own further from the bed's is moved there
 # … as a line through what is missed has it at home, where places scatter by this share of their distance from home,
 # the line leaves less than this share of what is missed, and no stretch is larger than any printer's.
@@ -90,7 +90,7 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     trace = with_heights(ordered.trace, printer)
     check_trace(trace)
     check_follows(trace, printer)
-    if model not in _BY_SEARCH:
+    if model not in (AUTO, SEARCH):
         return _learned_without_parts(trace, printer, model, told, rng)
     lift = find_lift(trace, printer)
     first, turned = begun(trace, scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn)))
@@ -170,7 +170,7 @@ def _saved(
         **more,
     }
     return saved_model(
-        mechanism, learner="greybox", branches=branches, noise_mm=noise_mm,
+        mechanism, learner=SEARCH, branches=branches, noise_mm=noise_mm,
         findings=(diagnosis.summary, *diagnosis.gaps), details=details,
     )  # fmt: skip
 

@@ -16,7 +16,7 @@ from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError
 from printmend.filament import CLAIM_SD, Entry, Split, material_of, split
 from printmend.infer.part import DRAWS, Part
-from printmend.learn.learned import AUTO, learn_model
+from printmend.learn.learned import AUTO, SEARCH, learn_model
 from printmend.machine import Frame, Mechanism
 from printmend.mend.history import Ageing
 from printmend.mend.update import Updated, update
@@ -73,7 +73,7 @@ def learn_in(
     marks that cannot shrink; ``travels`` are what a rule says of the machine's scale."""
     if filament is None and not travels:
         return learn_model(trace, printer, model=model, rng=rng)
-    if model not in (AUTO, "greybox"):
+    if model not in (AUTO, SEARCH):
         raise ConfigError(
             say("filament-and-travel"),
             wanted=say("learner-knows-scales-auto"),
