@@ -48,10 +48,13 @@ def write_servo(path: Path) -> Path:
 
 
 def write_damper(path: Path, count: int = 4000) -> Path:
+    """A test as it is published: six columns, and what they are counted in."""
     t = np.linspace(0, 20, count)
     x = np.sin(t)
     data = np.stack([t, x, np.clip(np.cumsum(np.diff(x, prepend=0)) * 9, -1, 1), np.cos(t), 0 * t, 0 * t], axis=1)
-    path.write_text(json.dumps({"data": data.tolist()}))
+    units = {"displacement": "in", "time": "s", "friction force": "kip", "actuator force": "lb"}
+    said = {"dt": 20 / count, "sampling freq": count / 20, **{f"{name} units": unit for name, unit in units.items()}}
+    path.write_text(json.dumps({"data": data.tolist(), **said}))
     return path
 
 
