@@ -4,8 +4,9 @@
 
 For each family of faults, a damaged printer prints a zigzag of 2.5 turns, of which so many points are measured, with
 noise. Each learner sees these and nothing else. A layer of another body is planned with what it learned, printed, and
-compared with what was wanted. Models with tables are planned by `optimal`, all others by the peers' inverse. Iterative
-learning has no model: it prints that same layer five times, and measures a fifth of the points each time.
+compared with what was wanted. Models with tables are planned by `optimal`, all others by the peers' inverse, or by what
+follows a `+`: the last peer is PETS, an ensemble with model predictive control. Iterative learning has no model: it
+prints that same layer five times, and measures a fifth of the points each time.
 
 Writes benchmarks/results/peers.csv (a row for every run; a run of some learners leaves the others' rows there) and
 docs/figures/peers.png, and prints the tables of docs/peers.md. Seconds are of the processor.
@@ -44,7 +45,9 @@ OURS = ("printmend", "greybox", "hybrid", "meta")
 PEERS = (
     "affine", "backlash", "bilateral", "prandtl-ishlinskii", "bouc-wen", "gaussian-process",
     "printmend_lab.peers.narx:NARX", "printmend_lab.peers.network:TCN", "printmend_lab.peers.network:ENSEMBLE",
+    "printmend_lab.peers.network:ENSEMBLE+printmend_lab.peers.mpc:MPC",
 )  # fmt: skip
+SLOW = PEERS[-1:]  # half a minute to plan a layer: with the common noise and budget alone
 LEARNERS = ("naive", *PEERS, "lightgbm-axis", *OURS)
 ILC, ILC_PRINTS = "ilc", 5
 INVERSE = "printmend_lab.peers.inverse:INVERSE"
@@ -83,7 +86,7 @@ def main() -> None:
         begun = time.perf_counter()
         warm(options.learners.split(","))
         names = options.learners.split(",")
-        shown = [name.rpartition(":")[2].lower() for name in names]
+        shown = [told(name) for name in names]
         runs = [run for run in (read(options.out) if options.out.exists() else []) if run.learner not in shown]
         with threadpool_limits(1):
             for more in compared(options.samples, options.seed, names):
@@ -125,16 +128,19 @@ def one_printer(
         shown = replace(row("greybox+optimal"), test_print="zigzag", points=points, noise_mm=noise_mm)
         trace = measured_print(case, shown, printer, twin, stand.body)
         for name in names:
-            head = (family, sample, noise_mm, points, name.rpartition(":")[2].lower())
+            if name in SLOW and (noise_mm, points) != (COMMON_MM, COMMON_POINTS):
+                continue
+            head = (family, sample, noise_mm, points, told(name))
+            learner, _, planned_by = name.partition("+")
             try:
                 if name == ILC:
                     error, seconds = iterated(twin, layer, points, noise_mm, case.rng(99, noise_mm, points))
                     planner, costs, prints = "itself", (0.0, seconds), ILC_PRINTS
                 else:
                     begun = time.process_time()
-                    model = fit(name, trace, printer, rng=np.random.default_rng(0))
+                    model = fit(learner, trace, printer, rng=np.random.default_rng(0))
                     learn_s = time.process_time() - begun
-                    error, planner, plan_s = missed(model, twin, layer)
+                    error, planner, plan_s = missed(model, twin, layer, planned_by)
                     costs, prints = (learn_s, plan_s), 1
                 yield Run(*head, planner, prints, error, error * printer.mm_per_step[0], optimum, *costs)
             except PrintmendError as problem:
@@ -147,9 +153,14 @@ def cut(layer: Layer) -> Layer:
     return Layer(layer.index, layer.z_mm, layer.start_steps, layer.controls[:TICKS], layer.extruding[:TICKS])
 
 
-def missed(model: WorldModel, twin: Twin, layer: Layer) -> tuple[float, str, float]:
+def told(name: str) -> str:
+    """Return what a row is called in the tables: a place without its module."""
+    return "+".join(part.rpartition(":")[2].lower() for part in name.split("+"))
+
+
+def missed(model: WorldModel, twin: Twin, layer: Layer, planner: str = "") -> tuple[float, str, float]:
     """Return the RMSE [full steps] of a layer that was planned with a model, which planner did it, and its seconds."""
-    planner = INVERSE if tables_of(model, layer.start_steps, 3) is None else "optimal"
+    planner = planner or (INVERSE if tables_of(model, layer.start_steps, 3) is None else "optimal")
     begun = time.process_time()
     plan = controller(planner).plan(model, layer.nominal_steps[1:], layer.start_steps)
     plan_s = time.process_time() - begun
@@ -205,7 +216,7 @@ def ratio(runs: Sequence[Run]) -> float:
 
 def learners_of(runs: Sequence[Run]) -> list[str]:
     """Return the learners' names, in the order of `LEARNERS`."""
-    order = [name.rpartition(":")[2].lower() for name in (*LEARNERS, ILC)]
+    order = [told(name) for name in (*LEARNERS, ILC)]
     return sorted(
         {run.learner for run in runs}, key=lambda name: (order.index(name) if name in order else len(order), name)
     )
@@ -258,6 +269,8 @@ def draw(path: Path, runs: Sequence[Run]) -> None:
     for name in names:
         mine = [run for run in runs if run.learner == name and run.noise_mm == COMMON_MM]
         values = [ratio([run for run in mine if run.points == points]) for points in BUDGETS]
+        if np.isnan(values).any():
+            continue
         if name in OURS:
             style = {"color": PALETTE[OURS.index(name)], "linewidth": 2.6, "marker": "o"}
         elif name == "naive":
