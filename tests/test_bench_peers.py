@@ -19,7 +19,8 @@ def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, "bench_peers", module)  # where its dataclass looks for its types
     spec.loader.exec_module(module)
-    for name, value in {"FAMILIES": ("play",), "BUDGETS": (30, 100), "COMMON_POINTS": 30, "TICKS": 60}.items():
+    for name, value in {"FAMILIES": ("play",), "BUDGETS": (30, 100), "COMMON_POINTS": 30, "TICKS": 60,
+                        "SLOW": ("backlash+greedy",)}.items():  # fmt: skip
         monkeypatch.setattr(module, name, value)
     return module
 
@@ -28,15 +29,18 @@ def test_every_learner_has_the_same_points_and_judge(
     script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, figure = tmp_path / "peers.csv", tmp_path / "peers.png"
-    given = ["--learners", "naive,backlash,ilc", "--out", str(out), "--figure", str(figure), "--seed", "3"]
+    names = "naive,backlash,ilc,backlash+greedy"
+    given = ["--learners", names, "--out", str(out), "--figure", str(figure), "--seed", "3"]
     monkeypatch.setattr(sys, "argv", ["bench_peers.py", *given])
     script.main()
     with open(out, encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [(row["learner"], row["points"], row["noise_mm"]) for row in rows[:4]] == [
-        ("naive", "30", "0.05"), ("backlash", "30", "0.05"), ("ilc", "30", "0.05"), ("naive", "100", "0.05"),
+    assert [(row["learner"], row["points"], row["noise_mm"]) for row in rows[:5]] == [
+        ("naive", "30", "0.05"), ("backlash", "30", "0.05"), ("ilc", "30", "0.05"), ("backlash+greedy", "30", "0.05"),
+        ("naive", "100", "0.05"),
     ]  # fmt: skip
-    assert len(rows) == 3 * (2 + 2)
+    assert len(rows) == 3 * (2 + 2) + 1
+    assert [row["planner"] for row in rows[:4]] == ["optimal", "optimal", "itself", "greedy"]
     error = {(row["learner"], row["points"], row["noise_mm"]): float(row["rmse_steps"]) for row in rows}
     assert error["naive", "30", "0.05"] == error["naive", "100", "0.05"]
     assert error["backlash", "30", "0"] <= error["naive", "30", "0.05"]
