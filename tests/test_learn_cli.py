@@ -123,14 +123,14 @@ def test_the_saved_machine_is_the_learned_one(tmp_path: Path, rng: np.random.Gen
 
 
 def test_a_scan_learns_its_place_from_the_end_stops() -> None:
-    """To 0.023 mm on 200: of an oval pulley's scale of 1.4 % a hundredth may be the scanner's own stretch (0.13 %)."""
+    """To 0.024 mm on 200: of an oval pulley's scale of 1.4 % a hundredth may be the scanner's own stretch (0.13 %)."""
     fault = Corruption((Drive(pulley=EccentricBore(0.9, 1.0), belt=Play(0.6)), Drive(pulley=Ellipse(7.0, 5.9))))
     twin = Twin.of(fault, ENDER3)
     marks = twin.follow(PLAN.waypoints_mm)[PLAN.rows]
     middle = np.median(marks - PLAN.marks_mm, axis=0)  # what a scan cannot see
     model = learn_model(PLAN.trace(marks - middle), ENDER3, rng=np.random.default_rng(0))
     way = PLAN.waypoints_mm[::50]
-    np.testing.assert_allclose(Twin(model.mechanism).follow(way), twin.follow(way), atol=0.023)
+    np.testing.assert_allclose(Twin(model.mechanism).follow(way), twin.follow(way), atol=0.024)
 
 
 def test_a_table_says_its_place_itself_even_where_home_was_not_measured() -> None:

@@ -62,10 +62,10 @@ class Scene:
     """The measured machine and the spans that it covered.
 
     ``turns_mm`` are the lengths of both motors' turns. ``motor_span_mm`` [2][2] and ``bed_span_mm`` [2][2] are the
-    lowest and highest measured position of each motor and bed axis; ``way_mm`` is the length of the print. ``homed``:
-    it began at the end stops, where the machine has no error; ``home_sd_mm`` is the standard deviation of each belt's
-    place there. ``homed_again_mm`` are observed shifts between two homings along one axis, each with its standard
-    deviation.
+    lowest and highest measured position of each motor and bed axis; ``way_mm`` is the length of the print, of which the
+    share ``unseen_share`` came before the first mark. ``homed``: it began at the end stops, where the machine has no
+    error; ``home_sd_mm`` is the standard deviation of each belt's place there. ``homed_again_mm`` are observed shifts
+    between two homings along one axis, each with its standard deviation.
     ``layers`` are the lowest and the highest layer [mm] and how many were measured, empty for fewer than `FEW_LAYERS`.
     ``shrinkage_sd`` is the uncertainty of the measured part's shrinkage, as a share; None where nothing can shrink.
     """
@@ -83,6 +83,7 @@ class Scene:
     homed_again_mm: tuple[tuple[float, float], ...] = ()
     shrinkage_sd: float | None = None
     layers: tuple[float, ...] = ()
+    unseen_share: float = 0.0
 
     @property
     def corexy(self) -> bool:
@@ -293,11 +294,12 @@ def scene_of(trace: Trace, printer: Printer, turns_mm: tuple[float, float]) -> S
         low, high = places.min(axis=0), places.max(axis=0)
         return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
 
-    way = float(np.hypot(*np.diff(trace.commanded_mm, axis=0).T).sum())
+    steps = np.hypot(*np.diff(trace.commanded_mm, axis=0).T)
+    way, unseen = float(steps.sum()), float(steps[: int(np.argmax(known))].sum())
     return Scene(
         printer, turns_mm, spans(motor), spans(bed), way, trace.placed, trace.homed,
         instrument=trace.instrument_doubt, walls=bool(trace.wall_rows.any()), shrinkage_sd=trace.shrinkage_sd,
-        layers=() if trace.z_mm is None else layers_of(trace.z_mm[known]),
+        layers=() if trace.z_mm is None else layers_of(trace.z_mm[known]), unseen_share=unseen / max(way, 1e-9),
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, about, onto_bed
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import shared
-from printmend.effects.step import APART, BREAKS
+from printmend.effects.step import APART, breaks
 from printmend.effects.words import Found, Told, motor_name
 from printmend.messages import say
 
@@ -27,14 +27,13 @@ class Skip(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
-            yield from shared(self.name, motor, [(float(each),) for each in BREAKS], MILD)
+            yield from shared(self.name, motor, [(each,) for each in breaks(scene)], MILD)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, (places.done > shape[0])[:, None] * 1.0)
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        for each in about(shape[0], APART, round_):
-            yield (float(each),)
+        yield from ((float(each),) for each in about(shape[0], APART, round_) if each > scene.unseen_share)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = f"{found.sizes_mm[0]:+.2f}"
