@@ -20,10 +20,11 @@ from scipy.spatial import cKDTree
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.corruption.transmission import Ripple
+from printmend.effects.switch import homing_mm, refit_mm
 from printmend.errors import RefusedError
 from printmend.gcode.read import read_gcode
 from printmend.learn.learned import learn_model
-from printmend.machine import Mechanism
+from printmend.machine import Mechanism, homed_again
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.phase import learn_phase
 from printmend.model import SavedModel
@@ -31,7 +32,6 @@ from printmend.printer import Homing, Printer, read_printer
 from printmend.probe import PHASE_MARKS, design_probe, phase_size_mm
 from printmend.twin import Twin
 from printmend.twin.gcode import follow_finely
-from printmend_lab.homing import drawn_shift_mm, homed_again, refitted_mm
 from printmend_lab.sampling import sample
 
 NOISE_MM = 0.02
@@ -121,11 +121,13 @@ def main() -> None:
         for number in range(given.printers):
             rng = np.random.default_rng([given.seed, number])
             true = machine(rng, printer, given.family)
-            model = learned(homed_again(true, drawn_shift_mm(printer, rng, scatter_mm=given.scatter)), rng)
-            refit_mm = refitted_mm(printer, rng) if given.refit else np.zeros(2)
-            true = homed_again(true, refit_mm)
+            model = learned(homed_again(true, homing_mm(printer, rng, scatter_mm=given.scatter, turn_share=0.0)), rng)
+            taken_off_mm = refit_mm(printer, rng) if given.refit else np.zeros(2)
+            true = homed_again(true, taken_off_mm)
             if given.refit:
-                model = phased(model, homed_again(true, drawn_shift_mm(printer, rng, scatter_mm=given.scatter)), rng)
+                model = phased(
+                    model, homed_again(true, homing_mm(printer, rng, scatter_mm=given.scatter, turn_share=0.0)), rng
+                )
             source.write_text(part_gcode(rng))
             output.unlink(missing_ok=True)
             try:
@@ -136,7 +138,7 @@ def main() -> None:
                 promise = said.before
             own = []
             for _ in range(given.homings):
-                by = drawn_shift_mm(printer, rng, scatter_mm=given.scatter, wake_ups=given.wake_ups)
+                by = homing_mm(printer, rng, scatter_mm=given.scatter, turn_share=given.wake_ups)
                 now = homed_again(true, by)
                 after = error_mm(source, output if output.exists() else source, now)
                 own.append((error_mm(source, source, now), after, promise.rms_low_mm, promise.rms_high_mm))

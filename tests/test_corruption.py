@@ -247,6 +247,12 @@ def test_a_frame_and_its_effects_are_one_law(
         ("play:on=x,size_mm=-1", "0 or more"),
         ("play:size_mm=1,size_mm=2", "size_mm twice"),
         ("no/such/file", "no such file"),
+        ("homing:switch=magic", "switch as one of"),
+        ("homing:on=x", "whole machine"),
+        ("refit:teeth=1.5", "whole number of teeth"),
+        ("filament:polymer=wood", "begins with"),
+        ("filament:size_mm=1", "keys out of polymer"),
+        ("filaments", "did you mean one of filament"),
         ("x" * 5000, "no such name"),
     ],
 )
@@ -266,6 +272,48 @@ def test_what_an_effect_leaves_out_is_drawn_from_its_seed(ender5: Printer) -> No
     ]
     hard = [abs(float(Cause("play", "x", seed=seed).part(ender5).sizes_mm[0])) for seed in range(60)]
     assert np.median(mild) < 0.2 < np.median(hard)
+
+
+def test_a_homing_scatters_as_its_switch_does(ender5: Printer) -> None:
+    def sd_mm(text: str) -> float:
+        turn_mm = 4 * ender5.x.mm_per_step
+        shifts = np.array([cause_of(text, seed=seed).made(ender5).shift_mm for seed in range(400)])
+        return float((shifts - turn_mm * np.rint(shifts / turn_mm)).std())
+
+    assert sd_mm("homing:switch=optical") < 0.3 * sd_mm("homing:switch=sensorless")
+    assert sd_mm("homing:scatter_mm=0.05,turn_share=0") == pytest.approx(0.05, rel=0.1)
+
+
+def test_a_belt_is_back_in_its_place_after_a_whole_turn(ender5: Printer, rng: np.random.Generator) -> None:
+    bent, path = Drive(pulley=EccentricBore(0.4, 1.0)), np.vstack([ender5.home_mm, rng.uniform(20, 200, (50, 2))])
+
+    def printed(*texts: str) -> np.ndarray:
+        return Twin.of(Corruption((bent, bent), causes=tuple(map(cause_of, texts))), ender5).follow(path)
+
+    teeth = round(ender5.x.mm_per_turn / 2)
+    assert np.abs(printed(f"refit:teeth={teeth}") - printed()).max() < 1e-6
+    moved = np.abs(printed("refit:on=x,teeth=5") - printed()).max(axis=0)
+    assert moved[0] > 0.1
+    assert moved[1] < 1e-9
+
+
+def test_a_filament_shrinks_as_its_polymer_does_and_by_axis(ender5: Printer) -> None:
+    drawn = {
+        polymer: np.array([
+            [part.sizes_mm[0] for part in cause_of(f"filament:polymer={polymer}", seed=seed).made(ender5).parts[:2]]
+            for seed in range(200)
+        ])
+        for polymer in ("pla-black", "pa")
+    }  # fmt: skip
+    assert drawn["pla-black"].mean() == pytest.approx(0.3, abs=0.03)
+    assert drawn["pa"].mean() == pytest.approx(1.2, abs=0.1)
+    assert np.corrcoef(*drawn["pa"].T)[0, 1] < 0.3
+    text = "filament:x_percent=0.5,y_percent=0.2,outline_mm=0.05,hole_mm=0.12,foot_mm=0.15,corner_mm=0.02"
+    twin = Twin.of(corruption_of([text]), ender5)
+    assert twin.wider_mm == pytest.approx(0.05)
+    assert (twin.beads.hole_mm, twin.beads.foot_mm, twin.beads.corner_mm) == pytest.approx((0.07, 0.15, 0.02))
+    ends = np.array([ender5.home_mm, [10.0, 10.0], [210.0, 210.0]])
+    assert np.diff(twin.follow(ends)[1:], axis=0)[0] == pytest.approx([200 * 0.995, 200 * 0.998], abs=0.02)
 
 
 def test_a_homed_machine_is_at_home_at_home(printer: Printer) -> None:

@@ -15,6 +15,7 @@ from scipy.special import ndtr
 
 from printmend.cli.fit import command
 from printmend.cli.measure import command as measure
+from printmend.cli.twin import command as twin
 from printmend.errors import ConfigError, GcodeError, ScanError
 from printmend.fit import SLICERS, Estimate, outline_of, settings_for, write_profiles
 from printmend.fit.estimate import Side
@@ -41,6 +42,26 @@ SLICER = shutil.which("prusa-slicer")
 
 def fit_part(scan, path, filament=None, **measuring):
     return fits(measured_part(scan, path, PRINTER, **measuring), path, PRINTER, None, filament)
+
+
+def test_the_twin_prints_what_fit_finds(tmp_path):
+    """Two renderers that share no code: `fit` finds in the twin's scans what the command line put there."""
+    shape, _ = foreign.part(np.random.default_rng(3), sizes=(29, 30))
+    (tmp_path / "part.gcode").write_text(foreign.gcode(shape))
+    scans = tmp_path / "under.png", tmp_path / "top.png"
+    filament = "filament:polymer=pla,x_percent=0.5,y_percent=0.2,outline_mm=0.05,hole_mm=0.12,foot_mm=0.15"
+    done = CliRunner().invoke(twin, [
+        str(tmp_path / "part.gcode"), "--printer", "ender3", "--corruption", filament, "-o", str(tmp_path / "t.csv"),
+        "--scan", str(scans[0]), "--top", str(scans[1]), "--dpi", "400",
+    ])  # fmt: skip
+    assert done.exit_code == 0, done.output
+    estimate = fit_part(scans[0], tmp_path / "part.gcode", "pla", top=scans[1]).estimate
+    assert estimate.upper is not None
+    assert estimate.foot_mm is not None
+    assert estimate.upper.outline_mm == pytest.approx(0.05, abs=0.03)
+    assert estimate.upper.hole_mm == pytest.approx(0.12, abs=0.03)
+    assert estimate.foot_mm[0] == pytest.approx(0.15, abs=0.03)
+    assert len(estimate.upper.rounds) == len(foreign.DIAMETERS_MM)
 
 
 @pytest.fixture(scope="module")

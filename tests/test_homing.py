@@ -9,12 +9,13 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.corruption.transmission import Ripple
 from printmend.diagnosis.named import faults_of
 from printmend.effects import EFFECTS, places_of, scene_of
-from printmend.effects.homing import lasting, scatter_of, shifted, spread_mm, waves_of
+from printmend.effects.homing import lasting, shifted, waves_of
+from printmend.effects.switch import homing_mm, refit_mm, scatter_of, spread_mm
 from printmend.errors import ConfigError
 from printmend.infer.fit import fitted
 from printmend.infer.posterior import Posterior, posterior_of
 from printmend.infer.update import both_seen, renewed
-from printmend.machine import Mechanism, healthy_mechanism
+from printmend.machine import Mechanism, healthy_mechanism, homed_again
 from printmend.model import saved_model
 from printmend.path import Trace
 from printmend.printer import Homing, Printer, read_printer
@@ -24,7 +25,6 @@ from printmend.printer.toml import parse_printer
 from printmend.promise.belief import Belief, belief_section, parse_belief
 from printmend.promise.homing import after_homing
 from printmend.twin import Twin
-from printmend_lab.homing import drawn_shift_mm, homed_again, refitted_mm
 from tests.believed import SCENES
 from tests.test_greybox_learning import stairs
 from tests.test_printer_convert import KLIPPER
@@ -84,11 +84,11 @@ def test_the_twin_homes_again_with_the_same_pulley_elsewhere() -> None:
 
 def test_draws_of_the_twins_homings_are_what_was_asked_for() -> None:
     rng = np.random.default_rng(4)
-    shifts = np.array([drawn_shift_mm(ENDER3, rng, scatter_mm=0.05, wake_ups=0.25) for _ in range(2000)])
+    shifts = np.array([homing_mm(ENDER3, rng, scatter_mm=0.05, turn_share=0.25) for _ in range(2000)])
     aside = np.rint(shifts / 0.8)
     assert np.mean(aside != 0) == pytest.approx(0.25, abs=0.03)
     assert (shifts - 0.8 * aside).std() == pytest.approx(0.05, rel=0.1)
-    assert set(np.mod(refitted_mm(ENDER3, rng), 2.0)) == {0.0}
+    assert set(np.mod(refit_mm(ENDER3, rng), 2.0)) == {0.0}
 
 
 @pytest.mark.parametrize(("switch", "kept"), [("unknown", {40.0}), ("phase", {40.0, 2.0, 0.8, 0.4, 0.2})])

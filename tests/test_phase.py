@@ -10,7 +10,7 @@ from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.errors import InputError, RefusedError, TraceError
 from printmend.learn.learned import learn_model
-from printmend.machine import Mechanism
+from printmend.machine import Mechanism, homed_again
 from printmend.measure import write_trace
 from printmend.measure.plan import ProbePlan
 from printmend.mend import check_gcode, mend_gcode
@@ -20,7 +20,6 @@ from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import PHASE_MARKS, cost, design_probe, phase_size_mm
 from printmend.twin import Twin
-from printmend_lab.homing import homed_again
 from tests.mending import SQUARE
 from tests.test_greybox_learning import stairs
 

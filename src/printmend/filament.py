@@ -45,6 +45,11 @@ def _table() -> dict[str, Material]:
     return {name: Material(name, row["mean"] / 100, row["sd"] / 100) for name, row in table.items()}
 
 
+def polymers() -> tuple[str, ...]:
+    """Return the names of the polymers that are known."""
+    return tuple(_table())
+
+
 def check_name(name: str) -> str:
     """Return a filament's name. Raises `ConfigError` for one that begins with no polymer that is known."""
     material_of(name)

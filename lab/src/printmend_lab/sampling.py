@@ -13,6 +13,7 @@ import numpy as np
 
 from printmend.corruption.cause import Cause
 from printmend.corruption.corruption import Corruption, Drive, Fault
+from printmend.corruption.event import EVENTS
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.jump import MissedSteps, ToothSkips
 from printmend.corruption.pulley import (
@@ -268,21 +269,21 @@ def families() -> tuple[str, ...]:
 
 def check_family(family: str) -> None:
     """Raise `ConfigError` for a family that `fault` does not know; a plug-in is imported to see."""
-    if family in families() or family in EFFECTS:
+    if family in families() or family in EFFECTS or family in EVENTS:
         return
     if not is_plugin(CORRUPTIONS, family):
-        known = ", ".join(dict.fromkeys((*families(), *plugin_names(CORRUPTIONS), *EFFECTS)))
+        known = ", ".join(dict.fromkeys((*families(), *plugin_names(CORRUPTIONS), *EFFECTS, *EVENTS)))
         raise ConfigError("family", wanted=f"one of {known}, or module:NAME", came=repr(family), todo="correct it")
     _foreign(family)
 
 
 def fault(family: str, rng: np.random.Generator, severity: Severity = "damaged") -> Fault:
-    """Draw a fault of that family, or of the effect of that name. Raise `ConfigError` where there is none.
+    """Draw a fault of that family, or the effect or event of that name. Raise `ConfigError` where there is none.
 
     A family of another package is a function of ``rng`` and ``severity``; it returns a `Corruption`, or any value that
     lowers.
     """
-    if family in families() or family in EFFECTS:
+    if family in families() or family in EFFECTS or family in EVENTS:
         return sample(family, rng, severity)
     check_family(family)
     drawn = _foreign(family)(rng, "damaged" if severity == "paper" else severity)
@@ -298,7 +299,7 @@ def _foreign(family: str) -> Callable[[np.random.Generator, Severity], Fault]:
 
 
 def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged") -> Corruption:
-    """Draw a corruption of that family, or the effect of that name at one place.
+    """Draw a corruption of that family, the effect of that name at one place, or the event of that name.
 
     Raise `ConfigError` for a family or severity that does not exist.
     """
@@ -310,6 +311,8 @@ def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged"
         return Corruption(screw=_screw(rng, severity))
     if family == "everything":
         return Corruption((_everything(rng, severity), _everything(rng, severity)), _frame(rng, severity))
+    if family in EVENTS:  # a homing, a refit and a filament are what they are on any printer
+        return Corruption(causes=(Cause(family, seed=int(rng.integers(2**32))),))
     if family not in _DRIVES and family in EFFECTS:
         mildness: Literal["damaged", "realistic"] = "realistic" if severity == "realistic" else "damaged"
         return Corruption(causes=(Cause(family, seed=int(rng.integers(2**32)), severity=mildness),))

@@ -52,6 +52,8 @@ def _show_effects(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 )
 @click.option("--scan", type=click.Path(path_type=Path, dir_okay=False), metavar="SCAN.png",
               help="Also draw the scan of a printed probe, mended or not, or of any part's underside.")  # fmt: skip
+@click.option("--top", type=click.Path(path_type=Path, dir_okay=False), metavar="TOP.png",
+              help="Also draw the scan of a part's top side, by the same scanner.")  # fmt: skip
 @click.option("--probe", "plan_path", type=click.Path(path_type=Path), help="The probe's plan [default: FILE.json]")
 @click.option("--dpi", type=Finite(min=50, max=2400), default=600, show_default=True,
               help="Resolution of the scan.")  # fmt: skip
@@ -62,7 +64,7 @@ def _show_effects(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
               help="How bad the scan is.")  # fmt: skip
 def command(
     source: Path, printer_name: str, broken: tuple[str, ...], noise_mm: float, seed: int, output: Path,
-    scan: Path | None, plan_path: Path | None, dpi: float, turn: str, dirt: str,
+    scan: Path | None, top: Path | None, plan_path: Path | None, dpi: float, turn: str, dirt: str,
 ) -> None:  # fmt: skip
     """Print FILE.gcode on a twin with this fault, measure what came out, write it as a trace.csv."""
     import numpy as np
@@ -78,9 +80,9 @@ def command(
     from printmend.twin import Twin
     from printmend.twin.gcode import print_gcode
 
-    if scan is not None:
+    if scan is not None or top is not None:
         require("printmend twin --scan", "cv2", "PIL", "scipy")
-    spare((output, scan), (source, *map(Path, broken), plan_path, Path(printer_name)))
+    spare((output, scan, top), (source, *map(Path, broken), plan_path, Path(printer_name)))
     printer = read_printer(printer_name)
     twin = Twin.of(corruption_of(broken, seed=seed), printer)
     program = read_gcode(source, printer=printer)
@@ -94,12 +96,18 @@ def command(
         from printmend.measure.image import write_image
 
         if plan is None:
-            image = _underside(program, twin, dpi, dirt, seed, int(turn) // 90)
+            image = _side(program, twin, dpi, dirt, seed, int(turn) // 90, is_top=False)
         else:
             image = _dots(program, twin, plan, dpi, dirt, seed, int(turn) // 90)
         write_image(scan, image, dpi=dpi)
         what = say("twin-underside" if plan is None else "twin-dots")
         echo(say("twin-scanned", scan, what, image.shape[1], image.shape[0], f"{dpi:g}"))
+    if top is not None:
+        from printmend.measure.image import write_image
+
+        image = _side(program, twin, dpi, dirt, seed, int(turn) // 90, is_top=True)
+        write_image(top, image, dpi=dpi)
+        echo(say("twin-scanned", top, say("twin-top"), image.shape[1], image.shape[0], f"{dpi:g}"))
 
 
 def _dots(
@@ -117,16 +125,20 @@ def _dots(
     ).image  # fmt: skip
 
 
-def _underside(program: "Program", twin: "Twin", dpi: float, dirt: str, seed: int, quarter_turns: int) -> "np.ndarray":
-    """Return the scan of a part's first layer, seen from below."""
+def _side(
+    program: "Program", twin: "Twin", dpi: float, dirt: str, seed: int, quarter_turns: int, *, is_top: bool
+) -> "np.ndarray":
+    """Return the scan of a part's first layer, seen from below, or of its last, seen from above."""
     import numpy as np
 
-    from printmend.measure.walls import read_walls
-    from printmend.twin.gcode import print_first_layer
-    from printmend.twin.scanner import DEGRADATIONS, SQUEEZED_MM, render_layer
+    from printmend.twin.gcode import print_beads
+    from printmend.twin.scanner import DEGRADATIONS, render_layer
 
-    bead_mm = 2 * float(np.median(read_walls(program, twin.printer).half_mm)) + 2 * (SQUEEZED_MM + twin.wider_mm)
+    first = print_beads(program, twin)
+    layers = len(np.unique(program.moves.layer[program.moves.extruding & (program.moves.layer >= 0)]))
+    beads = print_beads(program, twin, layer=layers) if is_top else first
     return render_layer(
-        print_first_layer(program, twin), bead_mm=bead_mm, dpi=dpi, degradations=DEGRADATIONS[dirt],
-        rng=np.random.default_rng(seed), quarter_turns=quarter_turns,
+        [points for points, _ in beads], bead_mm=[widths for _, widths in beads], dpi=dpi,
+        degradations=DEGRADATIONS[dirt], rng=np.random.default_rng(seed), quarter_turns=quarter_turns,
+        beneath=first if is_top else None,
     )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from printmend.corruption.cause import Cause, cause_of
 from printmend.corruption.corruption import HEALTHY, Corruption, Drive, Fault
+from printmend.corruption.event import EVENTS, Beads
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.jump import MissedSteps, ToothSkips
 from printmend.corruption.pulley import (
@@ -20,7 +21,9 @@ from printmend.corruption.toml import corruption_of, corruption_toml, parse_corr
 from printmend.corruption.transmission import ElasticBelt, Friction, GainTable, LooseBelt, Play, Ripple, SetScrew, Warp
 
 __all__ = [
+    "EVENTS",
     "HEALTHY",
+    "Beads",
     "Cause",
     "Corruption",
     "CrookedFrame",

@@ -3,7 +3,8 @@
     racking:on=x,size_mm=0.3            splice:at_mm=120,size_mm=0.7,on=y            wear
 
 The motors are x and y, or a and b on a CoreXY, where x and y are the axes of the bed. Every effect of `EFFECTS` can be
-made so, also those of other packages. `listing` names them all, each with a line about it and an example.
+made so, also those of other packages; beside them what happens to a print (`event`). `listing` names them all, each
+with a line about it and an example.
 """
 
 import inspect
@@ -17,15 +18,18 @@ from typing import Any, Literal, NoReturn
 
 import numpy as np
 
+from printmend.corruption.event import EVENTS, Made
 from printmend.effects import EFFECTS, Acts, Scene
 from printmend.effects.effect import Effect, Term
 from printmend.effects.keys import AXES, Keys, keys_of, limits_of
 from printmend.effects.sample import drawn_term, terms_of
 from printmend.effects.sized import Sized, belts_mm, scene_of_printer
 from printmend.errors import ConfigError
+from printmend.filament import check_name
 from printmend.machine import healthy_transmission
 from printmend.messages import say
 from printmend.printer import Printer, read_printer
+from printmend.printer.printer import SWITCHES
 
 STEEPEST = -0.95  # slope of a belt's error: at −1 it would stand still
 REALISTIC_SHARE = 0.12  # sizes on a well-kept machine, as a share of those on a damaged one
@@ -46,8 +50,9 @@ class Cause:
     kind = "effect"
 
     def __post_init__(self) -> None:
-        if self.effect not in EFFECTS:
-            near = get_close_matches(self.effect, EFFECTS, 3)
+        event = EVENTS.get(self.effect)
+        if event is None and self.effect not in EFFECTS:
+            near = get_close_matches(self.effect, (*EFFECTS, *EVENTS), 3)
             raise ConfigError(
                 say("subject-effect", repr(self.effect)), wanted=say("name-effect"), came=say("no-such-name"),
                 todo=say("did-you-mean-else", ', '.join(near), _TODO) if near else _TODO,
@@ -59,31 +64,66 @@ class Cause:
         if self.severity not in ("damaged", "realistic"):
             self._refuse(say("severity-damaged-realistic"), repr(self.severity))
         object.__setattr__(self, "values", tuple(sorted(self.values)))
+        if event is not None:
+            self._check_event()
+            return
         keys = named_keys(EFFECTS[self.effect])
         for name, value in self.values:
             if name not in keys.names:
                 self._refuse(say("keys-out-seed-severity", ", ".join(keys.names)), repr(name))
             self._check(keys, name, value)
 
+    def _check_event(self) -> None:
+        event = EVENTS[self.effect]
+        if self.on is not None and not event.has_motors:
+            self._refuse(say("no-effect-whole-machine"), repr(self.on))
+        if self.severity != "damaged":
+            self._refuse(say("keys-of-event", ", ".join(event.names)), "severity")
+        for name, value in self.values:
+            if name not in event.names:
+                self._refuse(say("keys-of-event", ", ".join(event.names)), repr(name))
+            elif name not in event.words:
+                self._check_number(name, value)
+            elif name == "polymer":
+                check_name(str(value))
+            elif value not in SWITCHES:
+                self._refuse(say("homing-switch", ", ".join(SWITCHES)), repr(value))
+            if name == "teeth" and float(value) % 1.0:
+                self._refuse(say("whole-number-of-teeth"), repr(value))
+
+    def _check_number(self, name: str, value: object) -> None:
+        low, high, _ = limits_of(name)
+        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        if not number or not low <= float(value) <= high:  # type: ignore[arg-type]
+            self._refuse(say("within", name, f"{low:g}", f"{high:g}"), repr(value))
+
     def _check(self, keys: Keys, name: str, value: object) -> None:
         if name == "axis":
             if value not in tuple(AXES):
                 self._refuse(say("axis-x-y"), repr(value))
             return
-        low, high, _ = limits_of(name)
-        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-        if not number or not low <= float(value) <= high:  # type: ignore[arg-type]
-            self._refuse(say("within", name, f"{low:g}", f"{high:g}"), repr(value))
+        self._check_number(name, value)
         if name == "harmonic" and value not in getattr(keys, "harmonics", ()):
             self._refuse(say("harmonic-out", ", ".join(map(str, keys.harmonics))), repr(value))  # type: ignore[attr-defined]
 
+    def made(self, printer: Printer) -> Made:
+        """Return what it makes of that printer. Raise `ConfigError` where the two do not fit."""
+        event = EVENTS.get(self.effect)
+        if event is None:
+            return Made((self.part(printer),))
+        motor = None if self.on is None else _MOTORS[self.on]
+        return event.made(dict(self.values), motor, printer, self._rng())
+
+    def _rng(self) -> np.random.Generator:
+        return np.random.default_rng((self.seed, zlib.crc32(self.effect.encode())))
+
     def part(self, printer: Printer) -> Sized:
-        """Return it with its shape and sizes on that printer. Raise `ConfigError` where the two do not fit."""
+        """Return an effect with its shape and sizes on that printer. Raise `ConfigError` where the two do not fit."""
         return _part(self, printer)
 
     def _part(self, printer: Printer) -> Sized:
         scene, effect = scene_of_printer(printer), EFFECTS[self.effect]
-        rng = np.random.default_rng((self.seed, zlib.crc32(self.effect.encode())))
+        rng = self._rng()
         terms = self._terms(terms_of(effect, scene), printer)
         where = sorted({term.where for term in terms})
         place = where[int(rng.integers(len(where)))]
@@ -192,7 +232,8 @@ MOST_SHOWN = 2  # sizes in an example
 
 def listing() -> list[tuple[str, str, str]]:
     """Return each effect with what it is, in a line, and an example of a text for `cause_of`."""
-    return [(name, said(effect), example_of(name)) for name, effect in EFFECTS.items()]
+    effects = [(name, said(effect), example_of(name)) for name, effect in EFFECTS.items()]
+    return effects + [(name, event.said, event.example) for name, event in EVENTS.items()]
 
 
 def said(effect: Effect) -> str:

@@ -6,6 +6,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from printmend.corruption.cause import Cause
+from printmend.corruption.event import Beads, Made
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.jump import Jumps, MissedSteps, ToothSkips
 from printmend.corruption.pulley import Pulley
@@ -13,7 +14,7 @@ from printmend.corruption.screw import Screw
 from printmend.corruption.transmission import Belt, Friction, GainTable, Ripple, SetScrew, Warp
 from printmend.effects.sized import Sized, with_effects
 from printmend.errors import ConfigError
-from printmend.machine import Frame, GainMechanism, Mechanism, Transmission, healthy_transmission
+from printmend.machine import Frame, GainMechanism, Mechanism, Transmission, healthy_transmission, homed_again
 from printmend.messages import say
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
@@ -106,7 +107,8 @@ class Fault(Protocol):
 class Corruption:
     """The faults of a machine: one `Drive` a planar motor (x and y, or a and b on a CoreXY), the frame, the Z screw.
 
-    ``causes`` are effects by their names, of the machine, of the print and of the measurement; all of them add up.
+    ``causes`` are effects by their names, of the machine, of the print and of the measurement, and what happens to the
+    print; all of them add up, but of filaments the last one's beads count.
     """
 
     drives: tuple[Drive, Drive] = field(default_factory=lambda: (Drive(), Drive()))
@@ -141,14 +143,24 @@ class Corruption:
         frame = Frame() if self.frame is None else self.frame.lower(printer)
         screw = None if self.screw is None else self.screw.lower(printer)
         drives = (self.drives[0].lower(printer, 0), self.drives[1].lower(printer, 1))
-        return with_effects(Mechanism(printer, drives, frame, screw), self._parts(printer))
+        mechanism = with_effects(Mechanism(printer, drives, frame, screw), self._parts(printer))
+        shift_mm = sum((made.shift_mm for made in self._made(printer)), np.zeros(2))
+        return homed_again(mechanism, shift_mm) if shift_mm.any() else mechanism
+
+    def beads(self, printer: Printer) -> Beads:
+        """Return how far beads stand out beside what the effects say."""
+        found = [made.beads for made in self._made(printer) if made.beads is not None]
+        return found[-1] if found else Beads()
 
     def along(self, printer: Printer) -> tuple[Sized, ...]:
         """Return the effects that no machine's tables hold: what acts along the path, and what only is measured."""
         return tuple(part for part in self._parts(printer) if not part.is_held)
 
     def _parts(self, printer: Printer) -> list[Sized]:
-        return [cause.part(printer) for cause in self.causes]
+        return [part for made in self._made(printer) for part in made.parts]
+
+    def _made(self, printer: Printer) -> list[Made]:
+        return [cause.made(printer) for cause in self.causes]
 
 
 HEALTHY = Corruption()

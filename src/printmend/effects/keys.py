@@ -26,6 +26,9 @@ _LIMITS: dict[str, tuple[float, float, float]] = {
     "at_mm": (-10_000.0, 10_000.0, 100.0),
     "at_share": (0.0, 1.0, 0.5),
     "after_share": (0.001, 10.0, 0.2),
+    "turn_share": (0.0, 1.0, 0.05),
+    "scatter_mm": (0.0, 5.0, 0.1),
+    "teeth": (-1000.0, 1000.0, 3.0),
     "harmonic": (1.0, 32.0, 2.0),
 }
 _UNITS: dict[str, tuple[float, float, float]] = {

@@ -48,6 +48,13 @@ def homing_priors() -> Iterator[tuple[str, float, float, float, float]]:
         yield name, float(row["share"]), float(row["sd"]), float(row["log_sd"]), float(row["turn"])
 
 
+def bead_range_mm(name: str) -> tuple[float, float]:
+    """Return how far at least and at most a filament's lines stand out: ``outline_mm``, ``hole_mm``, ``corner_mm`` or
+    ``foot_mm``."""
+    low, high = _table()["beads"][name]
+    return float(low), float(high)
+
+
 def lift_rests() -> tuple[tuple[float, float], ...]:
     """Return where in its play a nut may rest at first, 0 to 1, and the logarithm of how often it does."""
     on_flank = share_of("rest")

@@ -9,9 +9,10 @@ import numpy as np
 from printmend.effects import EFFECTS, Acts, Places, Scene
 from printmend.effects.breathing import HARMONICS as BREATHS
 from printmend.effects.elastic import HARMONICS as STRETCHES
-from printmend.effects.homing import drawn_shifts_mm, shifted, spread_mm, waves_of
+from printmend.effects.homing import shifted, waves_of
 from printmend.effects.prior import wear_share
 from printmend.effects.pulley import HARMONICS as ROUNDS
+from printmend.effects.switch import drawn_shifts_mm, spread_mm
 from printmend.infer.gram import Dictionary, Gram
 from printmend.infer.part import DRAWS, Part
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.effect import SCALE_MM
-from printmend.effects.homing import spread_mm
 from printmend.effects.prior import happens_share, wear_share
+from printmend.effects.switch import spread_mm
 from printmend.infer.fit import (
     FINER_ROUNDS,
     Fit,

@@ -6,6 +6,7 @@ puts it on the full-step lattice, `print_path` prints way-points in mm. The laws
 """
 
 from printmend.machine.bed import BedMap
+from printmend.machine.homed import homed_again
 from printmend.machine.lattice import (
     LatticeMotor,
     LatticeScrew,
@@ -53,6 +54,7 @@ __all__ = [
     "drive_belts",
     "healthy_mechanism",
     "healthy_transmission",
+    "homed_again",
     "lattice_bed",
     "lattice_screw",
     "lattice_tables",

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from printmend.effects.homing import drawn_shifts_mm, shifted, waves_of
+from printmend.effects.homing import shifted, waves_of
+from printmend.effects.switch import drawn_shifts_mm
 from printmend.infer.part import DRAWS
 from printmend.promise.belief import Belief
 

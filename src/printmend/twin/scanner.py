@@ -4,7 +4,8 @@
 light, texture, blur, noise and JPEG, through a scanner that stretches, onto a sheet that lies at any angle.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -19,7 +20,8 @@ from printmend.units import A4_MM, MM_PER_INCH
 MARGIN_MM = 5.0  # of glass around the plate
 SAME_MM = 0.002  # a trace further from the plan is another print's
 LINE_MM, LINE_STEP_MM = 0.6, 0.1  # width of a line at speed, and the pieces that it is drawn in
-SQUEEZED_MM = 0.1  # a first layer is pressed wider than the file says, on either side of a bead
+TIMES_FINER = 3  # that beads are drawn than the image is: their widths are whole numbers of pixels
+BENEATH, BENEATH_BLUR_MM = 0.35, 0.25  # of a first layer that lies far from the glass: how dark, and how blurred
 Colour = tuple[int, int, int]
 
 
@@ -320,29 +322,60 @@ def _sprinkle(image: np.ndarray, d: Degradations, px_per_mm: float, rng: np.rand
 def render_layer(
     strokes_mm: Sequence[np.ndarray],
     *,
-    bead_mm: float,
+    bead_mm: float | Sequence[np.ndarray],
     dpi: float = 600.0,
     degradations: Degradations = DEFAULT,
     rng: np.random.Generator,
     quarter_turns: int = 0,
+    beneath: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,
 ) -> np.ndarray:
     """Draw what a flatbed sees of a printed first layer from below, [H, W, 3]: its strokes as beads.
 
-    The strokes are [K × [N, 2]] mm on the bed; ``quarter_turns`` turns the part on the glass.
+    The strokes are [K × [N, 2]] mm on the bed, ``bead_mm`` is their width, or one [N] up to each point;
+    ``quarter_turns`` turns the part on the glass. With the beads of a first layer ``beneath`` the part lies on its top.
     """
     d = degradations
     px_per_mm = dpi / MM_PER_INCH
     angle = np.deg2rad(90.0 * quarter_turns + rng.normal(0.0, d.angle_deg))
     stretch = np.clip(rng.normal(0.0, d.stretch, 2), -2 * d.stretch, 2 * d.stretch)
     c, s = np.cos(angle), np.sin(angle)
-    flip = np.array([-1.0, -1.0])
-    laid = [(stroke * flip) @ np.array([[c, s], [-s, c]]) * (1.0 + stretch) for stroke in strokes_mm]
-    low = np.vstack(laid).min(axis=0) - 3 * MARGIN_MM
-    width, height = np.ceil((np.vstack(laid).max(axis=0) + 3 * MARGIN_MM - low) * px_per_mm).astype(int)
-    ink, fine = np.zeros((height, width), np.uint8), 16.0
-    for stroke in laid:
-        points = np.rint((stroke - low) * px_per_mm * fine).astype(np.int32)
-        cv2.polylines(ink, [points], False, 255, round(bead_mm * px_per_mm), cv2.LINE_AA, 4)
-    if d.blur_mm:
-        cv2.GaussianBlur(ink, (0, 0), d.blur_mm * px_per_mm, dst=ink)
+    flip = np.array([-1.0 if beneath is None else 1.0, -1.0])
+    widths_mm = [np.full(len(each), bead_mm) for each in strokes_mm] if isinstance(bead_mm, float) else bead_mm
+    levels: list[tuple[Iterable[tuple[np.ndarray, np.ndarray]], float, float]] = [
+        (zip(strokes_mm, widths_mm, strict=True), 1.0, d.blur_mm)
+    ]
+    if beneath is not None:
+        levels.insert(0, (beneath, BENEATH, BENEATH_BLUR_MM))
+    laid = [
+        (
+            [((stroke * flip) @ np.array([[c, s], [-s, c]]) * (1.0 + stretch), wide) for stroke, wide in beads],
+            dark,
+            blur,
+        )
+        for beads, dark, blur in levels
+    ]
+    every = np.vstack([stroke for beads, *_ in laid for stroke, _ in beads])
+    low = every.min(axis=0) - 3 * MARGIN_MM
+    width, height = np.ceil((every.max(axis=0) + 3 * MARGIN_MM - low) * px_per_mm).astype(int)
+    ink = np.zeros((height, width), np.uint8)
+    for beads, dark, blur_mm in laid:
+        level = _beads(beads, low, ink.shape, px_per_mm)
+        if blur_mm:
+            cv2.GaussianBlur(level, (0, 0), blur_mm * px_per_mm, dst=level)
+        np.maximum(ink, cv2.convertScaleAbs(level, alpha=dark), out=ink)
     return _developed(ink, [], d, px_per_mm, rng)
+
+
+def _beads(
+    beads: Sequence[tuple[np.ndarray, np.ndarray]], low_mm: np.ndarray, shape: tuple[int, ...], px_per_mm: float
+) -> np.ndarray:
+    """Return the ink [H, W] of beads with their own widths."""
+    scale, fine = TIMES_FINER * px_per_mm, 16.0
+    ink = np.zeros([TIMES_FINER * side for side in shape], np.uint8)
+    for stroke, wide in beads:
+        points = np.rint((stroke - low_mm) * scale * fine).astype(np.int32)
+        thick = np.maximum(2 * np.rint(wide * scale / 2).astype(int), 2)  # OpenCV draws odd ones a pixel wider
+        cuts = np.concatenate([[0], 1 + np.flatnonzero(np.diff(thick[1:])), [len(points) - 1]])
+        for first, last in itertools.pairwise(cuts.tolist()):
+            cv2.polylines(ink, [points[first : last + 1]], False, 255, int(thick[last]), cv2.LINE_AA, 4)
+    return np.asarray(cv2.resize(ink, shape[::-1], interpolation=cv2.INTER_AREA))

@@ -6,11 +6,11 @@ the same way-points.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from printmend.corruption import Corruption, Fault
+from printmend.corruption import Beads, Corruption, Fault
 from printmend.corruption.jump import Jumps
 from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import STAYS
@@ -36,19 +36,23 @@ class Twin:
     """A printer with a mechanism, true (from a `Fault`) or learned, and the jumps of its motors.
 
     ``along`` are effects that no mechanism holds: they act along the path. ``before`` is the number of earlier prints,
-    from which wear goes on.
+    from which wear goes on. ``beads`` say how far lines stand out at holes, at corners and in the first layer.
     """
 
     mechanism: Mechanism | GainMechanism
     jumps: tuple[Jumps, Jumps] = (Jumps(), Jumps())
     along: tuple[Sized, ...] = ()
     before: int = 0
+    beads: Beads = field(default_factory=Beads)
 
     @classmethod
     def of(cls, corruption: Fault, printer: Printer) -> "Twin":
         """Build the twin of ``printer`` broken by ``corruption``, a `Corruption` or a fault of another package."""
-        along = corruption.along(printer) if isinstance(corruption, Corruption) else ()
-        return cls(corruption.lower(printer), corruption.jumps, along)
+        along: tuple[Sized, ...] = ()
+        beads = Beads()
+        if isinstance(corruption, Corruption):
+            along, beads = corruption.along(printer), corruption.beads(printer)
+        return cls(corruption.lower(printer), corruption.jumps, along, beads=beads)
 
     def with_effects(self, parts: Sequence[Sized]) -> "Twin":
         """Return this printer with more effects. Raises `InputError` for a gain table, or a drive turned back."""
@@ -59,7 +63,7 @@ class Twin:
         """Return this printer in a later print: without jumps, and with the effects along the path that persist."""
         found = [(part, EFFECTS[part.effect]) for part in self.along]
         lasting = (part for part, law in found if law.of is not Of.INSTRUMENT and law.fate == STAYS)
-        return Twin(self.mechanism, along=tuple(lasting), before=self.before + 1)
+        return Twin(self.mechanism, along=tuple(lasting), before=self.before + 1, beads=self.beads)
 
     @property
     def printed_along(self) -> tuple[Sized, ...]:

@@ -8,7 +8,7 @@ from printmend.learn import ORACLE
 from printmend.plugins import CONTROLLERS, CORRUPTIONS, LEARNERS, is_plugin, load_plugin
 from printmend.plugins import EFFECTS as EFFECTS_GROUP
 
-KINDS = ("learner", "controller", "family", "effect")
+KINDS = ("learner", "controller", "family", "effect", "event")
 _GROUPS = {"learner": LEARNERS, "controller": CONTROLLERS, "family": CORRUPTIONS, "effect": EFFECTS_GROUP}
 _LONGEST = 200  # characters of a reason
 
@@ -24,13 +24,14 @@ class CheckOutcome:
 
 def kind_of(name: str) -> str:
     """Return which of `KINDS` a name or a place `module:NAME` is. Raise `ConfigError` for neither."""
+    from printmend.corruption import EVENTS
     from printmend.effects import EFFECTS
     from printmend.learn import learner_names
     from printmend_lab.control.registry import controller_names
     from printmend_lab.sampling import families
 
     known = {"learner": (*learner_names(), ORACLE), "controller": controller_names(), "family": families()}
-    known["effect"] = tuple(EFFECTS)
+    known |= {"effect": tuple(EFFECTS), "event": tuple(EVENTS)}
     for kind in KINDS:
         if name in known[kind]:
             return kind
@@ -39,12 +40,12 @@ def kind_of(name: str) -> str:
             if is_plugin(group, name):
                 return kind
         raise ConfigError(
-            name, wanted="a learner, a controller, a family of faults, an effect, or module:NAME", came="no such name",
-            todo="correct it",
+            name, wanted="a learner, a controller, a family of faults, an effect, an event, or module:NAME",
+            came="no such name", todo="correct it",
         )  # fmt: skip
     wanted = "a learner (name, fit), a controller (name, plan), an effect (terms, columns), or a function of a family"
     found = load_plugin(LEARNERS, name, wanted=wanted, has=())
-    for kind, has in zip(KINDS, ("fit", "plan", "__call__", "columns"), strict=True):
+    for kind, has in zip(KINDS, ("fit", "plan", "__call__", "columns"), strict=False):
         if hasattr(found, has):
             return kind
     came, todo = f"one of type {type(found).__name__}", "see `printmend.protocols` and `printmend_lab.protocols`"
@@ -52,7 +53,7 @@ def kind_of(name: str) -> str:
 
 
 def conformance(name: str) -> Iterator[CheckOutcome]:
-    """Yield the outcome of every check on a learner, a controller, a family of faults or an effect, one by one.
+    """Yield the outcome of every check on a learner, controller, family of faults, effect or event, one by one.
 
     What is both a family and an effect has the checks of both. Raises `ConfigError` for a name that is none of them.
     """
@@ -75,6 +76,10 @@ def conformance(name: str) -> Iterator[CheckOutcome]:
 
         check_family(name)
         yield from _outcomes(families.CHECKS, families.FamilyCandidate(name))
+    elif kind == "event":
+        from printmend_lab.conformance import events
+
+        yield from _outcomes(events.CHECKS, events.EventCandidate(name))
     if kind in ("family", "effect"):
         from printmend.effects import EFFECTS, registered
         from printmend_lab.conformance import effects
