@@ -15,7 +15,7 @@ from printmend.effects.prior import share_of
 from printmend.effects.sample import drawn_places, drawn_sizes
 from printmend.effects.sized import Sized, frame_of
 from printmend.effects.words import Found
-from printmend.infer.fit import HOME_SD_MM, fitted, weighed
+from printmend.infer.fit import fitted, home_sd_of, weighed
 from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, seen
 from printmend.infer.machine import machine_of
 from printmend.infer.normal import inverse_of, log_below
@@ -49,7 +49,7 @@ def scene_for(printer: Printer) -> Scene:
     dots[0] = False
     every = Trace(path, np.where(dots[:, None], path, np.nan), homed=True)
     scene = scene_of(every, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
-    return replace(scene, home_sd_mm=(HOME_SD_MM, HOME_SD_MM))
+    return replace(scene, home_sd_mm=home_sd_of(healthy_mechanism(printer), scene))
 
 
 def scenes() -> Iterator[Scene]:

@@ -6,10 +6,9 @@ import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives, share_of
+from printmend.effects.switch import spread_mm
 from printmend.effects.words import Fault, Found, amount, motor_name
 from printmend.messages import say
-
-HOME_SD_MM = 0.1  # of an end stop's place: switches scatter by as much
 
 
 class Place(Usual):
@@ -25,7 +24,8 @@ class Place(Usual):
         if scene.placed:  # a measurement without a place has an origin of its own
             for motor in range(2):
                 sd_mm = scene.home_sd_mm[motor]
-                yield from alternatives(self.name, motor, [()], (sd_mm,), share=_share(sd_mm) if scene.homed else None)
+                share = _share(sd_mm, float(spread_mm(scene, homings=1)[motor])) if scene.homed else None
+                yield from alternatives(self.name, motor, [()], (sd_mm,), share=share)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, np.ones((len(places), 1)))
@@ -39,7 +39,7 @@ class Place(Usual):
             yield Fault(motor_name(scene, found.where), "offset", value, sd, "mm", words)
 
 
-def _share(home_sd_mm: float) -> float:
+def _share(home_sd_mm: float, switch_sd_mm: float) -> float:
     """Return the chance that a belt rests elsewhere: the more of its variance is play's, the surer it is."""
-    usual, switch = share_of("place"), min(HOME_SD_MM / home_sd_mm, 1.0) ** 2
+    usual, switch = share_of("place"), min(switch_sd_mm / home_sd_mm, 1.0) ** 2
     return usual + (1.0 - usual) * (1.0 - switch)

@@ -8,8 +8,8 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Places, Scene, Term, columns_of, places_of
 from printmend.effects.effect import SCALE_MM, TIMES_FINER
-from printmend.effects.place import HOME_SD_MM
 from printmend.effects.sized import Sized, guided
+from printmend.effects.switch import spread_mm
 from printmend.infer.gram import (
     Block,
     Dictionary,
@@ -186,7 +186,11 @@ def home_sd_of(mechanism: Mechanism, scene: Scene) -> tuple[float, float]:
     """Return how far each belt may rest from where the end stops would have it [2]."""
     home = scene.printer.to_motor(np.array(scene.printer.home_mm))
     branches = [table.branches_mm(home[[motor]]) for motor, table in enumerate(mechanism.transmissions)]
-    first, second = (math.hypot(HOME_SD_MM, float(upper[0] - lower[0]) / 2) for lower, upper in branches)
+    switch_mm = spread_mm(scene, homings=1)
+    first, second = (
+        math.hypot(sd_mm, float(upper[0] - lower[0]) / 2)
+        for sd_mm, (lower, upper) in zip(switch_mm, branches, strict=True)
+    )
     return first, second
 
 
