@@ -19,6 +19,7 @@ from printmend.corruption import (
     EccentricBore,
     Ellipse,
     Play,
+    corruption_of,
 )
 from printmend.diagnosis.advice import advise
 from printmend.effects.words import Fault as NamedFault
@@ -28,7 +29,8 @@ from printmend.measure.table import read_trace, write_trace
 from printmend.mend.mend import check_gcode
 from printmend.messages import catalogue, say
 from printmend.path import FLATBED, Instrument, Trace
-from printmend.printer import Printer, read_printer
+from printmend.printer import Homing, Printer, read_printer
+from printmend.printer.printer import Switch
 from printmend.probe import design_probe
 from printmend.report.examination import Examination, examine, standard_rows, summary
 from printmend.report.examination_file import write_examination
@@ -317,6 +319,21 @@ def test_what_needs_no_repair_asks_for_none() -> None:
         assert small.urgency == "software"
         assert small.repair.startswith("Nothing")
         assert not advise(NamedFault("x", kind, 0.3, 0.001, "mm", "words")).repair.startswith("Nothing")
+
+
+@pytest.mark.parametrize("switch", ["unknown", "phase"])
+def test_a_report_says_of_ripple_what_mending_does(switch: Switch) -> None:
+    printer = replace(ENDER3, homing=Homing(switch))
+    broken = corruption_of(["teeth:on=x,period_mm=2,size_mm=0.035,phase_rad=1"])
+    examination = examine(probe_trace(broken, printer), printer, rng=np.random.default_rng(0))
+    (advice,) = examination.advice
+    table = examination.saved.mechanism.transmissions[0]
+    is_mended = bool(np.ptp(table.lower_mm - table.motor_mm) > 0.035)
+    assert is_mended == (switch == "phase")
+    assert advice.urgency == ("software" if is_mended else "left")
+    assert ("leaves it" in advice.software) != is_mended
+    assert ("corrects" in advice.software) == is_mended
+    assert f"1 {'for the software alone' if is_mended else 'that is not mended'}" in examination.headline
 
 
 @pytest.mark.parametrize("kind", KINDS.split())

@@ -7,10 +7,12 @@ import pytest
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.corruption.transmission import Ripple
+from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import faults_of
 from printmend.effects import EFFECTS, places_of, scene_of
 from printmend.effects.homing import lasting, shifted, waves_of
 from printmend.effects.switch import homing_mm, refit_mm, scatter_of, spread_mm
+from printmend.effects.words import fault_of
 from printmend.errors import ConfigError
 from printmend.infer.fit import fitted
 from printmend.infer.posterior import Posterior, posterior_of
@@ -168,6 +170,9 @@ def test_a_ripple_that_a_homing_loses_is_named_and_not_mended(period_steps: floa
     assert not part.acts_mm.any()
     (fault,) = faults_of(found.parts, found.scene)
     assert (fault.part, fault.value) == ("x", pytest.approx(0.03, abs=0.005))
+    for each in (fault, fault_of(fault.row)):
+        assert not each.is_mended
+        assert "leaves it" in advise(each).software
 
 
 def test_what_is_known_of_homing_is_kept_in_printer_and_model() -> None:

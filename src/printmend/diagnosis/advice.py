@@ -13,8 +13,10 @@ REPAIR_MM = 0.5  # effect on a print above which a part should be replaced
 SPAN_MM = 100.0  # size of the print whose error is stated, for faults that grow with it
 LEAST_ADVICE_MM = 0.01  # a fault with a smaller effect gets no paragraph
 URGENCY = {  # the most urgent first
-    "repair": say("urgency-repair"), "soon": say("urgency-soon"), "software": say("urgency-software"),
+    "repair": say("urgency-repair"), "soon": say("urgency-soon"), "left": say("urgency-left"),
+    "software": say("urgency-software"),
 }  # fmt: skip
+WORK = ("repair", "soon")  # urgencies of what an owner does something about
 
 
 _NOTHING = (  # messages: nothing is broken, so nothing needs a repair
@@ -26,7 +28,8 @@ _NOTHING = (  # messages: nothing is broken, so nothing needs a repair
 
 @dataclass(frozen=True)
 class Advice:
-    """What to do about one fault: ``urgency`` is repair, soon or software; ``effect_mm`` how far it shifts a print."""
+    """What to do about one fault: ``urgency`` is repair, soon, left (files are not mended for it) or software;
+    ``effect_mm`` how far it shifts a print."""
 
     title: str
     meaning: str
@@ -52,6 +55,8 @@ def advise(fault: NamedFault, *, corexy: bool = False, rails: bool = False) -> A
     )
     if urgency == "software" and not is_one_of(repair, (*_NOTHING, "nothing-replace", "nothing-tighten")):
         repair = say("nothing-while-small", within(repair))
+    if not fault.is_mended:
+        urgency, software = urgency if urgency in WORK else "left", say("printmend-leaves-phase")
     return Advice(title, meaning, _sure(fault), effect, urgency, repair, software)
 
 

@@ -105,7 +105,7 @@ def acting_faults(parts: Sequence[Part], scene: Scene) -> list[Fault]:
     for group in groups:
         if group.found.law.of is not Of.MACHINE or not (group.found.acts or _is_lost(group.found, scene)):
             continue
-        faults = _faults(group.found, beside, scene)
+        faults = (replace(each, is_mended=group.found.acts) for each in _faults(group.found, beside, scene))
         other = _other_words(group, groups, scene)
         found += [replace(fault, words=say("or-else", fault.words, other)) if other else fault for fault in faults]
     order = [*scene.printer.motors, "frame"]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from printmend.effects.wobble import LEAST_TURNS
-from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, amount
+from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, amount, fault_of
 from printmend.errors import TraceError
 from printmend.infer.screw import fit_height
 from printmend.measure.checks import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
@@ -80,7 +80,7 @@ def lift_of(model: SavedModel) -> Lift:
     rows = [row for row in model.document.get("diagnosis", []) if row["part"] == "z"]
     known = {}
     for kind, each in zip(KINDS, terms, strict=True):
-        faults = tuple(Fault(**row, words="") for row in rows if row["kind"].startswith(kind))
+        faults = tuple(fault_of(row) for row in rows if row["kind"].startswith(kind))
         if kind in said or each.any():
             known[kind] = Quantity(each, said.get(kind, ""), faults, faults[0].sd if faults else 0.0)
     return Lift(known)

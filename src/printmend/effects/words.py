@@ -9,8 +9,9 @@ An effect says something of itself with up to three methods beside its columns. 
 An effect without them is still named, by its name and by how far it moves a print.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,11 @@ class Message:
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of one motor or of the frame: ``kind``, ``value`` ± ``sd`` in ``unit``, and the words for it."""
+    """One fault of one motor or of the frame: ``kind``, ``value`` ± ``sd`` in ``unit``, and the words for it.
+
+    ``is_mended`` says whether it acts, so that files are mended for it: an effect that the next homing shifts too far
+    is named, and left as it is.
+    """
 
     part: str
     kind: str
@@ -49,12 +54,20 @@ class Fault:
     sd: float
     unit: str
     words: str
+    is_mended: bool = True
 
     @property
-    def row(self) -> dict[str, str | float]:
+    def row(self) -> dict[str, str | float | bool]:
         """The fault as a row of a model file's diagnosis."""
         sizes = {"value": round(self.value, 6), "sd": round(self.sd, 6)}
-        return {"part": self.part, "kind": self.kind, **sizes, "unit": self.unit}
+        left: dict[str, bool] = {} if self.is_mended else {"is_mended": False}
+        return {"part": self.part, "kind": self.kind, **sizes, "unit": self.unit, **left}
+
+
+def fault_of(row: Mapping[str, Any]) -> Fault:
+    """Return a fault from a row of a model file's diagnosis; its words are not kept there."""
+    names = ("part", "kind", "value", "sd", "unit")
+    return Fault(**{name: row[name] for name in names}, words="", is_mended=bool(row.get("is_mended", True)))
 
 
 @dataclass(frozen=True)

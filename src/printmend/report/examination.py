@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 import printmend
-from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, Advice, advise
+from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, WORK, Advice, advise
 from printmend.diagnosis.portrait import Portrait, contacts_of_fit, portrait
 from printmend.diagnosis.standard import Circle, Positioning, circle, positioning
-from printmend.effects.words import Fault as NamedFault
+from printmend.effects.words import fault_of
 from printmend.errors import InputError
 from printmend.infer.fit import Fit
 from printmend.learn.learned import learn, scatter_words, todo
@@ -121,11 +121,10 @@ def examine(
     assert fit is not None  # the search is never without
     corexy = printer.kinematics == "corexy"
     order = list(URGENCY)
-    names = ("part", "kind", "value", "sd", "unit")
-    faults = [NamedFault(**{name: one[name] for name in names}, words="") for one in saved.document["diagnosis"]]
+    faults = [fault_of(one) for one in saved.document["diagnosis"]]
     rails = bool(said_of(saved.document, "rail-play"))
     all_advice = [advise(fault, corexy=corexy, rails=rails) for fault in faults]
-    advice = [one for one in all_advice if one.effect_mm >= LEAST_ADVICE_MM or one.urgency != "software"]
+    advice = [one for one in all_advice if one.effect_mm >= LEAST_ADVICE_MM or one.urgency in WORK]
     advice.sort(key=lambda one: (order.index(one.urgency), -one.effect_mm))
     after = fit.left_by_mark_mm(flat)
     shown = np.flatnonzero(flat.measured_rows & np.isfinite(after).all(axis=1))
@@ -151,7 +150,7 @@ def summary(examination: Examination) -> str:
     """Say it in a few lines for a terminal."""
     rows = [examination.headline, *examination.refused]
     rows += [say("urgent-fault", URGENCY[one.urgency], one.title, one.sure) for one in examination.advice]
-    if any(one.urgency != "software" for one in examination.advice):
+    if any(one.urgency in WORK for one in examination.advice):
         rows.append(AFTER_WORK)
     rows += examination.doubted
     if examination.prediction is not None:

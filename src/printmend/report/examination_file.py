@@ -20,7 +20,7 @@ from printmend.report.examination import (
 from printmend.report.part import budget_rows, part_rows
 from printmend.report.pictures import circle_picture, layers_picture, pictures
 
-_COLOURS = {"repair": "#c2410c", "soon": "#a16207", "software": "#15803d"}
+_COLOURS = {"repair": "#c2410c", "soon": "#a16207", "left": "#57534e", "software": "#15803d"}
 
 
 def write_examination(path: Path, examination: Examination, *, language: str = ENGLISH) -> None:

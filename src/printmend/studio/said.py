@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, Advice, advise
-from printmend.effects.words import Fault as NamedFault
+from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, WORK, Advice, advise
+from printmend.effects.words import fault_of
 from printmend.learn.learned import todo
 from printmend.machine import Mechanism
 from printmend.model import SavedModel
@@ -23,7 +23,7 @@ def said(model: SavedModel) -> dict[str, Any]:
     """Return what is known of a machine: a headline, its faults with advice, what the measurement could not tell."""
     advice = []
     for fault, one in advice_of(model.document):
-        if one.effect_mm >= LEAST_ADVICE_MM or one.urgency != "software":
+        if one.effect_mm >= LEAST_ADVICE_MM or one.urgency in WORK:
             advice.append({**vars(one), "part": fault["part"], "kind": fault["kind"], "value": fault["value"],
                            "unit": fault["unit"]})  # fmt: skip
     order = list(URGENCY)
@@ -44,11 +44,8 @@ def said(model: SavedModel) -> dict[str, Any]:
 def advice_of(document: Mapping[str, Any]) -> list[tuple[dict[str, Any], Advice]]:
     """Return the faults of a saved model's document, each with the advice for it."""
     corexy = document["printer"]["kinematics"] == "corexy"
-    named, rails = ("part", "kind", "value", "sd", "unit"), bool(said_of(document, "rail-play"))
-    return [
-        (fault, advise(NamedFault(**{name: fault[name] for name in named}, words=""), corexy=corexy, rails=rails))
-        for fault in document.get("diagnosis", [])
-    ]
+    rails = bool(said_of(document, "rail-play"))
+    return [(row, advise(fault_of(row), corexy=corexy, rails=rails)) for row in document.get("diagnosis", [])]
 
 
 def drawn(mechanism: Mechanism) -> dict[str, Any]:

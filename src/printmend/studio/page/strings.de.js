@@ -64,7 +64,7 @@ export default {
 
   wrong_now: "Das ist der Drucker, wie er ist. Seine Fehler größer stellen, um sie zu sehen.", wrong_none: "Zuerst den Testdruck messen: Dann zeigt diese Seite, was ihm fehlt.",
   machine: "Der Drucker, Fehler {n}-mal größer", machine_sound: "Der Drucker", machine_refused: "Nach einer Messung, die abgelehnt ist: nach ihr wird nichts geheilt", drawn_belts: "Ein Riemen, der durchhängt, hat Spiel. Das Netz ist das Bett, wie die Düse es sieht. Eine Scheibe mit eigenem Faktor, etwa 8 ×, ist mit diesem gezeichnet.",
-  how_sure: "Wie sicher", to_do: "Zu tun", software: "Heilen", urgency_repair: "Reparieren", urgency_soon: "Bei Gelegenheit ansehen", urgency_software: "Dem Heilen überlassen",
+  how_sure: "Wie sicher", to_do: "Zu tun", software: "Heilen", urgency_repair: "Reparieren", urgency_soon: "Bei Gelegenheit ansehen", urgency_left: "Wird nicht geheilt", urgency_software: "Dem Heilen überlassen",
   gaps: "Was diese Messung nicht sagen konnte", curve: "{name}: Fehler entlang der Achse, mm", forwards: "vorwärts", backwards: "rückwärts",
   nothing_wrong: "Es fehlt nichts, was ein Druck zeigen würde.", nothing_known: "Kein Fehler, den das Heilen kennt, zeigt sich darin.", before_model: "daneben, wie er druckt", after_model: "bleiben unerklärt", points: "gemessene Punkte",
   next_print: "Der billigste Druck, der es zeigt: ein Quadrat von {size} mm, {minutes} min, {grams} g. Danach bleibt etwa {mm} mm", next_make: "Diesen Druck erstellen",

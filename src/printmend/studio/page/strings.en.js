@@ -64,7 +64,7 @@ export default {
 
   wrong_now: "This is your printer as it is. Make its faults larger to see them.", wrong_none: "Measure the test print first: then this page shows what is wrong.",
   machine: "Your printer, faults {n} times larger", machine_sound: "Your printer", machine_refused: "From a measurement that is refused: nothing is mended by it", drawn_belts: "A belt that hangs has play. The net is the bed as the nozzle sees it. A pulley that says its own factor, as 8 ×, is drawn with that one.",
-  how_sure: "How sure", to_do: "To do", software: "Mending", urgency_repair: "Repair", urgency_soon: "Look at it when convenient", urgency_software: "Leave it to mending",
+  how_sure: "How sure", to_do: "To do", software: "Mending", urgency_repair: "Repair", urgency_soon: "Look at it when convenient", urgency_left: "Not mended", urgency_software: "Leave it to mending",
   gaps: "What this measurement could not tell", curve: "{name}: error along the axis, mm", forwards: "moving forwards", backwards: "moving back",
   nothing_wrong: "Nothing is wrong that a print would show.", nothing_known: "No fault that mending knows shows in it.", before_model: "off as it prints", after_model: "left unexplained", points: "measured dots",
   next_print: "The cheapest print that shows it: a square of {size} mm, {minutes} min, {grams} g. Left over afterwards: about {mm} mm", next_make: "Make this print",
