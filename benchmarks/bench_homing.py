@@ -32,6 +32,7 @@ from printmend.printer import Homing, Printer, read_printer
 from printmend.probe import PHASE_MARKS, design_probe, phase_size_mm
 from printmend.twin import Twin
 from printmend.twin.gcode import follow_finely
+from runner import write_results
 from printmend_lab.sampling import sample
 
 NOISE_MM = 0.02
@@ -113,9 +114,10 @@ def main() -> None:
     parser.add_argument("--family", choices=("pulleys", "ripple", "realistic"), default="pulleys")
     parser.add_argument("--switch", default="unknown")
     parser.add_argument("--refit", action="store_true")
+    parser.add_argument("--csv", type=Path, help="write every printer's figures there")
     given = parser.parse_args()
     printer = replace(read_printer("ender3"), homing=Homing(given.switch))
-    rows, began = [], time.perf_counter()
+    rows, table, began = [], [], time.perf_counter()
     with tempfile.TemporaryDirectory() as name:
         source, output = Path(name) / "part.gcode", Path(name) / "out.gcode"
         for number in range(given.printers):
@@ -144,6 +146,14 @@ def main() -> None:
                 own.append((error_mm(source, source, now), after, promise.rms_low_mm, promise.rms_high_mm))
             rows += own
             raw, mended = np.array(own)[:, 0], np.array(own)[:, 1]
+            figures = {
+                "printer": number, "unmended_mm": np.median(raw), "mended_mm": np.median(mended),
+                "mended_most_mm": mended.max(), "promised_low_mm": promise.rms_low_mm,
+                "promised_high_mm": promise.rms_high_mm,
+            }  # fmt: skip
+            table.append({name: round(float(each), 4) for name, each in figures.items()})
+            if given.csv is not None:
+                write_results(given.csv, "A part's error [mm RMS] after further homings of each printer", table)
             print(
                 f"{number:3d} unmended {np.median(raw):.4f}, mended {np.median(mended):.4f} (most {mended.max():.4f}), "
                 f"promised {promise.rms_low_mm:.4f}–{promise.rms_high_mm:.4f}, moves {said.moves} -> {said.commands}"

@@ -12,7 +12,8 @@ With ``--walls`` a box is mended, whose walls go along the axes. There a ripple 
 a line is. Klipper's planner drives the printer (`make hosts`), with pressure advance; the width's RMS deviation [%] is
 that of the box on a sound printer, of the box as it is, and of the mended one (klippy_bead.py). With ``--shaper`` an
 input shaper is on, too: one of 40 Hz takes half of what mends a tooth at 50 mm/s, which is 25 Hz. With ``--live`` the
-live transform mends, which knows the shaper, in place of a mended file. Walls are printed at ``--speed`` mm/s.
+live transform mends, which knows the shaper, in place of a mended file. Walls are printed at each ``--speed`` [mm/s].
+With ``--csv`` every printer's figures are written there.
 """
 
 import argparse
@@ -40,9 +41,14 @@ from printmend.path import FLATBED
 from printmend.printer import Homing, MotionLimits, Printer, read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
+from runner import write_results
 from true_printer import TruePrinter
 
 NOISE_MM = 0.02
+ABOUT = (
+    "Ripple of 0.016 to 0.04 mm: what mending leaves of a part's place [mm RMS], and of a line's width along the axes "
+    "[% RMS]; sound: the same box on a printer without faults"
+)
 PERIODS_MM = {"teeth": 2.0, "ripple-4": 0.8, "ripple-2": 0.4, "ripple-1": 0.2}
 
 
@@ -127,12 +133,14 @@ def main() -> None:
     parser.add_argument("--walls", action="store_true")
     parser.add_argument("--shaper", action="store_true")
     parser.add_argument("--live", action="store_true")
-    parser.add_argument("--speed", type=float, default=50.0)
+    parser.add_argument("--speed", type=float, action="append")
+    parser.add_argument("--csv", type=Path)
     given = parser.parse_args()
     printer = replace(read_printer("ender3"), homing=Homing(given.switch))
     began, found, false = time.perf_counter(), Counter[str](), Counter[str]()
     left: dict[str, list[tuple[float, float, float]]] = {}
-    widths: dict[str, list[tuple[float, float, float, float]]] = {}
+    widths: dict[tuple[str, float], list[tuple[float, float, float, float]]] = {}
+    rows: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory() as name:
         source, output = Path(name) / "part.gcode", Path(name) / "out.gcode"
         for number in range(given.printers):
@@ -144,6 +152,11 @@ def main() -> None:
             named = ripples(model)
             found[kind] += (printer.motors[motor], kind) in named
             false[kind] += len(named - {(printer.motors[motor], kind)})
+            told: dict[str, object] = {
+                "printer": number,
+                "ripple": kind,
+                "named": (printer.motors[motor], kind) in named,
+            }
             if given.part:
                 source.write_text(part_gcode(rng))
                 output.unlink(missing_ok=True)
@@ -155,16 +168,22 @@ def main() -> None:
                     output.write_bytes(source.read_bytes())
                 row = (error_mm(source, source, true), error_mm(source, output, true), ratio)
                 left.setdefault(kind, []).append(row)
-            if given.walls:
-                source.write_text(box_gcode(speed_mm_s=given.speed))
+                told |= dict(zip(("place_before_mm", "place_after_mm", "moves_for_one"), row, strict=True))
+            for speed in (given.speed or [50.0]) if given.walls else ():
+                source.write_text(box_gcode(speed_mm_s=speed))
                 said = mend_gcode(source, model, output, force=True).prediction
                 write_model(path := source.parent / "printer.mend.json", model)
                 live = f"[printmend]\nmodel: {path}\nphase_x: 0\nphase_y: 0\n" if given.live else ""
                 row = widths_percent(
                     source, source if live else output, broken, printer, SHAPED if given.shaper else "", live
                 )
-                widths.setdefault(kind, []).append((*row, said.commands / said.moves))
+                widths.setdefault((kind, speed), []).append((*row, said.commands / said.moves))
+                names = (f"width_{each}_percent_{speed:g}_mm_s" for each in ("sound", "before", "after"))
+                told |= dict(zip(names, row, strict=True))
                 output.unlink()
+            rows.append({name: round(each, 4) if isinstance(each, float) else each for name, each in told.items()})
+            if given.csv is not None:
+                write_results(given.csv, ABOUT, rows)
         healthy = 0
         for number in range(given.healthy):
             rng = np.random.default_rng([given.seed, 1000 + number])
@@ -175,9 +194,10 @@ def main() -> None:
         if kind in left:
             before, after, ratio = np.median(left[kind], axis=0)
             line += f"; {before:.4f} -> {after:.4f} mm, {ratio:.2f} moves for one"
-        if kind in widths:
-            sound, before, after, ratio = np.median(widths[kind], axis=0)
-            line += f"; width {sound:.2f} sound, {before:.2f} -> {after:.2f} %, {ratio:.1f} moves for one"
+        for (of, speed), found_percent in widths.items():
+            if of == kind:
+                sound, before, after, ratio = np.median(found_percent, axis=0)
+                line += f"; width at {speed:g} mm/s {sound:.2f} sound, {before:.2f} -> {after:.2f} %, {ratio:.1f} moves"
         print(line)
     print(f"healthy: {healthy} of {given.healthy} falsely named; {time.perf_counter() - began:.0f} s")
 

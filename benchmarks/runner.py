@@ -15,12 +15,13 @@ import json
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from printmend.cli.output import progress
+from printmend.files import replacing
 from printmend_lab.executor import WorkerDied, executor
 
 Case = tuple[Any, ...]
@@ -87,6 +88,23 @@ def run(*arguments: str, ok: tuple[int, ...] = (0,)) -> subprocess.CompletedProc
     return done
 
 
+def write_results(path: Path, about: str, rows: Sequence[Row]) -> None:
+    """Write a table for `benchmarks/results`: what it is, the command, the commit, and a line a row."""
+    with replacing(path) as file:
+        file.write(f"# {about}\n# command: {shlex.join(['.venv/bin/python', *sys.argv])}\n# commit: {commit_now()}\n")
+        table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+
+
+def commit_now() -> str:
+    """Return the commit of this code, marked where it was changed since."""
+    return subprocess.run(  # noqa: S603 — a fixed command
+        ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"],  # noqa: S607
+        capture_output=True, text=True, check=False,
+    ).stdout.strip()  # fmt: skip
+
+
 def _key(case: Case) -> str:
     return json.dumps(case)
 
@@ -98,11 +116,7 @@ def _head(options: argparse.Namespace) -> str:
         while option in words:
             at = words.index(option)
             del words[at : at + 2]
-    commit = subprocess.run(  # noqa: S603 — a fixed command
-        ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"],  # noqa: S607
-        capture_output=True, text=True, check=False,
-    ).stdout.strip()  # fmt: skip
-    return f"# {shlex.join(words)}; seed {options.seed}; commit {commit or 'unknown'}"
+    return f"# {shlex.join(words)}; seed {options.seed}; commit {commit_now() or 'unknown'}"
 
 
 def _kept(options: argparse.Namespace) -> dict[str, Row]:
