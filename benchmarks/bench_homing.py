@@ -32,8 +32,8 @@ from printmend.printer import Homing, Printer, read_printer
 from printmend.probe import PHASE_MARKS, design_probe, phase_size_mm
 from printmend.twin import Twin
 from printmend.twin.gcode import follow_finely
-from runner import write_results
 from printmend_lab.sampling import sample
+from runner import write_results
 
 NOISE_MM = 0.02
 TWOFOLD = 2 * np.pi

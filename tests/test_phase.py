@@ -1,5 +1,7 @@
 """After the belts were worked on: nothing is mended until a print shows where the motors stand."""
 
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -8,14 +10,17 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
+from printmend.effects.words import Fault
 from printmend.errors import InputError, RefusedError, TraceError
 from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism, homed_again
 from printmend.measure import write_trace
 from printmend.measure.plan import ProbePlan
 from printmend.mend import check_gcode, mend_gcode
+from printmend.mend.history import remember_learned, work_words
 from printmend.mend.phase import learn_phase, refitted
 from printmend.model import SavedModel, read_model, write_model
+from printmend.model.model import exact_model, saved_model
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import PHASE_MARKS, cost, design_probe, phase_size_mm
@@ -70,6 +75,23 @@ def test_a_print_of_two_minutes_shows_where_the_motors_stand(models: dict[str, S
     assert after < 0.01 < 0.2 < before
 
 
+def test_a_home_that_moved_with_the_belts_is_learned(models: dict[str, SavedModel], tmp_path: Path) -> None:
+    true = homed_again(machine(read_printer("ender3")), np.array([14.0, 26.0]))
+    trace = measured(true, 3)
+    aside = trace.measured_mm + np.array([0.3, 0.0])
+    found = learn_phase(models["ender3"], replace(trace, placed=True, homed=True, instrument=None, measured_mm=aside),
+                        rng=np.random.default_rng(0))  # fmt: skip
+    told = {(change.part, change.kind): change.now for change in found.changes}
+    assert told["X", "phase"] == pytest.approx(14.0, abs=0.4)
+    assert told["X", "offset"] == pytest.approx(0.3, abs=0.03)
+    assert ("Y", "offset") not in told
+    assert "end stop" in found.words
+    part = tmp_path / "part.gcode"
+    part.write_bytes(SQUARE)
+    aside_mm, plain_mm = (check_gcode(part, model).shift_mm for model in (found.model, exact_model(true)))
+    assert np.subtract(aside_mm, plain_mm) == pytest.approx([0.3, 0.0], abs=0.03)
+
+
 def test_the_print_of_another_machine_is_refused(models: dict[str, SavedModel]) -> None:
     other = machine(read_printer("ender3"), 0.1)
     with pytest.raises(TraceError, match="the machine of the model, with its motors elsewhere"):
@@ -108,3 +130,26 @@ def test_the_commands_of_an_owner_after_the_work(models: dict[str, SavedModel], 
     with pytest.raises(TraceError, match="a print after the work"):
         learn_phase(read_model(model), measured(homed_again(machine(printer), np.array([8.0, 0.0])), 5),
                     rng=np.random.default_rng(0))  # fmt: skip
+
+
+def test_who_did_the_advised_work_is_told_to_measure_again(models: dict[str, SavedModel], tmp_path: Path) -> None:
+    def told(*args: object) -> list[str]:
+        done = CliRunner().invoke(group, [str(arg) for arg in args])
+        return [line for line in done.output.splitlines() if "measure again" in line]
+
+    loose, part = tmp_path / "loose.mend.json", tmp_path / "part.gcode"
+    part.write_bytes(SQUARE)
+    write_model(loose, models["ender3"])
+    (line,) = told("check", part, "-m", loose)
+    assert "this model advises (X, Y)" in line
+    assert f"`printmend history {loose} --refitted x --refitted y`" in line
+    remember_learned(loose, models["ender3"], "trace.csv", when=datetime(2026, 3, 1, tzinfo=UTC))
+    (line,) = told("mend", part, "-m", loose, "-o", tmp_path / "out.gcode")
+    assert "advised on 2026-03-01 (X, Y)" in line
+    told("history", loose, "--refitted", "x")
+    assert work_words(loose, read_model(loose)) == ""  # it refuses, and says so
+    stiff = saved_model(
+        models["ender3"].mechanism, learner="test", findings=("",),
+        details={"diagnosis": [Fault("x", "friction", 0.3, 0.01, "mm", "").row]},
+    )  # fmt: skip
+    assert work_words(loose, stiff) == ""  # guides that are oiled move no belt

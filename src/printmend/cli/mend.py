@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from printmend.cli.model import ModelType, read_model_in
+from printmend.cli.model import ModelType, read_model_in, tell_work
 from printmend.cli.output import tell
 from printmend.cli.terminal import Finite, Percent, echo, language
 from printmend.messages import say
@@ -100,6 +100,7 @@ def _mend_one(
     if not quiet:
         echo(done.prediction.summary(), err=target is None)
         echo(say("written", target or say("standard-output")), err=target is None)
+        tell_work(model_path, model, err=target is None)
 
 
 # Its many parameters are the command's options.

@@ -1,12 +1,15 @@
 """Advice for an owner: what a fault means, what to repair, and what the software corrects."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from printmend.effects import EFFECTS
-from printmend.effects.words import SOON_MM, Care
+from printmend.effects.words import SOON_MM, Care, fault_of
 from printmend.effects.words import Fault as NamedFault
 from printmend.messages import is_one_of, parts_of, say, together, within
+from printmend.model.notes import said_of
 
 CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations from 0 at which a fault is certain, or very likely
 REPAIR_MM = 0.5  # effect on a print above which a part should be replaced
@@ -58,6 +61,24 @@ def advise(fault: NamedFault, *, corexy: bool = False, rails: bool = False) -> A
     if not fault.is_mended:
         urgency, software = urgency if urgency in WORK else "left", say("printmend-leaves-phase")
     return Advice(title, meaning, _sure(fault), effect, urgency, repair, software)
+
+
+# Kinds of fault of a motor whose repair moves neither belt nor pulley; after any other the motor may stand elsewhere.
+_NO_BELT = ("friction", "rub", "offset")
+
+
+def advised(document: Mapping[str, Any]) -> list[tuple[dict[str, Any], Advice]]:
+    """Return the faults of a saved model's document, each with the advice for it."""
+    corexy = document["printer"]["kinematics"] == "corexy"
+    rails = bool(said_of(document, "rail-play"))
+    return [(row, advise(fault_of(row), corexy=corexy, rails=rails)) for row in document.get("diagnosis", [])]
+
+
+def belts_to_work_on(document: Mapping[str, Any]) -> list[str]:
+    """Return the motors with work to do on a belt or a pulley: once it is done, their errors are elsewhere."""
+    motors = document["motors"]
+    work = [row for row, one in advised(document) if one.urgency in WORK and row["kind"] not in _NO_BELT]
+    return [name for name in motors if any(row["part"] == name for row in work)]
 
 
 def _said(kind: str, where: str, fault: NamedFault, size: float) -> "Said":

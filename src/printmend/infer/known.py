@@ -27,13 +27,15 @@ Key = tuple[str, int, tuple[float, ...]]
 @dataclass(frozen=True, eq=False)
 class Story:
     """A story of an old machine: its remaining ``parts``, the angles ``turned_rad`` by which each motor's pulley turned
-    on its shaft, and the motors with new parts (``anew``); ``whole``: nothing of it remains."""
+    on its shaft, and the motors with new parts (``anew``); ``whole``: nothing of it remains. Its belts were worked on
+    in a ``refit``."""
 
     parts: tuple[Part, ...]
     turned_rad: tuple[float, float] = (0.0, 0.0)
     anew: tuple[int, ...] = ()
     whole: bool = False
     log_odds: float = 0.0
+    refit: bool = False
 
 
 @dataclass(frozen=True, eq=False)

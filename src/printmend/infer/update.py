@@ -106,19 +106,20 @@ def renewed(
     months: float = 1.0,
     grown: Mapping[tuple[str, int], tuple[float, float]] | None = None,
     stories: bool = True,
+    refit: bool = False,
 ) -> Renewed:
     """Return what a trace says of a machine of which ``parts`` were believed and ``mechanism`` made.
 
     ``scene`` spans what both measurements saw. ``months`` are since the first one; ``grown`` is by how much (mean,
     standard deviation) the first size of an effect at a motor should have grown. Without ``stories`` the machine is the
-    old one with changes.
+    old one with changes; after a ``refit`` its belts were worked on.
     """
     if scene.homed:
         scene = replace(scene, home_sd_mm=home_sd_of(mechanism, scene))
     own = [each for each in parts if EFFECTS[each.effect].of is Of.MACHINE and each.chance >= LEAST_CHANCE]
     before = tuple(rebased(each, scene) for each in own)
     # machines of a homing of their own are drawn by a generator of their own: other figures stay as they are
-    story, whole, turned_rad = Story(homed_again(before, scene, np.random.default_rng(SEED))), trace, 0.0
+    story, whole, turned_rad = Story(homed_again(before, scene, np.random.default_rng(SEED)), refit=refit), trace, 0.0
     wearing = Wearing(math.sqrt(max(months, 0.0)), grown or {}, scene, spread_mm(scene))
     at: _Pass | None = None
     for number in range(PASSES):
@@ -203,18 +204,20 @@ def _sigma_mm(rows: Rows, old: np.ndarray, weight: np.ndarray, mean: np.ndarray)
 
 def _search(sums: Sums, story: Story, left: Left) -> Search:
     """Return the search for changes of a story."""
-    blocks = _seldom(sums.dictionary.blocks, story.whole, story.anew)
+    blocks = _seldom(sums.dictionary.blocks, story.whole, story.anew, story.refit)
     return Search(Dictionary(blocks, sums.dictionary.columns), left.gram)
 
 
 @lru_cache(maxsize=16)  # each story is searched more than once
-def _seldom(blocks: tuple[Block, ...], whole: bool, anew: tuple[int, ...]) -> tuple[Block, ...]:
+def _seldom(blocks: tuple[Block, ...], whole: bool, anew: tuple[int, ...], refit: bool) -> tuple[Block, ...]:
     """Return blocks with the odds of changes: what a machine has since, it seldom has; what does not wear comes only
-    with other parts."""
+    with other parts. After a ``refit`` belts may well rest elsewhere at home."""
 
     def block(one: Block) -> Block:
         effect = EFFECTS[one.effect]
-        if effect.of is not Of.MACHINE or whole or (effect.acts is Acts.DRIVE and one.where in anew):
+        if effect.of is not Of.MACHINE or whole or (refit and not effect.from_home):
+            return one
+        if effect.acts is Acts.DRIVE and one.where in anew:
             return one
         seldom = happens_share("changed" if wear_share(one.effect) else "replaced")
         return replace(one, log_odds=one.log_odds + math.log(seldom))

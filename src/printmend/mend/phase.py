@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.effects import scene_of
+from printmend.effects import EFFECTS, scene_of
 from printmend.effects.prior import wear_share
 from printmend.errors import InputError, TraceError
 from printmend.infer.phase import Phase, found_phase
-from printmend.infer.update import both_seen
+from printmend.infer.update import Renewed, both_seen
 from printmend.learn.learned import known_digests, near_bed
 from printmend.learn.order import in_order, passed_over
 from printmend.learn.walls import with_walls
@@ -69,27 +69,44 @@ def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> U
         phase = found_phase(belief.parts, old.mechanism, ordered.trace, scene, max(old.noise_mm, LEAST_NOISE_MM))
         moved = replace(belief, parts=phase.parts)
         machine = replace(old, mechanism=phase.mechanism)
-        found = measured_again(machine, moved, ordered.trace, rng)
-        others: list[str] = [*(say("another-drive") for _ in found.story.anew)]
-        others += [effect for effect, _, _ in found.changes if not wear_share(effect)]
+        found = measured_again(machine, moved, ordered.trace, rng, refit=True)
+        foreign: list[str] = [*(say("another-drive") for _ in found.story.anew)]
+        foreign += [name for name, _, _ in found.changes if not wear_share(name) and EFFECTS[name].from_home]
         noise_mm, own_mm = found.now.noise_mm, max(old.noise_mm, LEAST_NOISE_MM)
-        if found.story.whole or others or noise_mm > MOST_NOISE * own_mm:
+        if found.story.whole or foreign or noise_mm > MOST_NOISE * own_mm:
             scatter = say("marks-scatter-instead", f"{noise_mm:.3f}", f"{own_mm:.3f}")
             raise TraceError(
                 say("phase-print"), wanted=say("machine-of-model-elsewhere"), todo=say("print-whole-and-learn-anew"),
-                came=together(", ", dict.fromkeys(others)) if others else scatter,
+                came=together(", ", dict.fromkeys(foreign)) if foreign else scatter,
             )  # fmt: skip
         # the work moved the motors, not the end stop, so the shift says nothing about the scatter of end stops
         updated = _updated(
             old, moved, replace(found, homed_mm=()), ordered.trace, (*passed_over(once, copies), *ordered.found), digest
         )
     # so small a print shows an idler's angle, and hardly its size
-    changes = (*_shifts(old, phase), *(one for one in updated.changes if not one.kind.startswith("period")))
+    changes = (
+        *_shifts(old, phase),
+        *_homes(old, found),
+        *(one for one in updated.changes if not one.kind.startswith("period")),
+    )
     screw = screw_of(old)
     model = updated.model
     if screw is not None:
         model = with_screw(model, screw, findings=model.findings, details={})
     return replace(updated, model=model, changes=changes)
+
+
+def _homes(old: SavedModel, found: Renewed) -> list[Change]:
+    """Return how far each belt rests at home from where it did: the work may have moved an end stop, too."""
+    homes = []
+    for motor, name in enumerate(old.printer.motors):
+        before, now = found.of("place", motor)
+        if now and ("place", motor) in [key[:2] for key in found.changes]:
+            by_mm = float(sum(part.acts_mm[0] for part in now) - sum(part.acts_mm[0] for part in before))
+            sd_mm = float(np.sum([part.draws_mm[0] for part in now], axis=0).std())
+            words = say("motor-homes-elsewhere", name.upper(), f"{by_mm:+.2f}", f"{sd_mm:.2f}")
+            homes.append(Change(name.upper(), "offset", 0.0, by_mm, sd_mm, "mm", words))
+    return homes
 
 
 def _shifts(old: SavedModel, phase: Phase) -> list[Change]:

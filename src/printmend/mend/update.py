@@ -139,7 +139,7 @@ def same_machine(old: SavedModel, printer: Printer) -> None:
 
 def measured_again(
     old: SavedModel, belief: Belief, trace: Trace, rng: np.random.Generator, *, ageing: Ageing | None = None,
-    stories: bool = True,
+    stories: bool = True, refit: bool = False,
 ) -> Renewed:  # fmt: skip
     """Return what a flat trace changes about the machine of a model. Raises `TraceError` for a trace without
     measurements."""
@@ -151,7 +151,9 @@ def measured_again(
         (kind, motor): size for motor, name in enumerate(printer.motors) for kind, size in ageing.of(name).items()
     }  # fmt: skip
     months = 0.0 if ageing is None else ageing.months
-    return renewed(belief.parts, old.mechanism, trace, scene, rng, months=months, grown=grown, stories=stories)
+    return renewed(
+        belief.parts, old.mechanism, trace, scene, rng, months=months, grown=grown, stories=stories, refit=refit
+    )  # fmt: skip
 
 
 def _anew(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated:

@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 
 import printmend
-from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, WORK, Advice, advise
+from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, WORK, Advice, advised
 from printmend.diagnosis.portrait import Portrait, contacts_of_fit, portrait
 from printmend.diagnosis.standard import Circle, Positioning, circle, positioning
-from printmend.effects.words import fault_of
 from printmend.errors import InputError
 from printmend.infer.fit import Fit
 from printmend.learn.learned import learn, scatter_words, todo
@@ -19,7 +18,7 @@ from printmend.mend.prediction import Prediction
 from printmend.mend.verify import expectation
 from printmend.messages import is_one_of, say, together
 from printmend.model import SavedModel
-from printmend.model.notes import NOTE, REFUSAL, misfit_words, said_of
+from printmend.model.notes import NOTE, REFUSAL, misfit_words
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import parse_belief
@@ -119,12 +118,9 @@ def examine(
     learned = learn(grown(trace, printer, filament), printer, rng=rng)
     saved, flat, fit = settled(learned.saved, filament), learned.trace, learned.fit
     assert fit is not None  # the search is never without
-    corexy = printer.kinematics == "corexy"
     order = list(URGENCY)
-    faults = [fault_of(one) for one in saved.document["diagnosis"]]
-    rails = bool(said_of(saved.document, "rail-play"))
-    all_advice = [advise(fault, corexy=corexy, rails=rails) for fault in faults]
-    advice = [one for one in all_advice if one.effect_mm >= LEAST_ADVICE_MM or one.urgency in WORK]
+    found = advised(saved.document)
+    advice = [one for _, one in found if one.effect_mm >= LEAST_ADVICE_MM or one.urgency in WORK]
     advice.sort(key=lambda one: (order.index(one.urgency), -one.effect_mm))
     after = fit.left_by_mark_mm(flat)
     shown = np.flatnonzero(flat.measured_rows & np.isfinite(after).all(axis=1))
@@ -135,7 +131,7 @@ def examine(
         (positioning(mechanism, 0), positioning(mechanism, 1)), circle(mechanism),
         flat.commanded_mm[shown], (flat.measured_mm - flat.commanded_mm)[shown], after[shown],
         None if part is None else part.name, None if part is None else check_gcode(part, saved),
-        sum(one not in advice and fault.kind != "offset" for fault, one in zip(faults, all_advice, strict=True)),
+        sum(one not in advice and row["kind"] != "offset" for row, one in found),
         (*scale_words(saved), *misfit_words(saved.document)), expectation(saved, flat),
     )  # fmt: skip
 

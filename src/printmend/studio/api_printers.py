@@ -67,12 +67,15 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
     messages: dict[str, Any] = {}
     parts: list[str] = []
     if (folder / MODEL).is_file():
+        from printmend.diagnosis.advice import (  # all of learning: not for a printer's bare card
+            LEAST_ADVICE_MM,
+            advised,
+        )
         from printmend.model.notes import NOTE, misfit_words
-        from printmend.studio.said import LEAST_ADVICE_MM, advice_of  # all of learning: not for a printer's bare card
 
         document = json.loads((folder / MODEL).read_text(encoding="utf-8"))
         messages = document.get("messages", {})
-        titles = [one.title for _, one in advice_of(document) if one.effect_mm >= LEAST_ADVICE_MM]
+        titles = [one.title for _, one in advised(document) if one.effect_mm >= LEAST_ADVICE_MM]
         health = together("; ", titles) if titles else (document["findings"] or [""])[0]
         sound = document["frame"] is None and all(one["kind"] == "healthy" for one in document["motors"].values())
         healthy = not document["diagnosis"] if "diagnosis" in document else sound

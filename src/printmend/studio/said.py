@@ -1,16 +1,14 @@
 """A learned machine as plain values for a page: what is wrong, in words, how sure, what to do, and its pictures."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, WORK, Advice, advise
-from printmend.effects.words import fault_of
+from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, WORK, advised
 from printmend.learn.learned import todo
 from printmend.machine import Mechanism
 from printmend.model import SavedModel
-from printmend.model.notes import misfit_words, said_of
+from printmend.model.notes import misfit_words
 from printmend.promise.scale import scale_words
 from printmend.units import TURN_RAD
 
@@ -22,7 +20,7 @@ _CURVE = 400  # points of a curve
 def said(model: SavedModel) -> dict[str, Any]:
     """Return what is known of a machine: a headline, its faults with advice, what the measurement could not tell."""
     advice = []
-    for fault, one in advice_of(model.document):
+    for fault, one in advised(model.document):
         if one.effect_mm >= LEAST_ADVICE_MM or one.urgency in WORK:
             advice.append({**vars(one), "part": fault["part"], "kind": fault["kind"], "value": fault["value"],
                            "unit": fault["unit"]})  # fmt: skip
@@ -39,13 +37,6 @@ def said(model: SavedModel) -> dict[str, Any]:
         "after_mm": trace.get("residual_after_mm"), "noise_mm": model.noise_mm, "learner": model.learner,
         "machine": drawn(model.mechanism),
     }  # fmt: skip
-
-
-def advice_of(document: Mapping[str, Any]) -> list[tuple[dict[str, Any], Advice]]:
-    """Return the faults of a saved model's document, each with the advice for it."""
-    corexy = document["printer"]["kinematics"] == "corexy"
-    rails = bool(said_of(document, "rail-play"))
-    return [(row, advise(fault_of(row), corexy=corexy, rails=rails)) for row in document.get("diagnosis", [])]
 
 
 def drawn(mechanism: Mechanism) -> dict[str, Any]:
