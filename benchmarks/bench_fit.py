@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from benchmarks.runner import write_results
 from tests import foreign_part as foreign
 
 from printmend.gcode.read import read_gcode
@@ -25,6 +26,9 @@ from printmend.promise.belief import parse_belief
 from printmend.promise.filament import UNTOLD, known_filaments
 from printmend.promise.scale import axis_scales
 
+ABOUT = (
+    "What `fit` says of parts with known holes, feet and widths, in scans of a foreign renderer [mm; shrinkage in %]"
+)
 POLYMERS = ("pla", "petg", "abs", "asa")
 
 
@@ -128,10 +132,11 @@ def main():
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--only", choices=["fit", "scale"])
     parser.add_argument("--callipers", action="store_true")
+    parser.add_argument("--csv", type=Path, help="write the accuracy of `fit` there")
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.cases)
     if options.only != "scale":
-        found = {}
+        found, table = {}, []
         with tempfile.TemporaryDirectory() as folder:
             for seed in seeds:
                 for name, row in fit_case(seed, Path(folder), options.callipers).items():
@@ -141,6 +146,12 @@ def main():
             error, sd = np.abs(np.array(rows)).T
             inside = np.mean(error < 1.645 * sd)
             print(f"{name:18}  {np.median(error):14.3f}  {error.max():7.3f}  {inside:6.0%} of {len(rows)}")
+            table.append({
+                "what": name, "cases": len(rows), "median_error": round(float(np.median(error)), 4),
+                "largest_error": round(float(error.max()), 4), "in_the_90_percent_range": round(float(inside), 3),
+            })  # fmt: skip
+        if options.csv is not None:
+            write_results(options.csv, ABOUT, table)
     if options.only != "fit":
         ways = {}
         for seed in seeds:

@@ -90,8 +90,11 @@ def run(*arguments: str, ok: tuple[int, ...] = (0,)) -> subprocess.CompletedProc
 
 def write_results(path: Path, about: str, rows: Sequence[Row]) -> None:
     """Write a table for `benchmarks/results`: what it is, the command, the commit, and a line a row."""
+    script = Path(sys.argv[0])
+    words = ["-m", f"benchmarks.{script.stem}"] if script.is_absolute() else [str(script)]  # so Python gives modules
     with replacing(path) as file:
-        file.write(f"# {about}\n# command: {shlex.join(['.venv/bin/python', *sys.argv])}\n# commit: {commit_now()}\n")
+        command = shlex.join([".venv/bin/python", *words, *sys.argv[1:]])
+        file.write(f"# {about}\n# command: {command}\n# commit: {commit_now()}\n")
         table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         table.writeheader()
         table.writerows(rows)
