@@ -13,7 +13,7 @@ a line is. Klipper's planner drives the printer (`make hosts`), with pressure ad
 that of the box on a sound printer, of the box as it is, and of the mended one (klippy_bead.py). With ``--shaper`` an
 input shaper is on, too: one of 40 Hz takes half of what mends a tooth at 50 mm/s, which is 25 Hz. With ``--live`` the
 live transform mends, which knows the shaper, in place of a mended file. Walls are printed at each ``--speed`` [mm/s].
-With ``--csv`` every printer's figures are written there.
+With ``--part --live`` the part is printed in the planner, too. With ``--csv`` every printer's figures are written there.
 """
 
 import argparse
@@ -27,7 +27,7 @@ import numpy as np
 
 from bench_homing import error_mm, part_gcode
 from klippy_bead import ADVANCED, SHAPED, wall_deviation
-from klippy_judge import Track, wanted_path
+from klippy_judge import Track, judge_both, wanted_path
 from klippy_run import FAST, plan
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, corruption_toml
 from printmend.corruption.transmission import Ripple
@@ -105,6 +105,16 @@ def widths_percent(
     return sound, before, after
 
 
+def live_places_mm(source: Path, broken: Corruption, printer: Printer, live: str) -> tuple[float, float]:
+    """Return how far a part lies from its path in Klipper's planner, as it is and with the live transform [mm RMS]."""
+    printer, text = replace(printer, limits=MotionLimits(*FAST)), source.read_bytes()
+    original = plan(text, printer, source.parent / "plain")
+    corrected = plan(text, printer, source.parent / "live", around=original, extras=live)
+    true = TruePrinter.of(corruption_toml(broken), printer)
+    before, after, _ = judge_both(original, corrected, printer, true, text, text)
+    return before.rms_mm, after.rms_mm
+
+
 def learned(true: Mechanism, rng: np.random.Generator) -> SavedModel:
     """Learn a printer from a scan of its test print."""
     plan = design_probe(true.printer)
@@ -169,11 +179,14 @@ def main() -> None:
                 row = (error_mm(source, source, true), error_mm(source, output, true), ratio)
                 left.setdefault(kind, []).append(row)
                 told |= dict(zip(("place_before_mm", "place_after_mm", "moves_for_one"), row, strict=True))
+            write_model(path := source.parent / "printer.mend.json", model)
+            live = f"[printmend]\nmodel: {path}\nphase_x: 0\nphase_y: 0\n" if given.live else ""
+            if given.part and live:
+                names = ("planner_before_mm", "planner_live_mm")
+                told |= dict(zip(names, live_places_mm(source, broken, printer, live), strict=True))
             for speed in (given.speed or [50.0]) if given.walls else ():
                 source.write_text(box_gcode(speed_mm_s=speed))
                 said = mend_gcode(source, model, output, force=True).prediction
-                write_model(path := source.parent / "printer.mend.json", model)
-                live = f"[printmend]\nmodel: {path}\nphase_x: 0\nphase_y: 0\n" if given.live else ""
                 row = widths_percent(
                     source, source if live else output, broken, printer, SHAPED if given.shaper else "", live
                 )
