@@ -25,7 +25,7 @@ from starlette.testclient import TestClient
 from printmend import diagnosis
 from printmend.client import Studio, StudioError
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, Screw
-from printmend.diagnosis.advice import advise
+from printmend.diagnosis.advice import advise, advised
 from printmend.diagnosis.named import misfits_of, unseen
 from printmend.effects import EFFECTS, Of
 from printmend.effects.words import Fault as NamedFault
@@ -52,7 +52,6 @@ from printmend.probe import design_probe, expected_error_mm
 from printmend.promise import words as promise_words
 from printmend.promise.scale import in_words
 from printmend.studio import kernels, serve, work
-from printmend.studio import said as studio_said
 from printmend.studio import scene as studio_scene
 from printmend.studio.api import plain_name
 from printmend.studio.app import PAGE, create_app
@@ -624,7 +623,7 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     fault = {"part": "a", "kind": "play", "value": 0.1, "sd": 0.01, "unit": "mm"}
     found = [{"kind": "rail-play", "severity": "warning", "words": ""}]
     document = {"printer": {"kinematics": "corexy"}, "diagnosis": [fault], "misfit": {"found": found}}
-    assert [one.repair for _, one in studio_said.advice_of(document)] == [rails.repair]
+    assert [one.repair for _, one in advised(document)] == [rails.repair]
     assert "rails and the head first" in rails.repair
     assert _german(rails.repair)
     either = advise(NamedFault("x", "elastic", 0.1, 0.01, "mm", say("fault-elastic-or-idler", "0.1 mm")))

@@ -131,7 +131,7 @@ def _side(
     """Return the scan of a part's first layer, seen from below, or of its last, seen from above."""
     import numpy as np
 
-    from printmend.twin.gcode import print_beads
+    from printmend.twin.beads import print_beads
     from printmend.twin.scanner import DEGRADATIONS, render_layer
 
     first = print_beads(program, twin)

@@ -95,5 +95,5 @@ def _each(
     name: str, where: int, shapes: Sequence[tuple[float, ...]], sizes: Sequence[tuple[float, ...]], chance: float, *,
     positive: bool = False,
 ) -> Iterator[Term]:  # fmt: skip
-    log_odds = math.log(chance / max(1.0 - chance, 1e-6)) - math.log(len(shapes) * len(sizes))
+    log_odds = math.log(chance / max(1.0 - chance, 1e-6)) - math.log(max(len(shapes), 1) * len(sizes))
     yield from (Term(name, where, shape, sd_mm, log_odds, positive) for shape in shapes for sd_mm in sizes)

@@ -3,15 +3,12 @@
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from printmend.errors import GcodeError, InputError
-from printmend.fit.outline import OUTER, outline_of
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program, read_gcode
 from printmend.machine.mechanism import Mechanism
 from printmend.measure.plan import ProbePlan
-from printmend.measure.walls import CORNER_RAD, STEP_MM, read_walls
 from printmend.messages import say
 from printmend.path import Origin, Trace
 from printmend.twin.twin import Twin
@@ -114,34 +111,6 @@ def print_first_layer(program: Program, twin: Twin) -> list[np.ndarray]:
         )
     cuts = np.flatnonzero(np.diff(np.concatenate([[False], drawn, [False]]).astype(int)))
     return [printed[first : last + 1] for first, last in zip(cuts[::2], cuts[1::2], strict=True)]
-
-
-def print_beads(program: Program, twin: Twin, *, layer: int = 1) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Print a part on the twin; return the beads of a layer, counted from 1, where an instrument sees them.
-
-    Each has its points [N, 2] mm and its width [N] mm up to each. A bulge at a corner is a bead of two equal points.
-    Raises `GcodeError` like `read_walls`.
-    """
-    walls = read_walls(program, twin.printer, layer=layer)
-    outline = outline_of(walls)
-    wanted, printed, extruding, number = follow_finely(program, twin)
-    printed = printed + twin.misread_mm(wanted)
-    drawn = extruding & (number == np.unique(number[extruding & (number >= 0)])[layer - 1])
-    wide_mm = 2 * (float(np.median(walls.half_mm)) + twin.wider_mm + (twin.beads.foot_mm if layer == 1 else 0.0))
-    apart_mm, nearest = cKDTree(walls.commanded_mm[walls.row]).query(wanted)
-    beside_hole = (apart_mm < STEP_MM) & (outline.group[nearest] > OUTER)
-    widths_mm = wide_mm + 2 * twin.beads.hole_mm * beside_hole
-    cuts = np.flatnonzero(np.diff(np.concatenate([[False], drawn, [False]]).astype(int)))
-    beads = []
-    for first, last in zip(cuts[::2], cuts[1::2], strict=True):
-        own = slice(first, last + 1)
-        beads.append((printed[own], widths_mm[own]))
-        way = np.diff(wanted[own], axis=0)
-        turn = np.abs(np.angle(np.exp(1j * np.diff(np.arctan2(way[:, 1], way[:, 0])))))
-        for corner in first + 1 + np.flatnonzero(turn > CORNER_RAD):
-            bulge_mm = widths_mm[corner] + 2 * twin.beads.corner_mm
-            beads.append((printed[[corner, corner]], np.full(2, bulge_mm)))
-    return beads
 
 
 def print_line(program: Program, twin: Twin, plan: ProbePlan) -> np.ndarray | None:
