@@ -96,12 +96,12 @@ class OctoPrint:
         return re.findall(r"- Send: N\d+ (.*)\*\d+$", log, re.MULTILINE)
 
 
-def learned(path: Path, slack_mm: float) -> bytes:
-    """Write a model; return a part that was mended with it."""
+def learned(path: Path, slack_mm: float, size_mm: float = 6.0) -> bytes:
+    """Write a model; return a part of this size that was mended with it."""
     model = exact_model(Corruption((Drive(belt=Play(slack_mm)), Drive(belt=Play(0.6)))).lower(read_printer("ender3")))
     write_model(path, model)
     with tempfile.TemporaryDirectory() as work:
-        (source := Path(work, "in.gcode")).write_bytes(part(1, size_mm=6.0))
+        (source := Path(work, "in.gcode")).write_bytes(part(1, size_mm=size_mm))
         mend_gcode(source, model, out := Path(work, "out.gcode"))
         return out.read_bytes()
 
@@ -309,7 +309,8 @@ def test_renaming_changes_no_files_state(octoprint: OctoPrint) -> None:
 def test_a_queue_prints_each_file_as_its_state_asks(octoprint: OctoPrint, tmp_path: Path) -> None:
     """A queue starts one file after the other: each is judged as it starts, whatever was printed before it."""
     model = octoprint.base / "printer.mend.json"
-    foreign, own = learned(tmp_path / "m.json", 0.9), learned(model, 0.4)
+    # No other test has this part: nobody keeps its source.
+    foreign, own = learned(tmp_path / "m.json", 0.9, 7.25), learned(model, 0.4, 7.25)
     octoprint.upload("queued.gcode", part(1, size_mm=6.5))
     wait_for(lambda: octoprint.told("queued.gcode").get("copy") == "queued.mended.gcode", "the copy")
     octoprint.upload("queued-own.gcode", own)
