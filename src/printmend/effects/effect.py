@@ -270,7 +270,7 @@ def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndar
         bed_mm=bed_mm,
         ways=np.stack([last_way(axis) for axis in trace.commanded_mm.T], axis=1).astype(np.float32),
         turned=np.stack([last_way(axis) for axis in motor.T], axis=1).astype(np.float32),
-        done=done_of(trace, scene),
+        done=done_of(step, scene),
         move_mm=step,
         normal=np.broadcast_to(0.0, (len(step), 2)) if trace.normal is None else np.nan_to_num(trace.normal),
         z_mm=None if trace.z_mm is None else np.nan_to_num(trace.z_mm, nan=scene.printer.z.home_mm),
@@ -278,10 +278,9 @@ def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndar
     )
 
 
-def done_of(trace: Trace, scene: Scene) -> np.ndarray:
-    """Return the length printed before each row [N], over that of the measured print."""
-    moves = np.diff(trace.commanded_mm, axis=0, prepend=trace.commanded_mm[:1])
-    return np.cumsum(np.hypot(*moves.T)) / max(scene.way_mm, 1e-9)
+def done_of(step_mm: np.ndarray, scene: Scene) -> np.ndarray:
+    """Return the length printed before each row [N], over that of the measured print, from the moves' lengths [N]."""
+    return np.cumsum(step_mm) / max(scene.way_mm, 1e-9)
 
 
 def scene_of(trace: Trace, printer: Printer, turns_mm: tuple[float, float]) -> Scene:

@@ -22,9 +22,9 @@ class Place(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.placed:  # a measurement without a place has an origin of its own
-            for motor in range(2):
-                sd_mm = scene.home_sd_mm[motor]
-                share = _share(sd_mm, float(spread_mm(scene, homings=1)[motor])) if scene.homed else None
+            switches_mm = spread_mm(scene, homings=1)
+            for motor, sd_mm in enumerate(scene.home_sd_mm):
+                share = _share(sd_mm, float(switches_mm[motor])) if scene.homed else None
                 yield from alternatives(self.name, motor, [()], (sd_mm,), share=share)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:

@@ -89,12 +89,14 @@ def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
 def _as_turned(trace: Trace, fit: Fit) -> Trace:
     """Return a trace whose motors go as far as they turned, without the steps that they lost."""
     lost_mm = np.zeros((len(trace), 2))
+    moves = np.diff(trace.commanded_mm, axis=0, prepend=trace.commanded_mm[:1])
+    done = done_of(np.hypot(*moves.T), fit.scene)
     for part in fit.parts():
         axis = fit.scene.printer.axes[part.where]
         turns, teeth = (part.sizes_mm[0] / (count * axis.mm_per_step) for count in (LOST_STEPS, TOOTH_STEPS))
         off, other = (abs(each - round(each)) * count for each, count in ((turns, LOST_STEPS), (teeth, TOOTH_STEPS)))
         if part.effect == "skip" and off < other and off * axis.mm_per_step < ALIKE_MM:
-            after = done_of(trace, fit.scene) > part.shape[0]
+            after = done > part.shape[0]
             lost_mm[after, part.where] += round(turns) * LOST_STEPS * axis.mm_per_step
     if not lost_mm.any():
         return trace
