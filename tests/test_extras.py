@@ -2,11 +2,13 @@
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
-from importlib.metadata import packages_distributions
+from importlib.metadata import PackageNotFoundError, packages_distributions
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -14,7 +16,7 @@ from click.testing import CliRunner
 from printmend.cli import main
 from printmend.cli.main import group
 from printmend.errors import MissingToolError
-from printmend.extras import _EXTRAS, _LAB
+from printmend.extras import _EXTRAS, _LAB, _source, install_command, lab_command
 from printmend.native import NAME
 from printmend_lab.commands import COMMANDS
 
@@ -84,13 +86,49 @@ def test_every_module_is_in_the_extra_that_is_named() -> None:
     assert not base & set().union(*(extras[extra] for extra in _EXTRAS.values())) - {"printmend", "printmend-lab"}
 
 
+def installs(*wanted: str) -> str:
+    """Return the command that installs packages with their extras from the copies that pip got them from."""
+    named = [re.sub(r"^[\w-]+", lambda name: _source(name[0]), each) for each in wanted]
+    return shlex.join([sys.executable, "-m", "pip", "install", *named])
+
+
+@pytest.mark.parametrize(
+    ("came", "ours", "labs"),
+    [
+        (None, "printmend", "printmend-lab"),
+        ("https://files.example/printmend.whl", "printmend", "printmend-lab"),
+        ("file:///nowhere/printmend", "printmend", "printmend-lab"),
+        ("file://{copy}", "{copy}", "{copy}/lab"),
+        ("file://{copy}/printmend.whl", "{copy}/printmend.whl", "printmend-lab"),
+    ],
+)
+def test_the_command_installs_from_where_printmend_came_from(
+    came: str | None, ours: str, labs: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While no package index has it, its name would be of no use."""
+    (copy := tmp_path / "a copy" / "lab").mkdir(parents=True)
+    copy = copy.parent
+    (copy / "printmend.whl").touch()
+    url = None if came is None else came.format(copy=str(copy).replace(" ", "%20"))
+
+    def installed(name: str) -> SimpleNamespace:
+        if name == "printmend-lab":
+            raise PackageNotFoundError(name)
+        return SimpleNamespace(read_text=lambda file: None if url is None else json.dumps({"url": url}))
+
+    monkeypatch.setattr("printmend.extras.distribution", installed)
+    pip = [sys.executable, "-m", "pip", "install"]
+    assert shlex.split(install_command(["cv2"])) == [*pip, f"{ours.format(copy=copy)}[scan]"]
+    assert shlex.split(lab_command()) == [*pip, labs.format(copy=copy)]
+
+
 def test_without_extras_all_but_scans_is_there_and_those_name_theirs(tmp_path: Path) -> None:
     done = subprocess.run(  # noqa: S603 - our own
         [sys.executable, "-c", BASE.format(names=sorted(_EXTRAS))], capture_output=True, text=True, cwd=tmp_path
     )
-    said = "expected the extra 'scan' of printmend, found an installation without it; pip install 'printmend[scan]'"
+    said = f"expected the extra 'scan' of printmend, found an installation without it; {installs('printmend[scan]')}"
     assert done.stdout.splitlines() == [f"cv2: {said}"], done.stderr
-    todo = "cv2, PIL, scipy, found an installation without them; pip install 'printmend[scan]'"
+    todo = f"cv2, PIL, scipy, found an installation without them; {installs('printmend[scan]')}"
     assert done.stderr.splitlines() == [f"printmend: printmend probe --sheet: expected {todo}"]
     assert done.returncode == 2
 
@@ -131,8 +169,7 @@ def test_a_command_says_at_once_and_in_one_command_all_that_it_needs(
     with pytest.raises(MissingToolError) as said:
         group.main(line.split(), standalone_mode=False)
     ours, _, labs = extras.partition("+")
-    lab = f" 'printmend-lab[{labs}]'" if labs else ""
-    assert said.value.todo == f"pip install 'printmend[{ours}]'{lab}"
+    assert said.value.todo == installs(f"printmend[{ours}]", *([f"printmend-lab[{labs}]"] if labs else []))
     assert [path.name for path in tmp_path.iterdir()] == ["here.mend.json"]
 
 
@@ -143,7 +180,7 @@ def test_the_demonstrations_need_no_extra(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr("printmend_lab.body.demo_body_gcode", lambda: SQUARES)
     done = CliRunner().invoke(group, ["paper", "--json", "-o", str(tmp_path)])
     assert done.exit_code == 0, done.output
-    assert "the paper's learner and the pictures; pip install 'printmend[report,trees]'" in done.stderr
+    assert f"the paper's learner and the pictures; {installs('printmend[report,trees]')}" in done.stderr
     said = json.loads(done.stdout)
     assert [row["row"] for row in said["rows"]] == ["naive", "greybox", "oracle"]
     assert [path.name for path in tmp_path.iterdir()] == ["corruption.toml"]
@@ -165,9 +202,9 @@ def test_a_command_of_the_lab_says_where_it_is(without_lab) -> None:
     for name in main.LAB:
         with pytest.raises(MissingToolError) as said:
             group.main([name, "--help"], standalone_mode=False)
-        assert said.value.todo == "pip install printmend-lab"
+        assert said.value.todo == installs("printmend-lab")
     told = CliRunner().invoke(group, ["--help"]).output
-    assert "pip install printmend-lab" in " ".join(told.split())
+    assert "".join(installs("printmend-lab").split()) in "".join(told.split())
     assert "Table I" not in told
 
 

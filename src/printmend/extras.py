@@ -1,7 +1,14 @@
 """Which extra brings a library that is not installed, asked before the work begins."""
 
+import json
+import shlex
+import sys
 from collections.abc import Iterable
+from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
+from pathlib import Path
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 from printmend.errors import MissingToolError
 from printmend.messages import say
@@ -33,6 +40,7 @@ _EXTRAS = {
     "sqlalchemy": "studio",
     "uvicorn": "studio",
 }
+OWNERS, LABS, LAB_FOLDER = "printmend", "printmend-lab", "lab"
 _LAB = {"dataset", "paper", "rl", "thingi10k"}  # extras of printmend-lab
 
 
@@ -44,8 +52,33 @@ def is_installed(module: str) -> bool:
 def install_command(modules: Iterable[str]) -> str:
     """Return the command that installs the extras of these modules."""
     extras = {_EXTRAS[module] for module in modules}
-    found = {"printmend": extras - _LAB, "printmend-lab": extras & _LAB}
-    return "pip install " + " ".join(f"'{name}[{','.join(sorted(some))}]'" for name, some in found.items() if some)
+    asked = ((OWNERS, extras - _LAB), (LABS, extras & _LAB))
+    return _pip(*(f"{_source(name)}[{','.join(sorted(some))}]" for name, some in asked if some))
+
+
+def lab_command() -> str:
+    """Return the command that installs the researchers' package."""
+    return _pip(_source(LABS))
+
+
+def _pip(*wanted: str) -> str:
+    return shlex.join([sys.executable, "-m", "pip", "install", *wanted])
+
+
+def _source(name: str) -> str:
+    """Return what pip can install a package from: where it came from (PEP 610) if that is there, else its name.
+
+    The researchers' package is beside the owners', in the same copy of the repository.
+    """
+    for installed, folder in ((name, ""), (OWNERS, LAB_FOLDER if name == LABS else "")):
+        try:
+            came = json.loads(distribution(installed).read_text("direct_url.json") or "{}").get("url", "")
+        except PackageNotFoundError:
+            continue
+        place = Path(url2pathname(urlsplit(came).path), folder)
+        if came.startswith("file:") and place.exists():
+            return str(place)
+    return name
 
 
 def require(subject: str, *modules: str) -> None:
@@ -64,7 +97,7 @@ def missing_extra(error: ImportError) -> MissingToolError | None:
     module = (error.name or "").partition(".")[0]
     if module not in _EXTRAS or not isinstance(error, ModuleNotFoundError):
         return None
-    whose = "printmend-lab" if _EXTRAS[module] in _LAB else "printmend"
+    whose = LABS if _EXTRAS[module] in _LAB else OWNERS
     return MissingToolError(
         module, wanted=say("extra", repr(_EXTRAS[module]), whose), came=say("installation-without"),
         todo=install_command([module]),

@@ -14,7 +14,7 @@ import click
 from printmend import __version__
 from printmend.cli.terminal import LANGUAGES, HelpFormatter, Terminal, spoken, usage_words, usual_language
 from printmend.errors import MissingToolError, PrintmendError, reason
-from printmend.extras import missing_extra
+from printmend.extras import lab_command, missing_extra
 from printmend.messages import say
 
 # Who needs it → command → one line of help. The module printmend.cli.NAME holds a click command called `command`; it
@@ -77,7 +77,7 @@ class LazyGroup(click.Group):
             if cmd_name in LAB:
                 raise MissingToolError(
                     f"printmend {cmd_name}", wanted=say("package-printmend-lab"), came=say("installation-without"),
-                    todo=say("pip-install-printmend-lab"),
+                    todo=lab_command(),
                 )  # fmt: skip
             return None
         return importlib.import_module(f"{home}.cli.{cmd_name.replace('-', '_')}").command
@@ -92,7 +92,7 @@ class LazyGroup(click.Group):
             with formatter.section(who):
                 formatter.write_dl(rows)
         if not homes().keys() & set(LAB):
-            formatter.write_text(spoken(say("terminal-lab-adds", ", ".join(LAB))))
+            formatter.write_text(spoken(say("terminal-lab-adds", ", ".join(LAB), lab_command())))
 
 
 @cache
