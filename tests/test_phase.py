@@ -1,7 +1,7 @@
 """After the belts were worked on: nothing is mended until a print shows where the motors stand."""
 
+import json
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
+from printmend.diagnosis.advice import work_words
 from printmend.effects.words import Fault
 from printmend.errors import InputError, RefusedError, TraceError
 from printmend.learn.learned import learn_model
@@ -17,7 +18,6 @@ from printmend.machine import Mechanism, homed_again
 from printmend.measure import write_trace
 from printmend.measure.plan import ProbePlan
 from printmend.mend import check_gcode, mend_gcode
-from printmend.mend.history import remember_learned, work_words
 from printmend.mend.phase import learn_phase, refitted
 from printmend.model import SavedModel, read_model, write_model
 from printmend.model.model import exact_model, saved_model
@@ -140,16 +140,20 @@ def test_who_did_the_advised_work_is_told_to_measure_again(models: dict[str, Sav
     loose, part = tmp_path / "loose.mend.json", tmp_path / "part.gcode"
     part.write_bytes(SQUARE)
     write_model(loose, models["ender3"])
-    (line,) = told("check", part, "-m", loose)
-    assert "this model advises (X, Y)" in line
-    assert f"`printmend history {loose} --refitted x --refitted y`" in line
-    remember_learned(loose, models["ender3"], "trace.csv", when=datetime(2026, 3, 1, tzinfo=UTC))
-    (line,) = told("mend", part, "-m", loose, "-o", tmp_path / "out.gcode")
-    assert "advised on 2026-03-01 (X, Y)" in line
+    mended = tmp_path / "out.gcode"
+    for words in (["check", part], ["mend", part, "-o", mended], ["mend", part, part, "--in-place"]):
+        (line,) = told(*words, "-m", loose)
+        assert "this model advises (X, Y)" in line
+        assert "`printmend history MODEL --refitted x --refitted y`" in line
+        part.write_bytes(SQUARE)
+    for words in (["check", part], ["check", part, "--against", mended], ["mend", part]):
+        (line,) = told(*words, "-m", loose, "--json")
+        said = json.loads(line)
+        assert sum("measure again" in each for each in said.get("prediction", said)["advice"]) == 1
     told("history", loose, "--refitted", "x")
-    assert work_words(loose, read_model(loose)) == ""  # it refuses, and says so
+    assert work_words(read_model(loose).document) == ()  # it refuses, and says so
     stiff = saved_model(
         models["ender3"].mechanism, learner="test", findings=("",),
         details={"diagnosis": [Fault("x", "friction", 0.3, 0.01, "mm", "").row]},
     )  # fmt: skip
-    assert work_words(loose, stiff) == ""  # guides that are oiled move no belt
+    assert work_words(stiff.document) == ()  # guides that are oiled move no belt

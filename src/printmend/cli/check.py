@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from printmend.cli.model import ModelType, read_model_in, tell_work
+from printmend.cli.model import ModelType, read_model_in
 from printmend.cli.terminal import echo
 
 
@@ -35,5 +35,3 @@ def command(source: Path, model_path: Path, filament: str | None, against: Path 
 
         prediction = with_doubt(judged(prediction, str(source), str(against), model.mechanism), model)
     echo(json.dumps(prediction.json()) if as_json else prediction.summary())
-    if not as_json:
-        tell_work(model_path, model)

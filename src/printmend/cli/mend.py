@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from printmend.cli.model import ModelType, read_model_in, tell_work
+from printmend.cli.model import ModelType, read_model_in
 from printmend.cli.output import tell
 from printmend.cli.terminal import Finite, Percent, echo, language
 from printmend.messages import say
@@ -100,7 +100,6 @@ def _mend_one(
     if not quiet:
         echo(done.prediction.summary(), err=target is None)
         echo(say("written", target or say("standard-output")), err=target is None)
-        tell_work(model_path, model, err=target is None)
 
 
 # Its many parameters are the command's options.
@@ -109,6 +108,7 @@ def _mend_many(
     overwrite: bool, force: bool, fineness: "Fineness", jobs: int, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Mend files and folders and say what came of each."""
+    from printmend.diagnosis.advice import work_words
     from printmend.errors import InputError
     from printmend.mend.many import gcode_files, mend_files, mended_path
 
@@ -131,5 +131,7 @@ def _mend_many(
     ):  # fmt: skip
         codes.append(outcome.code)
         tell(outcome, as_json=as_json, quiet=quiet)
+    for words in () if as_json or quiet else work_words(model.document):
+        echo(words)
     if worst := [code for code in codes if code]:
         ctx.exit(min(worst))

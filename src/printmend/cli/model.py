@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
-from printmend.cli.terminal import echo
-
 if TYPE_CHECKING:
     from printmend.model import SavedModel
 
@@ -55,11 +53,3 @@ def read_model_in(path: Path, filament: str | None) -> "SavedModel":
     from printmend.mend.filament import printed_in  # and with it all that learns
 
     return printed_in(model, filament)
-
-
-def tell_work(path: Path, model: "SavedModel", *, err: bool = False) -> None:
-    """Say how to measure again, if work on belts or pulleys was advised when a model was learned."""
-    from printmend.mend.history import work_words
-
-    if words := work_words(path, model):
-        echo(words, err=err)

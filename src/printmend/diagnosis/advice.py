@@ -9,7 +9,7 @@ from printmend.effects import EFFECTS
 from printmend.effects.words import SOON_MM, Care, fault_of
 from printmend.effects.words import Fault as NamedFault
 from printmend.messages import is_one_of, parts_of, say, together, within
-from printmend.model.notes import said_of
+from printmend.model.notes import REFITTED, said_of
 
 CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations from 0 at which a fault is certain, or very likely
 REPAIR_MM = 0.5  # effect on a print above which a part should be replaced
@@ -74,11 +74,15 @@ def advised(document: Mapping[str, Any]) -> list[tuple[dict[str, Any], Advice]]:
     return [(row, advise(fault_of(row), corexy=corexy, rails=rails)) for row in document.get("diagnosis", [])]
 
 
-def belts_to_work_on(document: Mapping[str, Any]) -> list[str]:
-    """Return the motors with work to do on a belt or a pulley: once it is done, their errors are elsewhere."""
-    motors = document["motors"]
-    work = [row for row, one in advised(document) if one.urgency in WORK and row["kind"] not in _NO_BELT]
-    return [name for name in motors if any(row["part"] == name for row in work)]
+def work_words(document: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return a sentence for an owner who may have done the work on belts or pulleys that a model advises, and how to
+    measure again; none where no such work is advised, or where the model knows of it."""
+    rows = [row for row, one in advised(document) if one.urgency in WORK and row["kind"] not in _NO_BELT]
+    motors = [name for name in document["motors"] if any(row["part"] == name for row in rows)]
+    if not motors or said_of(document, REFITTED):
+        return ()
+    options = " ".join(f"--refitted {name}" for name in motors)
+    return (say("if-work-done-measure-again", together(", ", [name.upper() for name in motors]), options),)
 
 
 def _said(kind: str, where: str, fault: NamedFault, size: float) -> "Said":

@@ -7,7 +7,6 @@ and the one at which it is off by half a millimetre, which is the time for a rep
 """
 
 import json
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -16,14 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from printmend.diagnosis.advice import REPAIR_MM, SOON_MM, advise, belts_to_work_on
+from printmend.diagnosis.advice import REPAIR_MM, SOON_MM, advise
 from printmend.diagnosis.named import kind_words
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import ModelError
 from printmend.files import read_text, replacing
 from printmend.messages import Tell, say, together
 from printmend.model.model import SavedModel
-from printmend.model.notes import REFITTED, said_of
 
 if TYPE_CHECKING:
     from printmend.draw.history import Wear
@@ -230,22 +228,6 @@ def read_history(model_path: Path) -> tuple[dict[str, Any], ...]:
             ) from None
         events.append(event)
     return tuple(sorted(events, key=lambda event: event["seconds"]))
-
-
-def work_words(model_path: Path, model: SavedModel) -> str:
-    """Return one line for an owner who may have done the work on belts or pulleys that was advised when a model was
-    learned, and how to measure again; empty where none was advised, or where the model knows of the work."""
-    motors = belts_to_work_on(model.document)
-    if not motors or said_of(model.document, REFITTED):
-        return ""
-    events = read_history(model_path) if history_of(model_path).exists() else ()
-    learned = [event for event in events if "faults" in event and event.get("model") == model.digest]
-    when = _iso(learned[-1]["seconds"]) if learned else None
-    names = together(", ", [name.upper() for name in motors])
-    command = f"printmend history {shlex.quote(str(model_path))}{''.join(f' --refitted {name}' for name in motors)}"
-    if when is None:
-        return say("if-work-done-measure-again", names, command)
-    return say("if-work-done-since-measure-again", names, when, command)
 
 
 def trends_of(events: Sequence[Mapping[str, Any]]) -> tuple[Trend, ...]:

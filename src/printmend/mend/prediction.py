@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from printmend.clock import Duration
+from printmend.diagnosis.advice import work_words
 from printmend.messages import is_one_of, parts_of, say, say_count, together
 from printmend.model.model import SavedModel
 from printmend.model.notes import said_of
@@ -279,8 +280,8 @@ def _shift(path: PathPlaces | None) -> tuple[float, float]:
 
 
 def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
-    """Return a prediction with the model's uncertainty, where the model has drawn machines."""
-    belief = parse_belief(model)
+    """Return a prediction with the model's advice, and its uncertainty where it has drawn machines."""
+    belief, prediction = parse_belief(model), replace(prediction, advice=work_words(model.document))
     if belief is None or prediction.path is None:
         return prediction
     known = [Errors(each.planning_rms_mm, each.p95_mm, each.max_mm) for each in (prediction.before, prediction.after)]
@@ -300,7 +301,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
         layers.append(more)
     return replace(
         prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers),
-        advice=(*_beyond_seen(model, prediction), *advice_of(model, outlook.after)),
+        advice=(*prediction.advice, *_beyond_seen(model, prediction), *advice_of(model, outlook.after)),
         most_worse_share=_MOST_WORSE_SHARE_BY_HAND if belief.by_hand else _MOST_WORSE_SHARE,
         of_shape=not belief.placed,
     )  # fmt: skip
