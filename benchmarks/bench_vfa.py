@@ -13,13 +13,13 @@ a line is. Klipper's planner drives the printer (`make hosts`), with pressure ad
 that of the box on a sound printer, of the box as it is, and of the mended one (klippy_bead.py). With ``--shaper`` an
 input shaper is on, too: one of 40 Hz takes half of what mends a tooth at 50 mm/s, which is 25 Hz. With ``--live`` the
 live transform mends, which knows the shaper, in place of a mended file. Walls are printed at each ``--speed`` [mm/s].
-With ``--part --live`` the part is printed in the planner, too. With ``--csv`` each printer's figures are written there.
+With ``--part --live`` the part is printed in the planner, too. With ``--csv`` each printer's figures are written there;
+``--rows`` keeps them, and a run that was stopped goes on.
 """
 
 import argparse
 import tempfile
-import time
-from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,7 +41,7 @@ from printmend.path import FLATBED
 from printmend.printer import Homing, MotionLimits, Printer, read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
-from runner import write_results
+from runner import Case, Row, parsed, parser_of, rows_of, write_results
 from true_printer import TruePrinter
 
 NOISE_MM = 0.02
@@ -134,85 +134,82 @@ def ripples(model: SavedModel) -> set[tuple[str, str]]:
 
 def main() -> None:
     """Draw printers and count names."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--printers", type=int, default=100)
-    parser.add_argument("--healthy", type=int, default=0)
-    parser.add_argument("--switch", default="unknown")
-    parser.add_argument("--part", action="store_true")
-    parser.add_argument("--walls", action="store_true")
-    parser.add_argument("--shaper", action="store_true")
-    parser.add_argument("--live", action="store_true")
+    parser = parser_of(
+        __doc__, printers=100, healthy=0, switch="unknown", part=False, walls=False, shaper=False, live=False
+    )
     parser.add_argument("--speed", type=float, action="append")
     parser.add_argument("--csv", type=Path)
-    given = parser.parse_args()
-    printer = replace(read_printer("ender3"), homing=Homing(given.switch))
-    began, found, false = time.perf_counter(), Counter[str](), Counter[str]()
-    left: dict[str, list[tuple[float, float, float]]] = {}
-    widths: dict[tuple[str, float], list[tuple[float, float, float, float]]] = {}
-    rows: list[dict[str, object]] = []
-    with tempfile.TemporaryDirectory() as name:
-        source, output = Path(name) / "part.gcode", Path(name) / "out.gcode"
-        for number in range(given.printers):
-            rng = np.random.default_rng([given.seed, number])
-            kind, motor = list(PERIODS_MM)[number % len(PERIODS_MM)], int(rng.integers(2))
-            broken = drawn(rng, printer, kind, motor)
-            true = machine(broken, printer)
-            model = learned(true, rng)
-            named = ripples(model)
-            found[kind] += (printer.motors[motor], kind) in named
-            false[kind] += len(named - {(printer.motors[motor], kind)})
-            told: dict[str, object] = {
-                "printer": number,
-                "ripple": kind,
-                "named": (printer.motors[motor], kind) in named,
-            }
-            if given.part:
-                source.write_text(part_gcode(rng))
-                output.unlink(missing_ok=True)
-                ratio = 1.0
-                try:
-                    said = mend_gcode(source, model, output).prediction
-                    ratio = said.commands / said.moves
-                except RefusedError:
-                    output.write_bytes(source.read_bytes())
-                row = (error_mm(source, source, true), error_mm(source, output, true), ratio)
-                left.setdefault(kind, []).append(row)
-                told |= dict(zip(("place_before_mm", "place_after_mm", "moves_for_one"), row, strict=True))
-            write_model(path := source.parent / "printer.mend.json", model)
-            live = f"[printmend]\nmodel: {path}\nphase_x: 0\nphase_y: 0\n" if given.live else ""
-            if given.part and live:
-                names = ("planner_before_mm", "planner_live_mm")
-                told |= dict(zip(names, live_places_mm(source, broken, printer, live), strict=True))
-            for speed in (given.speed or [50.0]) if given.walls else ():
-                source.write_text(box_gcode(speed_mm_s=speed))
-                said = mend_gcode(source, model, output, force=True).prediction
-                row = widths_percent(
-                    source, source if live else output, broken, printer, SHAPED if given.shaper else "", live
-                )
-                widths.setdefault((kind, speed), []).append((*row, said.commands / said.moves))
-                names = (f"width_{each}_percent_{speed:g}_mm_s" for each in ("sound", "before", "after"))
-                told |= dict(zip(names, row, strict=True))
-                output.unlink()
-            rows.append({name: round(each, 4) if isinstance(each, float) else each for name, each in told.items()})
-            if given.csv is not None:
-                write_results(given.csv, ABOUT, rows)
-        healthy = 0
-        for number in range(given.healthy):
-            rng = np.random.default_rng([given.seed, 1000 + number])
-            healthy += bool(ripples(learned(machine(drawn(rng, printer, None, 0), printer), rng)))
+    given = parsed(parser)
+    broken = [(number, list(PERIODS_MM)[number % len(PERIODS_MM)]) for number in range(given.printers)]
+    sound = [(1000 + number, None) for number in range(given.healthy)]
+    rows = [row for _, row in rows_of(judged, [*broken, *sound], given)]
+    if given.csv is not None:
+        write_results(given.csv, ABOUT, rows[: given.printers])
     for kind in PERIODS_MM:
-        each = len(range(list(PERIODS_MM).index(kind), given.printers, len(PERIODS_MM)))
-        line = f"{kind:9s} named {found[kind]} of {each}, falsely {false[kind]}"
-        if kind in left:
-            before, after, ratio = np.median(left[kind], axis=0)
-            line += f"; {before:.4f} -> {after:.4f} mm, {ratio:.2f} moves for one"
-        for (of, speed), found_percent in widths.items():
-            if of == kind:
-                sound, before, after, ratio = np.median(found_percent, axis=0)
-                line += f"; width at {speed:g} mm/s {sound:.2f} sound, {before:.2f} -> {after:.2f} %, {ratio:.1f} moves"
-        print(line)
-    print(f"healthy: {healthy} of {given.healthy} falsely named; {time.perf_counter() - began:.0f} s")
+        if own := [row for row in rows if row["ripple"] == kind]:
+            print(f"{kind:9s}", in_words(own))
+    print(f"healthy: {sum(row['false'] > 0 for row in rows[given.printers :])} of {given.healthy} falsely named")
+
+
+def judged(given: argparse.Namespace, case: Case) -> Row:
+    """Learn a printer, name its ripple, and judge what mending leaves of it."""
+    number, kind = case
+    printer = replace(read_printer("ender3"), homing=Homing(given.switch))
+    rng = np.random.default_rng([given.seed, number])
+    motor = int(rng.integers(2)) if kind else 0
+    broken = drawn(rng, printer, kind, motor)
+    true = machine(broken, printer)
+    model = learned(true, rng)
+    named, right = ripples(model), {(printer.motors[motor], kind)}
+    row: Row = {"printer": number, "ripple": kind, "named": right <= named, "false": len(named - right)}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_model(path := folder / "printer.mend.json", model)
+        live = f"[printmend]\nmodel: {path}\nphase_x: 0\nphase_y: 0\n" if given.live else ""
+        if given.part and kind:
+            row |= places(folder, model, broken, live, part_gcode(rng))
+        for speed in (given.speed or [50.0]) if given.walls and kind else ():
+            row |= widths(folder, model, broken, live, SHAPED if given.shaper else "", speed)
+    return {key: round(value, 4) if isinstance(value, float) else value for key, value in row.items()}
+
+
+def places(folder: Path, model: SavedModel, broken: Corruption, live: str, text: str) -> Row:
+    """Return how far a part is off, as it is and mended; with ``live``, lines of Klipper's configuration, there too."""
+    source, output = folder / "part.gcode", folder / "part.mended.gcode"
+    source.write_text(text)
+    true, ratio = machine(broken, model.printer), 1.0
+    try:
+        said = mend_gcode(source, model, output).prediction
+        ratio = said.commands / said.moves
+    except RefusedError:
+        output.write_bytes(source.read_bytes())
+    row = {
+        "place_before_mm": error_mm(source, source, true), "place_after_mm": error_mm(source, output, true),
+        "moves_for_one": ratio,
+    }  # fmt: skip
+    names = ("planner_before_mm", "planner_live_mm")
+    return row | (dict(zip(names, live_places_mm(source, broken, model.printer, live), strict=True)) if live else {})
+
+
+def widths(folder: Path, model: SavedModel, broken: Corruption, live: str, extras: str, speed: float) -> Row:
+    """Return how far the lines of a box are from their width at a speed: sound, as it is, and mended."""
+    source, output = folder / "box.gcode", folder / "box.mended.gcode"
+    source.write_text(box_gcode(speed_mm_s=speed))
+    if not live:
+        mend_gcode(source, model, output, force=True)
+    found = widths_percent(source, source if live else output, broken, model.printer, extras, live)
+    output.unlink(missing_ok=True)
+    return {
+        f"width_{name}_percent_{speed:g}_mm_s": each
+        for name, each in zip(("sound", "before", "after"), found, strict=True)
+    }
+
+
+def in_words(rows: Sequence[Row]) -> str:
+    """Return how many ripples of a kind are named, and the medians of all else."""
+    named, false = sum(row["named"] for row in rows), sum(row["false"] for row in rows)
+    medians = [f"{key} {np.median([row[key] for row in rows]):.4f}" for key in list(rows[0])[4:]]
+    return "; ".join([f"named {named} of {len(rows)}, falsely {false}", *medians])
 
 
 if __name__ == "__main__":
