@@ -35,6 +35,14 @@ def part(rng, centre=(110.0, 110.0), sizes=(28, 40)):
     ), holes
 
 
+def plate():
+    """A square plate with four round holes: a part with corners."""
+    body = shapely.box(80, 80, 140, 140)
+    for at, diameter in zip(itertools.product((95, 125), repeat=2), DIAMETERS_MM, strict=True):
+        body = body.difference(shapely.Point(at).buffer(diameter / 2, quad_segs=32))
+    return body
+
+
 def gcode(shape):
     """Marlin's G-code of a plate: two walls and infill, the same in each layer."""
     strokes = []
@@ -74,9 +82,14 @@ def rough(ring, rng, scatter_mm=0.02):
     return points + away * noise[:, None]
 
 
-def printed(shape, outline_mm, hole_mm, scale, rng):
-    """Rings of the plastic: the outline moved out, the holes in, all of it scaled along X and Y."""
+def printed(shape, outline_mm, hole_mm, scale, rng, corner_mm=0.0):
+    """Rings of the plastic: the outline moved out, the holes in, all of it scaled along X and Y. With ``corner_mm`` a
+    bead is wider by that on either side where the outline turns sharply."""
     outer = shapely.Polygon(shape.exterior).buffer(outline_mm)
+    if corner_mm:
+        bead = shapely.Polygon(shape.exterior).buffer(-WIDTH_MM / 2, join_style="mitre")
+        tips = shapely.MultiPoint(bead.simplify(0.3).exterior.coords)
+        outer = outer.union(tips.buffer(WIDTH_MM / 2 + outline_mm + corner_mm))
     rings = [outer.exterior]
     rings += [shapely.Polygon(hole).buffer(-hole_mm).exterior for hole in shape.interiors]
     middle = np.array(shape.centroid.coords[0])

@@ -7,10 +7,12 @@ import shutil
 import subprocess
 import zipfile
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
 from click.testing import CliRunner
+from PIL import Image
 from scipy.special import ndtr
 
 from printmend.cli.fit import command
@@ -62,6 +64,36 @@ def test_the_twin_prints_what_fit_finds(tmp_path):
     assert estimate.upper.hole_mm == pytest.approx(0.12, abs=0.03)
     assert estimate.foot_mm[0] == pytest.approx(0.15, abs=0.03)
     assert len(estimate.upper.rounds) == len(foreign.DIAMETERS_MM)
+
+
+@pytest.mark.parametrize("renderer", ["twin", "foreign"])
+def test_corners_that_bulge_widen_no_wall(renderer, tmp_path):
+    """All four corners of a plate bulge in its scan, the one where its outline begins and ends too. `fit` reads the
+    walls beside them."""
+    shape, path = foreign.plate(), tmp_path / "part.gcode"
+    path.write_text(foreign.gcode(shape))
+    dark = []
+    for corner_mm in (0.0, 0.15):
+        image = tmp_path / f"{corner_mm}.png"
+        if renderer == "twin":
+            sizes = f"x_percent=0,y_percent=0,outline_mm=0.05,hole_mm=0.1,foot_mm=0,{corner_mm=}"
+            done = CliRunner().invoke(twin, [
+                str(path), "--printer", "ender3", "--corruption", f"filament:polymer=pla,{sizes}", "-o",
+                str(tmp_path / "t.csv"), "--scan", str(image), "--dpi", "400",
+            ])  # fmt: skip
+            assert done.exit_code == 0, done.output
+        else:
+            rng = np.random.default_rng(6)
+            rings = foreign.printed(shape, 0.05, 0.1, (0.0, 0.0), rng, corner_mm)
+            image.write_bytes(foreign.scan([(rings, 1.0, 0.03)], rng, below=True, dpi=400))
+        side = fit_part(image, path).estimate.first
+        assert side is not None
+        assert side.outline_mm == pytest.approx(0.05, abs=0.02)
+        assert side.hole_mm == pytest.approx(0.1, abs=0.02)
+        dark.append(np.asarray(Image.open(image).convert("L"), float) < 140)
+    if renderer == "twin":  # the same place on the glass
+        _, _, found, _ = cv2.connectedComponentsWithStats((dark[0] != dark[1]).astype(np.uint8))
+        assert sum(area > 10 for area in found[1:, cv2.CC_STAT_AREA]) == 4
 
 
 @pytest.fixture(scope="module")
