@@ -1,6 +1,7 @@
 """Whose scale it is: the machine's or the filament's. Laws of `filament` and of models that know filaments."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from printmend.effects import scene_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError, RefusedError
 from printmend.export.supported import export_supported
-from printmend.filament import CLAIM_SD, Entry, material_of, split
+from printmend.filament import CLAIM_SD, UNNAMED, Entry, material_of, split
 from printmend.infer.machine import Sized, machine_of
 from printmend.learn.learned import learn_model
 from printmend.machine import healthy_mechanism
@@ -75,6 +76,22 @@ def test_one_filament_claims_nothing_and_exports_nothing(one):
     assert any(is_one_of(gap, UNTOLD) and "pla-black" in gap for gap in one.findings)
     with pytest.raises(RefusedError, match="from the machine or from the filament"):
         export_supported(one, "klipper")
+
+
+def test_a_part_shrinks_though_nobody_names_its_filament():
+    """Walls are those of a part: its scale is neither taken for the machine's nor exported."""
+    printer, angle = read_printer("ender3"), np.random.default_rng(5).uniform(0, 2 * np.pi, 151)
+    shown, normal = measured(printer, "pla-black", 1), np.column_stack([np.cos(angle), np.sin(angle)])
+    off_mm = np.sum((shown.measured_mm - shown.commanded_mm) * normal, axis=1)
+    walls = replace(shown, measured_mm=np.full_like(normal, np.nan), normal=normal, offset_mm=off_mm)
+    model = learn_in(walls, printer, None)
+    assert not own_scale(model).any()
+    assert any(is_one_of(gap, UNTOLD) for gap in model.findings)
+    with pytest.raises(RefusedError, match="from the machine or from the filament"):
+        export_supported(model, "klipper")
+    truth = MACHINE - SHRINKS["pla-black"]
+    assert np.allclose([-part.acts_mm[0] for part in known_filaments(model)[UNNAMED]], SCALE_MM * truth, atol=0.05)
+    assert not own_scale(examine(walls, printer, rng=np.random.default_rng(0)).saved).any()
 
 
 def test_what_is_printed_in_the_filament_is_mended_all_the_same(one):

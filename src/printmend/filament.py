@@ -17,6 +17,7 @@ import numpy as np
 from printmend.errors import ConfigError
 from printmend.messages import say
 
+UNNAMED = "unnamed"  # the filament of a part whose owner named none: any of the polymers
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9+._-]{0,39}")
 # Other names of the polymers of the table, as they stand on spools.
 _ALSO = {
@@ -45,6 +46,15 @@ def _table() -> dict[str, Material]:
     return {name: Material(name, row["mean"] / 100, row["sd"] / 100) for name, row in table.items()}
 
 
+@cache
+def _names() -> dict[str, Material]:
+    """Return each name with which a filament's may begin, and its polymer."""
+    table = _table()
+    means, sds = np.array([(each.mean, each.sd) for each in table.values()]).T
+    any_polymer = Material(UNNAMED, float(means.mean()), float(np.sqrt(means.var() + np.mean(sds**2))))
+    return {**table, **{also: table[polymer] for also, polymer in _ALSO.items()}, UNNAMED: any_polymer}
+
+
 def polymers() -> tuple[str, ...]:
     """Return the names of the polymers that are known."""
     return tuple(_table())
@@ -61,7 +71,7 @@ def material_of(name: str) -> Material:
 
     Raises `ConfigError` for a name that is none or begins with no polymer that is known.
     """
-    known = {**_table(), **{also: _table()[polymer] for also, polymer in _ALSO.items()}}
+    known = _names()
     begins = [each for each in known if name.lower().startswith(each)]
     if not _NAME.fullmatch(name) or not begins:
         raise ConfigError(

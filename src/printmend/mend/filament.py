@@ -14,13 +14,13 @@ import numpy as np
 from printmend.diagnosis.named import diagnose, words_of_z
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError
-from printmend.filament import CLAIM_SD, Entry, Split, material_of, split
+from printmend.filament import CLAIM_SD, UNNAMED, Entry, Split, material_of, split
 from printmend.infer.part import DRAWS, Part
 from printmend.learn.learned import AUTO, SEARCH, learn_model
 from printmend.machine import Frame, Mechanism
 from printmend.mend.history import Ageing
 from printmend.mend.update import Updated, update
-from printmend.mend.verify import Verdict, made, updated, verify
+from printmend.mend.verify import Verdict, made, verify
 from printmend.messages import is_one_of, say, together
 from printmend.model import Branches, SavedModel, branches_of, saved_model, screw_of, with_screw
 from printmend.model.values import numbers
@@ -65,12 +65,19 @@ def parse_travel(text: str) -> Entry:
     return Entry(None, (float(scale[0]), float(scale[1])), (float(sd[0]), float(sd[1])), "rule")
 
 
+def filament_of(trace: Trace | None, filament: str | None) -> str | None:
+    """Return what a measured print was made in: walls are those of a part, which shrinks in whatever it is; dots on a
+    plate or paper do not."""
+    return UNNAMED if filament is None and trace is not None and trace.normal is not None else filament
+
+
 def learn_in(
     trace: Trace, printer: Printer, filament: str | None, travels: Sequence[Entry] = (), *, model: str = AUTO,
     rng: np.random.Generator | None = None,
 ) -> SavedModel:  # fmt: skip
     """Learn a machine from a trace as `learn` does. ``filament`` is what the measured part was printed in, None for
     marks that cannot shrink; ``travels`` are what a rule says of the machine's scale."""
+    filament = filament_of(trace, filament)
     if filament is None and not travels:
         return learn_model(trace, printer, model=model, rng=rng)
     if model not in (AUTO, SEARCH):
@@ -90,7 +97,7 @@ def update_in(
 ) -> Updated:  # fmt: skip
     """Update a model as `update` does, with a part printed in ``filament`` and what a rule says; without a ``trace``
     with the rule alone. Raises `ModelError` for a model that says nothing of its doubt."""
-    before = parse_entries(old)
+    before, filament = parse_entries(old), filament_of(trace, filament)
     if trace is None:
         entries = (_shown(old, None),) if before is None else before
         return Updated(_settled(old, entries, travels), (), ())
@@ -134,11 +141,9 @@ def verify_in(model: SavedModel, trace: Trace, filament: str | None) -> Verdict:
     one in another was not. What is open of the shrinkage counts as the filament's, and neither keeps nor breaks the
     promise.
     """
-    if filament is None:
-        return verify(model, trace)
-    known = known_filaments(model).get(filament)
+    known = known_filaments(model).get(filament or "")
     if known is None:
-        return verify(model, grown(trace, model.printer, filament))
+        return verify(model, grown(trace, model.printer, filament_of(trace, filament)))
     share = np.array([part.acts_mm[0] for part in known]) / SCALE_MM
     sd = max(float(part.draws_mm.std()) for part in known) / SCALE_MM
     return verify(model, _enlarged(trace, model.printer, share, sd))
@@ -146,8 +151,6 @@ def verify_in(model: SavedModel, trace: Trace, filament: str | None) -> Verdict:
 
 def updated_in(model: SavedModel, trace: Trace, filament: str | None) -> Updated:
     """Bring a model up to date with a mended check print in a ``filament``, as `verify_in` takes it."""
-    if filament is None:
-        return updated(model, trace)
     mended = printed_in(model, filament) if filament in known_filaments(model) else model
     return update_in(model, made(mended, trace), filament, rng=np.random.default_rng(0))
 

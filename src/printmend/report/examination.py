@@ -12,7 +12,7 @@ from printmend.diagnosis.standard import Circle, Positioning, circle, positionin
 from printmend.errors import InputError
 from printmend.infer.fit import Fit
 from printmend.learn.learned import learn, scatter_words, todo
-from printmend.mend.filament import grown, settled
+from printmend.mend.filament import filament_of, grown, settled
 from printmend.mend.mend import check_gcode
 from printmend.mend.prediction import Prediction
 from printmend.mend.verify import expectation
@@ -115,6 +115,7 @@ def examine(
 
     Raises `TraceError` like `learn`, `GcodeError` or `ModelError` for a part that cannot be printed here.
     """
+    filament = filament_of(trace, filament)
     learned = learn(grown(trace, printer, filament), printer, rng=rng)
     saved, flat, fit = settled(learned.saved, filament), learned.trace, learned.fit
     assert fit is not None  # the search is never without
