@@ -6,7 +6,8 @@ Of each printer of printmend's twin a model is learned from the dots of `printme
 a homing of its own. A part is mended and printed after each of some further homings: the end stops scatter by
 ``--scatter`` mm, and in a share ``--wake-ups`` of homings a motor stands four full steps aside. With ``--refit`` the
 belts are put back on any tooth before, and the model learns that from a scan of `printmend probe --phase`. Errors are
-RMS distances from the wanted path [mm] in coordinates that count from home.
+RMS distances from the wanted path [mm] in coordinates that count from home; with ``--shape`` the part's place is taken
+off, which the ripple at home moves.
 """
 
 import argparse
@@ -88,8 +89,9 @@ def phased(model: SavedModel, true: Mechanism, rng: np.random.Generator) -> Save
     return learn_phase(model, plan.trace(marks + rng.normal(0, NOISE_MM, marks.shape)), rng=rng).model
 
 
-def error_mm(wanted: Path, made: Path, true: Mechanism) -> float:
-    """Return the RMS distance of a file's print from the lines that another one wants."""
+def error_mm(wanted: Path, made: Path, true: Mechanism, *, of_shape: bool = False) -> float:
+    """Return the RMS distance of a file's print from the lines that another one wants; ``of_shape`` leaves out its
+    place."""
     twin = Twin(true)
     ideal, _, draws, _ = follow_finely(read_gcode(wanted, printer=true.printer), twin)
     _, printed, extrudes, _ = follow_finely(read_gcode(made, printer=true.printer), twin)
@@ -99,8 +101,14 @@ def error_mm(wanted: Path, made: Path, true: Mechanism) -> float:
     length = np.maximum(np.hypot(*way.T), 1e-9)
     near = cKDTree((begins + ends) / 2).query(points, k=3)[1]
     along = np.clip(((points[:, None] - begins[near]) * way[near]).sum(axis=2) / length[near] ** 2, 0, 1)
-    off = np.linalg.norm(points[:, None] - begins[near] - along[..., None] * way[near], axis=2).min(axis=1)
-    return float(np.sqrt(np.mean(off**2)))
+    off = points[:, None] - begins[near] - along[..., None] * way[near]
+    best = np.arange(len(off)), np.linalg.norm(off, axis=2).argmin(axis=1)
+    off, line = off[best], (way / length[:, None])[near[best]]
+    if of_shape:
+        normal = line[:, ::-1] * [-1, 1]
+        off = off - np.linalg.lstsq(normal, np.sum(off * normal, axis=1), rcond=None)[0]
+        off = np.sum(off * normal, axis=1, keepdims=True)
+    return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
 
 
 def main() -> None:
@@ -114,6 +122,7 @@ def main() -> None:
     parser.add_argument("--family", choices=("pulleys", "ripple", "realistic"), default="pulleys")
     parser.add_argument("--switch", default="unknown")
     parser.add_argument("--refit", action="store_true")
+    parser.add_argument("--shape", action="store_true")
     parser.add_argument("--csv", type=Path, help="write every printer's figures there")
     given = parser.parse_args()
     printer = replace(read_printer("ender3"), homing=Homing(given.switch))
@@ -142,8 +151,11 @@ def main() -> None:
             for _ in range(given.homings):
                 by = homing_mm(printer, rng, scatter_mm=given.scatter, turn_share=given.wake_ups)
                 now = homed_again(true, by)
-                after = error_mm(source, output if output.exists() else source, now)
-                own.append((error_mm(source, source, now), after, promise.rms_low_mm, promise.rms_high_mm))
+                before, after = (
+                    error_mm(source, made, now, of_shape=given.shape)
+                    for made in (source, output if output.exists() else source)
+                )
+                own.append((before, after, promise.rms_low_mm, promise.rms_high_mm))
             rows += own
             raw, mended = np.array(own)[:, 0], np.array(own)[:, 1]
             figures = {
