@@ -133,6 +133,15 @@ def random_drive(
     return name, Drive(motor, lower + shift, upper + shift)
 
 
+def homed_again(drive: Drive, by_mm: float, home_mm: float) -> Drive:
+    """Return a drive whose motor is ``by_mm`` further on than before once it has homed: the same wheel, at another
+    angle. The end stop puts the carriage where it was."""
+    lower, upper = (np.roll(table, -round(by_mm / MICROSTEP_MM)) for table in (drive.lower_mm, drive.upper_mm))
+    at = round((home_mm - drive.motor_mm[0]) / MICROSTEP_MM)
+    back = (drive.lower_mm[at] + drive.upper_mm[at] - lower[at] - upper[at]) / 2
+    return Drive(drive.motor_mm, lower + back, upper + back)
+
+
 def random_frame(rng: np.random.Generator, home_mm: tuple[float, float]) -> tuple[str, np.ndarray, np.ndarray]:
     """Draw skew and scale: the printed place is matrix·(x, y) + shift; the home position stays."""
     skew_deg, scale = rng.uniform(-3, 3), 1 + rng.uniform(-0.02, 0.02, 2)
