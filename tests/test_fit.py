@@ -18,6 +18,7 @@ from scipy.special import ndtr
 from printmend.cli.fit import command
 from printmend.cli.measure import command as measure
 from printmend.cli.twin import command as twin
+from printmend.corruption import Corruption
 from printmend.errors import ConfigError, GcodeError, ScanError
 from printmend.fit import SLICERS, Estimate, outline_of, settings_for, write_profiles
 from printmend.fit.estimate import Side
@@ -35,6 +36,8 @@ from printmend.mend.mend import refuse_grown
 from printmend.mend.part import measure_part
 from printmend.messages import GERMAN, translated
 from printmend.printer import read_printer
+from printmend.twin import Twin
+from printmend.twin.beads import print_beads
 from tests import foreign_part as foreign
 
 PRINTER = read_printer("ender3")
@@ -94,6 +97,20 @@ def test_corners_that_bulge_widen_no_wall(renderer, tmp_path):
     if renderer == "twin":  # the same place on the glass
         _, _, found, _ = cv2.connectedComponentsWithStats((dark[0] != dark[1]).astype(np.uint8))
         assert sum(area > 10 for area in found[1:, cv2.CC_STAT_AREA]) == 4
+
+
+def test_the_twins_part_has_lost_its_skirt(tmp_path):
+    text, ring = foreign.gcode(foreign.plate()), [(60, 60), (160, 60), (160, 160), (60, 160), (60, 60)]
+    skirt = "".join(f"G{min(k, 1)} X{x} Y{y}{' E3' * (k > 0)} F1800\n" for k, (x, y) in enumerate(ring))
+    around = text.replace(";TYPE:", f";TYPE:Skirt\n{skirt};TYPE:", 1)
+    beads = []
+    for written in (text, around):
+        (tmp_path / "part.gcode").write_text(written)
+        program = read_gcode(tmp_path / "part.gcode", printer=PRINTER)
+        beads.append(print_beads(program, Twin.of(Corruption(), PRINTER)))
+    assert len(beads[0]) == len(beads[1])
+    for alone, within in zip(*beads, strict=True):
+        np.testing.assert_allclose(alone[0][1:], within[0][1:], atol=1e-9)  # the first begins elsewhere
 
 
 @pytest.fixture(scope="module")

@@ -4,14 +4,15 @@ import numpy as np
 
 from printmend.fit.outline import OUTER, outline_of
 from printmend.gcode.read import Program
-from printmend.measure.walls import CORNER_RAD, STEP_MM, read_walls
+from printmend.measure.walls import CORNER_RAD, RASTER_MM, STEP_MM, Walls, read_walls
 from printmend.metrics.shape import nearest
 from printmend.twin.gcode import follow_finely
 from printmend.twin.twin import Twin
 
 
 def print_beads(program: Program, twin: Twin, *, layer: int = 1) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Print a part on the twin; return the beads of a layer, counted from 1, where an instrument sees them.
+    """Print a part on the twin; return the beads of a layer, counted from 1, where an instrument sees them. Its owner
+    has taken the skirt away.
 
     Each has its points [N, 2] mm and its width [N] mm up to each. A bulge at a corner is a bead of two equal points.
     Raises `GcodeError` like `read_walls`.
@@ -20,7 +21,8 @@ def print_beads(program: Program, twin: Twin, *, layer: int = 1) -> list[tuple[n
     outline = outline_of(walls)
     wanted, printed, extruding, number = follow_finely(program, twin)
     printed = printed + twin.misread_mm(wanted)
-    drawn = extruding & (number == np.unique(number[extruding & (number >= 0)])[layer - 1])
+    own_layer = number == np.unique(number[extruding & (number >= 0)])[layer - 1]
+    drawn = extruding & own_layer & _on_part(walls, wanted[1:])
     wide_mm = 2 * (float(np.median(walls.half_mm)) + twin.wider_mm + (twin.beads.foot_mm if layer == 1 else 0.0))
     apart_mm, wall = nearest(walls.commanded_mm[walls.row], wanted)
     beside_hole = (apart_mm < STEP_MM) & (outline.group[wall] > OUTER)
@@ -39,3 +41,11 @@ def print_beads(program: Program, twin: Twin, *, layer: int = 1) -> list[tuple[n
             bulge_mm = widths_mm[corner] + 2 * twin.beads.corner_mm
             beads.append((printed[[corner, corner]], np.full(2, bulge_mm)))
     return beads
+
+
+def _on_part(walls: Walls, places_mm: np.ndarray) -> np.ndarray:
+    """Say of places [N, 2] whether the file has a part there."""
+    x, y = np.rint((places_mm - walls.corner_mm) / RASTER_MM).astype(int).T
+    high, wide = walls.plastic.shape
+    inside = (x >= 0) & (x < wide) & (y >= 0) & (y < high)
+    return np.asarray(inside & walls.plastic[y.clip(0, high - 1), x.clip(0, wide - 1)])
