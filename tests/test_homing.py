@@ -11,7 +11,7 @@ from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import faults_of
 from printmend.effects import EFFECTS, places_of, scene_of
 from printmend.effects.homing import lasting, shifted, waves_of
-from printmend.effects.switch import homing_mm, refit_mm, scatter_of, spread_mm
+from printmend.effects.switch import drawn_shifts_mm, homing_mm, refit_mm, scatter_of, spread_mm
 from printmend.effects.words import fault_of
 from printmend.errors import ConfigError
 from printmend.infer.fit import fitted
@@ -82,6 +82,15 @@ def test_the_twin_homes_again_with_the_same_pulley_elsewhere() -> None:
     other = Twin(homed_again(machine, np.array([10.0, 0.0]))).follow(way)
     assert np.abs(other - whole_turn).max() > 0.1
     assert other[0] == pytest.approx(way[0])  # the end stops put home right
+
+
+def test_each_motor_comes_to_stand_one_electrical_turn_of_its_own_aside() -> None:
+    printer = read_printer("ender3")
+    unlike = replace(printer, y=replace(printer.y, steps_per_turn=400), homing=Homing("sensorless", 0.0))
+    scene = replace(SCENES["ender3"], printer=unlike)
+    shifts_mm = drawn_shifts_mm(scene, 500, np.random.default_rng(0))
+    for own_mm, turn_mm in zip(shifts_mm, 4 * np.array(unlike.mm_per_step), strict=True):
+        assert np.unique(np.abs(own_mm).round(9)) == pytest.approx([0.0, turn_mm])
 
 
 def test_draws_of_the_twins_homings_are_what_was_asked_for() -> None:

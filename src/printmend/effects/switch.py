@@ -56,11 +56,11 @@ def scatter_of(homing: Homing, seen_mm: tuple[tuple[float, float], ...] = (), tu
 def drawn_shifts_mm(scene: Scene, count: int, rng: np.random.Generator) -> np.ndarray:
     """Draw each motor's shift [2, D] from the homing of the measured print to the next one."""
     printer = scene.printer
-    scatter = scatter_of(printer.homing, scene.homed_again_mm, _turn_mm(printer))
+    scatter = scatter_of(printer.homing, scene.homed_again_mm, float(_turns_mm(printer).mean()))
     which = rng.choice(len(scatter.weight), count, p=scatter.weight)
     axes_mm = math.sqrt(2) * scatter.sd_mm[which] * rng.standard_normal((2, count))
     aside = rng.choice((-1.0, 1.0), (2, count)) * (rng.uniform(size=(2, count)) < scatter.turn[which])
-    return np.asarray(printer.to_motor(axes_mm.T).T + _turn_mm(printer) * aside)
+    return np.asarray(printer.to_motor(axes_mm.T).T + _turns_mm(printer)[:, None] * aside)
 
 
 def homing_mm(
@@ -77,8 +77,7 @@ def homing_mm(
         scatter_mm = float(scatter.sd_mm[which]) if scatter_mm is None else scatter_mm
         turn_share = float(scatter.turn[which]) if turn_share is None else turn_share
     aside = rng.choice((-1.0, 1.0), 2) * (rng.uniform(size=2) < turn_share)
-    turn_mm = STEPS_A_TURN * np.array(printer.mm_per_step)
-    return np.asarray(printer.to_motor(scatter_mm * rng.standard_normal(2)) + turn_mm * aside)
+    return np.asarray(printer.to_motor(scatter_mm * rng.standard_normal(2)) + _turns_mm(printer) * aside)
 
 
 def refit_mm(printer: Printer, rng: np.random.Generator) -> np.ndarray:
@@ -86,13 +85,14 @@ def refit_mm(printer: Printer, rng: np.random.Generator) -> np.ndarray:
     return np.array([TOOTH_MM * rng.integers(round(axis.mm_per_turn / TOOTH_MM)) for axis in printer.axes[:2]])
 
 
-def _turn_mm(printer: Printer) -> float:
-    return STEPS_A_TURN * printer.x.mm_per_step
+def _turns_mm(printer: Printer) -> np.ndarray:
+    """Return how far an electrical turn of each motor moves its belt [2]."""
+    return STEPS_A_TURN * np.array(printer.mm_per_step)
 
 
 def spread_mm(scene: Scene, homings: int = 2) -> np.ndarray:
     """Return the standard deviation [2] of both motors' shifts from one homing to the next, but for electrical turns;
     with one of ``homings`` that from where the end stops switch in the mean."""
-    scatter = scatter_of(scene.printer.homing, scene.homed_again_mm, _turn_mm(scene.printer))
+    scatter = scatter_of(scene.printer.homing, scene.homed_again_mm, float(_turns_mm(scene.printer).mean()))
     sd_mm = math.sqrt(homings * float(scatter.weight @ scatter.sd_mm**2))
     return np.asarray(sd_mm * np.linalg.norm(scene.printer.to_motor(np.eye(2)), axis=0))
