@@ -104,6 +104,33 @@ def test_what_is_learned_is_what_the_twin_has(name: str, rng: np.random.Generato
     np.testing.assert_allclose(twin.follow(printer.from_motor(motors))[1:], theirs[1:], atol=1e-6)
 
 
+DRIVES = sorted(name for name, effect in EFFECTS.items() if effect.acts is Acts.DRIVE and effect.of is Of.MACHINE)
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_two_effects_of_a_drive_move_it_as_each_says(name: str, rng: np.random.Generator) -> None:
+    """The machine of both, counted from a home that was not measured, is the sum of their columns."""
+    span = ((60.0, 160.0), (60.0, 160.0))
+    scene = replace(scene_for(read_printer("ender3")), motor_span_mm=span, bed_span_mm=span)
+    places = drawn_places(scene)
+    play = Sized("play", 0, (), np.array([0.6]))
+    for other in DRIVES:
+        names = [each for each in dict.fromkeys((name, other)) if each != "play"]
+        parts = [play, *(_small(each, scene, rng) for each in names)]
+        said = sum(columns_of(part.effect, places, 0, part.shape, scene)[:, 0] @ part.sizes_mm for part in parts)
+        lower, upper = machine_of(scene, parts)[0].transmissions[0].branches_mm(places.motor_mm[:, 0])
+        moved = np.where(places.side[:, 0] < 0, lower, upper) - places.motor_mm[:, 0]
+        assert np.abs(moved - said).max() < 1e-4, other
+
+
+def _small(name: str, scene: Scene, rng: np.random.Generator) -> Sized:
+    """Return an effect of the first motor in its first shape, with small sizes."""
+    term = next(each for each in EFFECTS[name].terms(scene) if each.where == 0)
+    sizes = rng.standard_normal(len(term.sd_mm)) * term.sd_mm
+    sizes *= NOISE_MM / np.linalg.norm(sizes)
+    return Sized(name, 0, term.shape, np.abs(sizes) if term.positive else sizes)
+
+
 @pytest.mark.parametrize("name", ["crooked", "distortion"])
 def test_a_small_print_makes_waves_that_a_model_file_holds(name: str, rng: np.random.Generator) -> None:
     scene = replace(scene_for(read_printer("ender3")), bed_span_mm=((100.0, 109.0), (100.0, 109.0)))

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from printmend.diagnosis.screw import Lift
-from printmend.effects import EFFECTS, Acts, Of, Places, Scene
+from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
 from printmend.effects.homing import lasting
 from printmend.effects.pulley import shape_words
 from printmend.effects.sample import drawn_places
@@ -64,8 +64,8 @@ def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = (), lift
     faults = faults_of(parts, scene)
     said = {name: [fault.words for fault in faults if fault.part == name] for name in (*scene.printer.motors, "frame")}
     motors = [
-        say("motor-has", name.upper(), together(", ", said[name])) if said[name] else say("motor-healthy", name.upper())
-        for name in scene.printer.motors
+        say("motor-has", name.upper(), together(", ", said[name])) if said[name] else _unnamed(parts, motor, scene)
+        for motor, name in enumerate(scene.printer.motors)
     ]
     frame = [say("frame-has", together(", ", said["frame"]))] if said["frame"] else []
     lifts = lift or Lift()
@@ -74,6 +74,17 @@ def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = (), lift
     screw = screw or ([say("motor-healthy", "Z")] if "lead" in lifts.known else [])
     summary = together("; ", [*motors, *frame, *screw])
     return Diagnosis((*faults, *lifts.faults), summary, (*gaps, *lifts.gaps.values()))
+
+
+def _unnamed(parts: Sequence[Part], motor: int, scene: Scene) -> str:
+    """Say of a motor without a named fault whether what acts on it moves a print all the same."""
+    places, moved_mm = drawn_places(scene), np.zeros((1, 2))
+    for part in parts:
+        if part.where == motor and EFFECTS[part.effect].acts is Acts.DRIVE and part.acts_mm.any():
+            moved_mm = moved_mm + columns_of(part.effect, places, motor, part.shape, scene) @ part.acts_mm
+    size_mm = float(np.sqrt(np.mean(np.square(moved_mm).sum(axis=1))))
+    name = scene.printer.motors[motor].upper()
+    return say("motor-unclear", name, f"{size_mm:.2f}") if size_mm >= LEAST_SHOWN_MM else say("motor-healthy", name)
 
 
 def words_of_z(summary: str) -> list[Said]:

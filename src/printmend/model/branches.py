@@ -110,14 +110,10 @@ class Branches:
 
         mean = self._powers_mm(self.mean, motor_mm) + series(self.mean)
         if self.warp_mm.any():
-            # An error without a period is known only where it was measured; so is an elastic belt beside it.
-            seen = np.clip(motor_mm, *self.reach_mm)
-            angle = warp_angle(self.warp_span_mm, seen)
+            # An error without a period is known only where it was measured.
+            angle = warp_angle(self.warp_span_mm, np.clip(motor_mm, *self.reach_mm))
             mean = mean + chebval(np.cos(angle), [0.0, *self.warp_mm])  # T_k(cos θ) = cos kθ
-            if not self.elastic.is_zero:
-                wave = self.elastic.series_mm(np.mod(seen, self.period_mm) * (TURN_RAD / self.period_mm))
-                mean = mean + (seen - self.middle_mm) / SCALE_MM * wave
-        elif not self.elastic.is_zero:
+        if not self.elastic.is_zero:
             mean = mean + x * series(self.elastic)
         if not self.second.is_zero:
             mean = mean + self.second.series_mm(np.mod(motor_mm, self.second_mm) * (TURN_RAD / self.second_mm))
