@@ -51,14 +51,13 @@ class Drive:
         lower, upper = [], []
         for i, m in enumerate(grid):
             x = (m - middle) / 100.0
-            seen = min(max(m, reach[0]), reach[1])
-            mean = powers(waves["mean"], x, reach, middle) + rounds["mean"][i % count]
+            mean = (
+                powers(waves["mean"], x, reach, middle) + rounds["mean"][i % count] + x * rounds["elastic"][i % count]
+            )
             if warp:
+                seen = min(max(m, reach[0]), reach[1])
                 place = min(max((seen - warp["first_mm"]) / (warp["last_mm"] - warp["first_mm"]), 0.0), 1.0)
                 mean += sum(c * math.cos(math.pi * k * place) for k, c in enumerate(warp["cos_mm"], 1))
-                mean += (seen - middle) / 100.0 * rounds["elastic"][round(seen / pitch) % count]
-            else:
-                mean += x * rounds["elastic"][i % count]
             if second:
                 mean += series(second, 2.0 * math.pi * (m % second["period_mm"]) / second["period_mm"])
             play = max(powers(waves["play"], x, reach, middle) + rounds["play"][i % count], 0.0)
