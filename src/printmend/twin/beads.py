@@ -33,9 +33,8 @@ def print_beads(program: Program, twin: Twin, *, layer: int = 1) -> list[tuple[n
         own = slice(first, last + 1)
         beads.append((printed[own], widths_mm[own]))
         way = np.diff(wanted[own], axis=0)
-        way = (
-            way if (wanted[first] != wanted[last]).any() else np.vstack([way, way[:1]])
-        )  # a ring turns at its seam too
+        if (wanted[first] == wanted[last]).all():
+            way = np.vstack([way, way[:1]])  # a ring turns at its seam, too
         turn = np.abs(np.angle(np.exp(1j * np.diff(np.arctan2(way[:, 1], way[:, 0])))))
         for corner in first + 1 + np.flatnonzero(turn > CORNER_RAD):
             bulge_mm = widths_mm[corner] + 2 * twin.beads.corner_mm
