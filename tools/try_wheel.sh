@@ -55,15 +55,15 @@ say printmend check part.gcode -m printer.mend.json --against mended.gcode
 say printmend export -m printer.mend.json --to klipper
 say printmend demo -o demo
 printmend studio --help >/dev/null
-# what an extra or the lab would bring is named in one line
+# what an extra or the lab would bring is named in one line; the wheel is asked for again, where it came from
 lacks() { # PACKAGE COMMAND...
   local package=$1 said code=0
   shift
   said=$("$@" 2>&1) || code=$?
   echo "+ $*: $said"
-  [ "$code" = 2 ] && [ "$(wc -l <<<"$said")" = 1 ] && grep -qF "pip install $package" <<<"$said"
+  [ "$code" = 2 ] && [ "$(wc -l <<<"$said")" = 1 ] && grep -qF -- "-m pip install $package" <<<"$said"
 }
-lacks "'printmend[scan]'" printmend measure scan.png --probe probe.json
+lacks "'$(ls "$place"/chosen/*.whl)[scan]'" printmend measure scan.png --probe probe.json
 lacks printmend-lab printmend bench families --help
 python -m pip install --quiet --disable-pip-version-check "$place"/dist/printmend_lab-*.whl # numba comes with it
 say printmend bench families --help >/dev/null
