@@ -2,7 +2,8 @@
 
 Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999): those that a chain from the
 likeliest comes by (Madigan & York 1995). A draw is one of these sets, with sizes from its posterior. An effect of
-the likeliest set acts where its mean lowers the expected square of the drawn machines' errors.
+the likeliest set acts where its mean lowers the expected square of the drawn machines' errors, and hardly any of them
+gains nothing by it.
 """
 
 from bisect import bisect
@@ -21,6 +22,7 @@ from printmend.infer.search import LEAST_BETTER, Gains, Search, Set, State
 
 LEAST_LOG_WEIGHT = -9.0  # the chain leaves out sets less likely than e^−9 of the likeliest
 STEPS = 150  # of the chain
+MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better mended
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,30 +78,33 @@ def after_homing(part: Part, scene: Scene) -> Part:
 
 
 def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
-    """Yield the parts; one acts no longer where the drawn machines' expected square error is smaller without it.
+    """Yield the parts; one acts no longer where the drawn machines' expected square error is smaller without it, and
+    none does where too many of these machines would gain nothing.
 
     Errors count over the measured places. Parts are asked one by one, the most harmful beside the others first. Wear of
     the measured print acts beside parts of the machine alone: where a belt with new play rests at home, nobody knows.
     """
     places, machine = drawn_places(scene), np.array([EFFECTS[part.effect].of is Of.MACHINE for part in parts], bool)
-    means_mm, acts_mm = np.zeros((len(places), 2, 1)), np.zeros((len(places), 2, len(parts)))
+    drawn_mm, acts_mm = np.zeros((len(places), 2, DRAWS)), np.zeros((len(places), 2, len(parts)))
     for at, part in enumerate(parts):
         if machine[at]:
             columns = columns_of(part.effect, places, part.where, part.shape, scene)
-            means_mm[:, :, 0] += columns @ part.mean_mm
+            drawn_mm += columns @ part.draws_mm
             acts_mm[:, :, at] = columns @ part.acts_mm
-    moved_mm = np.concatenate([acts_mm, means_mm], axis=2)
-    flat = (moved_mm if scene.placed else _of_shape(moved_mm, places)).reshape(2 * len(places), -1)
-    products = flat.T @ flat
+    acts, drawn = (
+        (each if scene.placed else _of_shape(each, places)).reshape(2 * len(places), -1) for each in (acts_mm, drawn_mm)
+    )
+    products, pull = acts.T @ acts, acts.T @ drawn
     kept = machine & np.array([part.acts_mm.any() for part in parts], bool)
     while kept.any():
-        gains = 2 * (products[:-1, -1] - products[:-1, :-1] @ kept) + np.diag(products)[:-1]
+        gains = 2 * (pull.mean(axis=1) - products @ kept) + np.diag(products)
         worst = int(np.argmin(np.where(kept, gains, np.inf)))
         if gains[worst] >= 0:
             break
         kept[worst] = False
-    for part, acts in zip(parts, kept | (~machine & kept.any()), strict=True):
-        yield part if acts else replace(part, acts_mm=np.zeros_like(part.acts_mm))
+    kept &= np.mean(2 * kept @ pull <= kept @ products @ kept) <= MOST_WORSE_SHARE
+    for part, does in zip(parts, kept | (~machine & kept.any()), strict=True):
+        yield part if does else replace(part, acts_mm=np.zeros_like(part.acts_mm))
 
 
 def _of_shape(moved_mm: np.ndarray, places: Places) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from printmend.clock import Duration
 from printmend.diagnosis.advice import work_words
+from printmend.infer.posterior import MOST_WORSE_SHARE
 from printmend.messages import is_one_of, parts_of, say, say_count, together
 from printmend.model.model import SavedModel
 from printmend.model.notes import said_of
@@ -34,9 +35,9 @@ _WORTH_CAUSE_MM = (
 _MAIN_SHARE = 0.5  # a cause is named if it is more than this share of the expected error
 _BEYOND_MM = 5.0  # a part that lies farther outside of the measured places gets a warning
 _WHOLE_MARKS = 400  # a whole test print has at least this many marks
-# Most of the drawn machines, as a share, that may print no better mended; and where a few distances left most of what
-# was drawn to assumed chances.
-_MOST_WORSE_SHARE, _MOST_WORSE_SHARE_BY_HAND = 0.05, 0.01
+# Most of the drawn machines, as a share, that may print no better mended where a few distances left most of what was
+# drawn to assumed chances.
+_MOST_WORSE_SHARE_BY_HAND = 0.01
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ class Prediction:
     of_shape: bool = False
     path: PathPlaces | None = field(default=None, repr=False)
     gain_mm: np.ndarray | None = field(default=None, repr=False)
-    most_worse_share: float = field(default=_MOST_WORSE_SHARE, repr=False)
+    most_worse_share: float = field(default=MOST_WORSE_SHARE, repr=False)
 
     @property
     def is_better(self) -> bool:
@@ -302,7 +303,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     return replace(
         prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers),
         advice=(*prediction.advice, *_beyond_seen(model, prediction), *advice_of(model, outlook.after)),
-        most_worse_share=_MOST_WORSE_SHARE_BY_HAND if belief.by_hand else _MOST_WORSE_SHARE,
+        most_worse_share=_MOST_WORSE_SHARE_BY_HAND if belief.by_hand else MOST_WORSE_SHARE,
         of_shape=not belief.placed,
     )  # fmt: skip
 
