@@ -149,6 +149,16 @@ def test_a_copy_of_an_earlier_original_is_stale(host, models, mended) -> None:
     assert host.judge(mended["new"], models["new"], original=str(original)).state == "current"
 
 
+def test_sources_of_one_result_each_have_their_copy(host, models, mended) -> None:
+    """Sources that differ below a file's precision are mended to the same bytes: neither's copy is stale."""
+    other = SQUARE.replace(b"X80 ", b"X80.0000001 ")
+    for source in (SQUARE, other, SQUARE):
+        host.record(source, mended["new"], models["new"])
+    for source, state in ((SQUARE, "current"), (other, "current"), (SQUARE + b"G1 X70\n", "stale")):
+        (original := host.folder / "original.gcode").write_bytes(source)
+        assert host.judge(mended["new"], models["new"], original=str(original)).state == state
+
+
 def test_without_a_model_here_the_latest_record_says_which_is_in_use(host, models, mended) -> None:
     host.record(SQUARE, mended["old"], None)
     assert host.judge(mended["old"], None).state == "current"

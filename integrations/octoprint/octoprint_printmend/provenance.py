@@ -16,7 +16,7 @@ import hmac
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 MENDED = b"; mended by printmend "
@@ -102,7 +102,8 @@ class Model(NamedTuple):
 class Record(NamedTuple):
     """How a file came about: the SHA-256 of source and result, the model, its printer, and printmend's version.
 
-    ``original`` is where the host keeps the source, ``promise`` what printmend said (RMS before and after).
+    ``original`` is where the host keeps the source, ``promise`` what printmend said (RMS before and after). Sources
+    that differ below a file's precision have one result: ``others`` are the hashes of those that were mended before.
     """
 
     source: str
@@ -112,6 +113,7 @@ class Record(NamedTuple):
     program: str
     original: str
     promise: dict[str, Any]
+    others: Sequence[str] = ()
 
 
 class Verdict(NamedTuple):
@@ -255,15 +257,18 @@ class Ledger:
             _write(self._models, {digest: list(one) for digest, one in known.items()})
 
     def write(self, record: Record) -> None:
-        """Keep a record, in place of one of the same result."""
+        """Keep a record, in place of one of the same result, whose sources it keeps."""
+        before = self.find(record.result)
+        others = () if before is None else {before.source, *before.others} - {record.source}
+        record = record._replace(others=sorted(others))
         _write(self._place(record.result), {"format": "printmend record", "version": 1, **record._asdict()})
 
     def find(self, result: str) -> Record | None:
         """Return the record of a file by its SHA-256."""
         table = _read(self._place(result))
         try:
-            record = Record(**{name: table[name] for name in Record._fields})
-        except KeyError:
+            record = Record(**{name: table[name] for name in Record._fields if name in table})
+        except TypeError:
             return None
         return record if record.result == result and isinstance(record.promise, dict) else None
 
@@ -312,7 +317,8 @@ class Ledger:
 
     def _by_record(self, record: Record, model: Model | None, original: str | None) -> Verdict:
         in_use = self._last_model() if model is None else model.digest
-        if original is not None and os.path.isfile(original) and self.sha256(original) != record.source:
+        sources = (record.source, *record.others)
+        if original is not None and os.path.isfile(original) and self.sha256(original) not in sources:
             return Verdict(STALE, self._say("earlier-file"), record.result, record)
         if record.model == in_use:
             return Verdict(CURRENT, self._say("current"), record.result, record)
