@@ -2,6 +2,7 @@
 
 import getpass
 import http.client
+import os
 import plistlib
 import re
 import shlex
@@ -443,6 +444,24 @@ def test_one_user_fills_neither_the_disk_nor_the_queue(folder: Path, monkeypatch
         assert "expected fewer than 2 jobs of one user" in ask("anna", "/play", json={}).json()["error"]
         assert ask("ben", "/play", json={}).status_code == 202
         assert [ask("desk", "/play", json={}).status_code for _ in range(4)] == [202] * 4
+
+
+def test_all_and_a_users_own_are_measured_in_one_walk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each folder is read once, wherever the system has it; a user's own are the jobs, pictures and files of theirs."""
+    store = Store(Places(*(tmp_path / name for name in ("data", "state", "cache"))))
+    for owner, size in (("Anna", 1000), ("Ben", 300), (None, 20)):
+        store.of(owner).add_upload(key := f"upload-{owner}", "a.gcode", size)
+        job = store.add_job("mend", None, {}, owner)
+        for path in (store.path("upload", key), store.path("job", job) / "a", store.pictures(job) / "b"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(bytes(size))
+    naive = sum(path.stat().st_size for path in tmp_path.rglob("*") if path.is_file())
+    read, scan = [], os.scandir
+    monkeypatch.setattr(os, "scandir", lambda path: (read.append(str(path)), scan(path))[1])
+    for owner, own in (("Anna", 3000), ("Ben", 900), (None, naive)):
+        read.clear()
+        assert store.of(owner).held() == (naive, own)
+        assert len(read) == len(set(read)) == 3 + 3 + 1 + 3 + 3  # the three, their parts, and a job's two folders
 
 
 def test_a_device_is_let_in_by_a_code(folder: Path) -> None:

@@ -46,7 +46,7 @@ def storage(here: Here) -> Storage:
                 if picture in card(here, path.name).files:
                     part.shown.append(f"{API}/jobs/{path.name}/files/{picture}")
     parts = list(found.values())
-    kept = here.store.bytes() - sum(part.bytes for part in parts)
+    kept = here.store.held()[1] - sum(part.bytes for part in parts)
     free = shutil.disk_usage(here.store.places.data).free
     return Storage(
         parts=parts, kept_bytes=max(kept, 0), free_bytes=free, most_bytes=most_of(here.store, here.most_bytes)

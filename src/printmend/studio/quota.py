@@ -13,15 +13,16 @@ MOST_WAITING = 100  # jobs of one user
 
 def check_bytes(store: Store, most_bytes: int, more_bytes: int = 0) -> None:
     """Raise `InputError` where ``more_bytes`` are too many for the store, of ``most_bytes`` in all, or for its user."""
-    if (held := store.of(None).bytes()) + more_bytes > most_bytes:
+    held, own = store.held()
+    if held + more_bytes > most_bytes:
         raise InputError(
             say("subject-studio"), wanted=say("most-gb-folder", f"{most_bytes / 1e9:g}"),
             came=say("gb", f"{held / 1e9:.1f}"), todo=say("free-some-under-storage"),
         )  # fmt: skip
-    if store.owner is not None and (held := store.bytes()) + more_bytes > most_of(store, most_bytes):
+    if store.owner is not None and own + more_bytes > most_of(store, most_bytes):
         raise InputError(
             store.owner, wanted=say("most-gb-user", f"{most_of(store, most_bytes) / 1e9:g}"),
-            came=say("gb", f"{held / 1e9:.1f}"), todo=say("free-some-under-storage"),
+            came=say("gb", f"{own / 1e9:.1f}"), todo=say("free-some-under-storage"),
         )  # fmt: skip
 
 

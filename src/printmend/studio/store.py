@@ -9,7 +9,7 @@ import re
 import secrets
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -107,16 +107,22 @@ class Store:
         path = self.path("job", job) / name
         return path if path.is_file() else self.pictures(job) / name
 
-    def bytes(self) -> int:
-        """Return what everything takes of the disk; as a user sees it, what is that user's own."""
+    def held(self) -> tuple[int, int]:
+        """Return what everything takes of the disk, and what of it is the user's own; each folder is read once."""
+        own = self._own()
+        mine = sizes_in(*own)
+        everything = mine | sizes_in(*self.places.folders, but=own)
+        return sum(everything.values()), sum((everything if self.owner is None else mine).values())
+
+    def _own(self) -> set[Path]:
+        """Return the files and folders that are a user's own."""
         if self.owner is None:
-            return bytes_in(*self.places.folders)
-        own = {
-            kind: [row["id"] for row in self._rows(sql.select(table.c.id).where(table.c.owner == self.owner))]
-            for kind, table in (("printer", PRINTERS), ("upload", UPLOADS), ("job", JOBS))
-        }
-        return bytes_in(*(self.path(kind, key) for kind, keys in own.items() for key in keys),
-                        *map(self.pictures, own["job"]))  # fmt: skip
+            return set()
+        found = set()
+        for kind, table in (("printer", PRINTERS), ("upload", UPLOADS), ("job", JOBS)):
+            for row in self._rows(sql.select(table.c.id).where(table.c.owner == self.owner)):
+                found |= {self.path(kind, row["id"])} | ({self.pictures(row["id"])} if kind == "job" else set())
+        return found
 
     def add_printer(self, name: str, *, usually: str, **key: str) -> str:
         """Note a printer; return its key, a new one unless its ``id`` is given.
@@ -247,14 +253,24 @@ class NotThereError(InputError):
 
 def bytes_in(*paths: Path) -> int:
     """Return what files, and all in folders, take of the disk; what two names share counts once."""
+    return sum(sizes_in(*paths).values())
+
+
+def sizes_in(*paths: Path, but: Container[Path] = ()) -> dict[tuple[int, int], int]:
+    """Return the sizes of files, and of all in folders, by what tells a file from others; ``but`` is left out."""
     seen: dict[tuple[int, int], int] = {}
     for path in paths:
-        places = [path] if path.is_file() else (Path(base) / name for base, _, names in os.walk(path) for name in names)
-        for place in places:
+        for place in [path] if path.is_file() else _files_in(path, but):
             with contextlib.suppress(OSError):  # removed meanwhile
                 stat = place.stat()
                 seen[stat.st_dev, stat.st_ino] = stat.st_size
-    return sum(seen.values())
+    return seen
+
+
+def _files_in(folder: Path, but: Container[Path]) -> Iterator[Path]:
+    for base, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if Path(base, name) not in but]
+        yield from (path for name in names if (path := Path(base, name)) not in but)
 
 
 def _numbered(name: str) -> Iterator[str]:
