@@ -1,5 +1,6 @@
 """Who comes into the studio from other computers, and what keeps others from coming in."""
 
+import contextlib
 import getpass
 import http.client
 import os
@@ -13,6 +14,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -305,48 +307,67 @@ def test_the_api_describes_itself_in_openapi_and_has_a_name_that_stays(folder: P
         assert document["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
 
 
-def test_connections_that_ask_for_nothing_keep_nobody_out(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "ASK_S", 0.5)
+@contextlib.contextmanager
+def _listening(folder: Path, early: Callable[[tuple], object] = lambda place: None) -> Iterator[tuple[str, int]]:
+    """Run a studio and say where; ``early`` happens while nobody yet takes the connections that wait."""
     app = create_app(Places.below(folder), workers=1)
-    server = uvicorn.Server(
-        uvicorn.Config(app, port=0, log_level="error", ws="none", http=guard.Door, limit_concurrency=50)
-    )
-    thread = threading.Thread(target=server.run)
-    thread.start()
+    config = uvicorn.Config(app, log_level="error", ws="none", http=guard.Door, limit_concurrency=50)
+    server = uvicorn.Server(config)
+    with socket.create_server(("127.0.0.1", 0), backlog=100) as door:
+        place = door.getsockname()
+        early(place)
+        thread = threading.Thread(target=server.run, args=([door],))
+        thread.start()
+        try:
+            while not server.started:
+                time.sleep(0.02)
+            yield place
+        finally:
+            server.should_exit = True
+            thread.join()
+
+
+def test_all_who_come_at_once_are_answered(folder: Path) -> None:
+    """Though their connections are made before a word of them is read."""
+    ask = b"GET /api/v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n"
+    links: list[socket.socket] = []
+
+    def come(place: tuple) -> None:
+        for _ in range(45):
+            links.append(socket.create_connection(place, timeout=60))
+            links[-1].sendall(ask)
+
+    with _listening(folder, come):
+        answers = [link.recv(65536) for link in links]
+        assert [answer[:12] for answer in answers] == [b"HTTP/1.1 200"] * 45
+    for link in links:
+        link.close()
+
+
+def test_connections_that_ask_for_nothing_keep_nobody_out(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even others of their own address: while it has its most, the longest silent one gives way."""
+    monkeypatch.setattr(guard, "MOST_AN_ADDRESS", 20)
+    monkeypatch.setattr(guard, "ASK_S", 0.5)
     silent: list[socket.socket] = []
-    try:
-        while not server.started:
-            time.sleep(0.02)
-        place = server.servers[0].sockets[0].getsockname()
-        for k in range(2 * guard.MOST_SILENT):
+    with _listening(folder) as place:
+        for k in range(60):
             silent.append(socket.create_connection(place))
             if k % 2:
                 silent[-1].sendall(b"GET /api/v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\nX-More: ")
-
-        def ended() -> int:
-            """Count those that the server has ended."""
-            for one in silent:
-                one.settimeout(5)
-            return sum(_is_ended(one) for one in silent)
-
-        assert ended() == len(silent)  # some at once, the others after the time to ask
-        asking = http.client.HTTPConnection(*place, timeout=5)
+        asking = http.client.HTTPConnection(*place, timeout=60)
         for _ in range(2):  # a second request on a connection, too, and then half of one
             asking.request("GET", "/api/v1/health")
             answer = asking.getresponse()
             assert (answer.status, b"version" in answer.read()) == (200, True)
         asking.sock.sendall(b"GET /api/v1/hea")
-        silent.append(asking.sock)
-        assert _is_ended(asking.sock)
+        assert all(map(_is_ended, [*silent, asking.sock]))  # some at once, the others after the time to ask
         assert not guard.Door._silent
-    finally:
-        server.should_exit = True
-        thread.join()
-        for one in silent:
-            one.close()
+    for link in (*silent, asking):
+        link.close()
 
 
 def _is_ended(link: socket.socket) -> bool:
+    link.settimeout(60)
     try:
         while link.recv(65536):
             pass

@@ -11,7 +11,7 @@ import contextlib
 import ipaddress
 import json
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
@@ -26,7 +26,6 @@ from printmend.messages import messages_of, say
 
 ASK_S = 10.0  # from the beginning of a connection, or of a further request on it, to the end of its headers
 MOST_AN_ADDRESS = 128  # connections; a browser has six, and a proxy speaks for many
-MOST_SILENT = 32  # connections of an address that have not asked yet
 
 
 class Door(H11Protocol):
@@ -34,18 +33,25 @@ class Door(H11Protocol):
     setting `http` takes a class and nothing smaller."""
 
     _open: ClassVar[Counter[str]] = Counter()
-    _silent: ClassVar[Counter[str]] = Counter()
+    _silent: ClassVar[defaultdict[str, dict["Door", None]]] = defaultdict(dict)  # the longest silent first
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin to wait for a request, or refuse an address that holds too many connections."""
+        """Begin to wait for a request. Where an address holds too many connections, the longest silent one ends.
+
+        Many that come at once are all made before the first of them is read: that they are silent says nothing yet.
+        """
         super().connection_made(transport)
         self._late: asyncio.TimerHandle | None = None
         self._address = self.client[0] if self.client else ""
         self._open[self._address] += 1
-        if self._open[self._address] > MOST_AN_ADDRESS or self._silent[self._address] >= MOST_SILENT:
-            transport.abort()
-            return
         self._wait()
+        if self._open[self._address] > MOST_AN_ADDRESS:
+            next(iter(self._silent[self._address])).end()
+
+    def end(self) -> None:
+        """Close the connection at once."""
+        self._stop_waiting()
+        self.transport.abort()
 
     def data_received(self, data: bytes) -> None:
         """Take what came; once the headers are whole nothing is waited for but the answer."""
@@ -66,14 +72,14 @@ class Door(H11Protocol):
 
     def _wait(self) -> None:
         if self._late is None:
-            self._silent[self._address] += 1
-            self._late = self.loop.call_later(ASK_S, self.transport.abort)
+            self._silent[self._address][self] = None
+            self._late = self.loop.call_later(ASK_S, self.end)
 
     def _stop_waiting(self) -> None:
         if self._late is not None:
             self._late.cancel()
             self._late = None
-            self._silent[self._address] -= 1
+            del self._silent[self._address][self]
             if not self._silent[self._address]:
                 del self._silent[self._address]
 
