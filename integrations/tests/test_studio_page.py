@@ -224,6 +224,9 @@ def test_broken_to_mended_on_the_play_screen(browser: Browser, server: Server) -
     expect(machine.locator("[data-part=x]")).to_have_class(re.compile("lit"))
     machine.locator("[data-part=y]").focus()
     expect(page.locator("[data-fault=y]").first).to_have_class(re.compile("lit"))
+    drawn_finely(page, lambda: handle.press("ArrowLeft"))
+    drawn, legend = (page.locator(f"[data-testid=part] {one}").bounding_box() for one in ("canvas", ".under"))
+    assert drawn["y"] + drawn["height"] <= legend["y"] + 1  # nothing of the part is under its legend
     watched.picture("play-mended")
     share = page.get_by_role("button", name="Share")
     page.set_viewport_size({"width": 390, "height": 844})  # a phone shows what comes next without scrolling

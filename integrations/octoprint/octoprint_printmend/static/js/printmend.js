@@ -91,7 +91,7 @@ $(function () {
         self.files.printmendBadge = self.badge;
         template.text(template.text().replace(
             '<div class="size">',
-            '<div class="printmend"><span data-bind="text: $root.printmendBadge($data).text, ' +
+            '<div class="printmend"><span style="white-space: normal" data-bind="text: $root.printmendBadge($data).text, ' +
                 'css: $root.printmendBadge($data).css, attr: {title: $root.printmendBadge($data).title}"></span></div><div class="size">'
         ));
 
