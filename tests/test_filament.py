@@ -195,6 +195,11 @@ def test_a_section_that_is_none_of_ours_is_refused(section):
         read(model)
 
 
+def test_a_table_counts_once_whatever_filament_it_is_said_to_be_of(one):
+    again = update_in(one, measured(one.printer, "pla-black", 1), "abs", rng=np.random.default_rng(0))
+    assert again.is_known
+
+
 def test_the_command_line_says_what_is_known(tmp_path):
     printer = read_printer("ender3")
     write_trace(tmp_path / "a.csv", measured(printer, "pla-black", 1))

@@ -487,8 +487,10 @@ def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint, hold: Pat
         settings.get_by_role("button", name="Save and test").click()
         expect(settings.get_by_role("status").filter(has_text="a test square")).to_contain_text("→")
         expect(entry.locator(".printmend")).to_contain_text("mended with an earlier model")
-        entry.evaluate("entry => { for (const one of [entry, ...entry.querySelectorAll('.printmend, .printmend *')]) "
-                       "if (one.scrollWidth > one.clientWidth + 1 && one.clientWidth) throw Error(one.outerHTML); }")
+        entry.evaluate(
+            "entry => { for (const one of [entry, ...entry.querySelectorAll('.printmend, .printmend *')]) "
+            "if (one.scrollWidth > one.clientWidth + 1 && one.clientWidth) throw Error(one.outerHTML); }"
+        )
         page.screenshot(path=PICTURES / "octoprint-settings.png")
         learned(octoprint.base / "printer.mend.json", 0.4)
     assert octoprint.told("shown.gcode") == {"state": "failed", "reason": "cancelled"}

@@ -105,7 +105,8 @@ class Trace:
     than thought, the first layer is squashed. ``origin`` is None where unknown. Of a part that shrank after it was
     printed, what is believed of that is taken off; ``shrinkage_sd`` is the standard deviation of what is left of it
     along either axis, a share. ``motion`` is what lines printed at speed showed. ``blank_rows`` are those that stood
-    empty between others in a table, and are not among the N.
+    empty between others in a table, and are not among the N. ``taken`` are the hexadecimal digits over the measurement
+    from which this one was made, None for one as it was taken.
     """
 
     commanded_mm: np.ndarray
@@ -123,6 +124,7 @@ class Trace:
     blank_rows: int = 0
     shrinkage_sd: float | None = None
     motion: Motion | None = None
+    taken: str | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in (

@@ -1,32 +1,37 @@
-"""A head or gantry that tilts: the place of one axis depends on the direction from which the other one came."""
+"""A head or bed that turns a little in its guides: the place of one axis depends on the direction from which the other
+one came, everywhere alike or the more the farther from a point."""
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Told
+from printmend.effects.words import Found, Told, span_mm
 from printmend.messages import say
 
 
 class Tilt(Usual):
-    """A shift across one bed axis with its way."""
+    """A shift across one bed axis with its way, and how it grows along that axis, in mm per 100 mm."""
 
     name = "tilt"
     cause = say("cause-tilt")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS
+    keys = Numbers(("size_mm", "grow_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2):
-            yield from alternatives(self.name, axis, [()], (1.0,))
+            yield from alternatives(self.name, axis, [()], (1.0, 1.0))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return along(1 - where, 0.5 * places.ways[:, [where]])
+        place = (places.bed_mm[:, where] - scene.middle_mm[where]) / SCALE_MM
+        return along(1 - where, 0.5 * places.ways[:, [where]] * np.stack([np.ones(len(place)), place], axis=1))
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        size = f"{abs(found.sizes_mm[0]):.2f}"
+        ends = found.sizes_mm[0] + found.sizes_mm[1] * span_mm(scene, found.where) / SCALE_MM * np.array([-0.5, 0.5])
+        size = f"{np.abs(ends).max():.2f}"
         words = say("where-comes-lie-depends-way-moved-2", "XY"[1 - found.where], "XY"[found.where], size)
         yield Told("direction", words)

@@ -13,7 +13,8 @@ from printmend.messages import say
 
 
 class UnevenPlay(Usual):
-    """Play of one motor past a border along a bed axis."""
+    """Play of one motor past a border along a bed axis that another motor moves; along its own way, play changes as
+    `Rub` and `Friction` have it."""
 
     name = "uneven_play"
     cause = say("cause-halves")  # of an expected error
@@ -23,8 +24,9 @@ class UnevenPlay(Usual):
     keys = Numbers(shape=("axis", "at_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        shapes = [(float(axis), float(at)) for axis in range(2) for at in borders_mm(scene, axis)]
         for motor in range(2):
+            axes = (0, 1) if scene.corexy else (1 - motor,)
+            shapes = [(float(axis), float(at)) for axis in axes for at in borders_mm(scene, axis)]
             yield from alternatives(self.name, motor, shapes, (1.0,))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:

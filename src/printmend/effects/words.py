@@ -19,6 +19,7 @@ from printmend.effects.effect import Effect, Places, Scene
 from printmend.messages import say, say_own
 
 NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its standard deviations …
+BELOW_SIGMAS, BELOW_SHARE = 2.0, 0.0228  # below the median of a normal law lies this share
 LEAST = {"mm": 0.002, "%": 0.005, "°": 0.001}  # … and than this in its unit: smaller faults move no print
 LEAST_SHOWN_MM = 0.005  # a fault whose size is said with two decimals would be said to be 0.00 below this
 SOON_MM = 0.1  # effect on a print above which a part should be looked at
@@ -120,9 +121,12 @@ class Found:
         return self.law.columns(places, self.where, self.shape, scene)
 
     def size(self, measure: Callable[[np.ndarray], float]) -> tuple[float, float]:
-        """Return a measure of the sizes [P], and its standard deviation over the drawn machines that have it."""
-        drawn = np.array([measure(each) for each in self.draws_mm[:, self.draws_mm.any(axis=0)].T])
-        return float(measure(self.sizes_mm)), float(drawn.std()) if len(drawn) else 0.0
+        """Return a measure of the sizes [P], and its standard deviation towards 0 over the drawn machines that have it:
+        that of a normal law with their median and a low quantile, for a few may be much larger."""
+        size = float(measure(self.sizes_mm))
+        drawn = [np.sign(size) * measure(each) for each in self.draws_mm[:, self.draws_mm.any(axis=0)].T] or [0.0]
+        low, middle = np.quantile(drawn, [BELOW_SHARE, 0.5])
+        return size, float(middle - low) / BELOW_SIGMAS
 
 
 def amount(value: float, sd: float, unit: str = "mm") -> str:

@@ -199,6 +199,8 @@ def _again(row: np.ndarray, beside: np.ndarray) -> np.ndarray:
 
 def digest_of(trace: Trace) -> str:
     """Return hexadecimal digits over what was commanded and measured, to the nanometre."""
+    if trace.taken is not None:
+        return trace.taken
     whole_nm = np.rint(_everything(trace) * 1e6).astype(np.int64)
     return hashlib.sha256(whole_nm.tobytes()).hexdigest()[:_DIGITS]
 

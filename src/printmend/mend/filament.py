@@ -18,6 +18,7 @@ from printmend.filament import CLAIM_SD, UNNAMED, Entry, Split, material_of, spl
 from printmend.infer.part import DRAWS, Part
 from printmend.learn.learned import AUTO, SEARCH, learn_model
 from printmend.machine import Frame, Mechanism
+from printmend.measure.checks import digest_of
 from printmend.mend.history import Ageing
 from printmend.mend.update import Updated, update
 from printmend.mend.verify import Verdict, made, verify
@@ -211,8 +212,9 @@ def grown(trace: Trace, printer: Printer, filament: str | None) -> Trace:
     material, middle = material_of(filament), np.array(printer.middle_mm[:2])
     more = material.mean / (1 - material.mean)
     grown = replace(
-        trace, measured_mm=trace.measured_mm + more * (trace.measured_mm - middle), shrinkage_sd=material.sd
-    )
+        trace, measured_mm=trace.measured_mm + more * (trace.measured_mm - middle), shrinkage_sd=material.sd,
+        taken=digest_of(trace),
+    )  # fmt: skip
     if trace.normal is None or trace.offset_mm is None:
         return grown
     out_mm = (1 + more) * trace.offset_mm + more * np.sum((trace.commanded_mm - middle) * trace.normal, axis=1)
@@ -228,7 +230,10 @@ def _enlarged(trace: Trace, printer: Printer, share: np.ndarray, sd: float) -> T
     offset = trace.offset_mm
     if offset is not None and trace.normal is not None:
         offset = offset * (1 + np.sum(more * np.square(trace.normal), axis=1))
-    return replace(trace, commanded_mm=wanted, measured_mm=measured, offset_mm=offset, shrinkage_sd=max(sd, LEAST_SD))
+    return replace(
+        trace, commanded_mm=wanted, measured_mm=measured, offset_mm=offset, shrinkage_sd=max(sd, LEAST_SD),
+        taken=digest_of(trace),
+    )  # fmt: skip
 
 
 def _shown(model: SavedModel, filament: str | None) -> Entry:
