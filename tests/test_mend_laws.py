@@ -239,3 +239,13 @@ def test_what_is_reported_is_what_the_files_do(family: str, tmp_path: Path) -> N
         # Where a corner is cut the path is nearer than the line that is being drawn.
         least_mm = 0.003 if name == "max_mm" else 0.001
         assert after == pytest.approx(getattr(found.after, name), rel=0.1, abs=least_mm), name
+
+
+def test_places_of_a_line_along_one_axis_know_which_way_the_other_went_last():
+    """A head that tilts or a gantry that racks stays on that side, through travels, too."""
+    text = START + b"G1 X80 Y80 E1 F1800\nG1 X60 E1\nG0 X70\nG0 Y60\nG1 X90 E1\nG1 Y70 E1\n"
+    path = mended(text, PLAY)[1].path
+    for tangent, axis, way in (([-1, 0], 1, 1), ([1, 0], 1, -1), ([0, 1], 0, 1)):
+        there = np.isclose(path.tangent, tangent, atol=1e-6).all(axis=1)
+        assert there.any()
+        assert (path.ways[there, axis] == way).all()

@@ -374,7 +374,7 @@ def _path_places(samples: np.record, layer_z_mm: np.ndarray) -> PathPlaces:
     found = samples.kept[: samples.count]
     return PathPlaces(
         found["place"].copy(), found["tangent"].copy(), found["off"].copy(), found["side"].copy(),
-        found["weight"].copy(), layer_z_mm[found["layer"]],
+        found["weight"].copy(), layer_z_mm[found["layer"]], ways=found["ways"].copy(),
     )  # fmt: skip
 
 

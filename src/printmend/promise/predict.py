@@ -71,7 +71,7 @@ class PathPlaces:
     by how much the file as it is prints to the left of the path, ``side`` [N, 2] the side of its belt that each motor
     pushed before the move, ``weight`` [N] the length of path that a place stands for. ``z_mm`` [N] is its height, where
     known; ``gone_mm`` [N] the length of the print up to there, None where it is the sum of the weights; ``ways`` [N, 2]
-    the last direction of each of the bed's axes, None where the tangent tells.
+    the last direction of each of the bed's axes before the move, at rest before the place; None where unknown.
     """
 
     wanted_mm: np.ndarray
@@ -177,14 +177,15 @@ def _outlook(
 
 @dataclass(frozen=True, eq=False)
 class _Aims:
-    """The motors' positions before and after mending, the belts' positions, the sides that are pushed and the bed's
-    axes' directions, all [N, 2]."""
+    """The motors' positions before and after mending, the belts' positions, the sides that are pushed, the bed's axes'
+    directions, and that of the move, None at rest, all [N, 2]."""
 
     before_mm: np.ndarray
     after_mm: np.ndarray
     belt_mm: np.ndarray
     side: np.ndarray
     ways: np.ndarray
+    heading: np.ndarray | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,10 +253,10 @@ def _aims(mechanism: Mechanism, path: PathPlaces, at_rest: bool) -> _Aims:
     after = np.stack(
         [_motor_at(mechanism.transmissions[i], belt[:, i], side[:, i]) for i in range(2)], axis=1
     )  # fmt: skip
-    ways = path.ways
-    if ways is None:  # an axis that stands still went some way before
-        ways = np.where(np.abs(path.tangent) > STANDS_SHARE, np.sign(path.tangent), 0.0)
-    return _Aims(printer.to_motor(path.wanted_mm), after, belt, side, ways)
+    ways = np.zeros_like(path.tangent) if path.ways is None else path.ways  # an axis that stands still went so before
+    if not at_rest:
+        ways = np.where(np.abs(path.tangent) > STANDS_SHARE, np.sign(path.tangent), ways)
+    return _Aims(printer.to_motor(path.wanted_mm), after, belt, side, ways, None if at_rest else path.tangent)
 
 
 def _motor_at(table: Transmission, belt_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
@@ -304,7 +305,7 @@ def _parts(
     now = Places(
         motor_mm, -aims.side, np.asarray(printer.from_motor(aims.belt_mm)), aims.ways, aims.side,
         gone_mm / max(scene.way_mm, 1e-9), np.full(count, LONG_MOVE_MM), none, path.z_mm,
-        path.tangent if path.ways is None else None,
+        aims.heading,
     )  # fmt: skip
     found: dict[str, DrawnCause] = {}
     otherwise = np.random.default_rng(SEED)  # of its own: other figures stay as they are

@@ -78,8 +78,24 @@ def follow_raw(model, state, x, y):
 
 
 @inner(error_model="numpy", _nrt=False)
-def keep(samples, state, curve, s, length, x, y, row):
-    """Keep a place of the extruded path, the curve at ``s`` printed at (x, y), if the last kept one is far enough back.
+def _way(change):
+    return 1.0 if change > 0.0 else -1.0 if change < 0.0 else 0.0
+
+
+@inner(error_model="numpy", _nrt=False)
+def _ways_before(records, i):
+    """Return which way each axis of the bed went last before record i."""
+    x = y = 0.0
+    while i > 0 and (x == 0.0 or y == 0.0):
+        i -= 1
+        r = records[i]
+        x, y = x if x != 0.0 else _way(r.x1 - r.x0), y if y != 0.0 else _way(r.y1 - r.y0)
+    return x, y
+
+
+@inner(error_model="numpy", _nrt=False)
+def keep(samples, state, records, i, curve, s, length, x, y, row):
+    """Keep a place of the extruded path, record i's curve at ``s`` printed at (x, y), if the last kept one is far back.
 
     When there is no room left, every other place is dropped and the distance doubles.
     """
@@ -109,6 +125,7 @@ def keep(samples, state, curve, s, length, x, y, row):
     sample.place[0], sample.place[1], sample.tangent[0], sample.tangent[1] = wanted_x, wanted_y, tx, ty
     sample.off = (y - wanted_y) * tx - (x - wanted_x) * ty
     sample.side[0], sample.side[1] = state.mended.side[0], state.mended.side[1]
+    sample.ways[0], sample.ways[1] = _ways_before(records, i)
     sample.layer, sample.weight = row, samples.since
     samples.since = 0.0
 
@@ -143,7 +160,7 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
             x, y = x + push_x, y + push_y
             error = with_doubt(state.raw, _nearest(records, count, i, curve, x, y))
             note(layers, row, errors, 0, error, curve.length / looks)
-            keep(samples, state, curve, s, curve.length / looks, x, y, row)
+            keep(samples, state, records, i, curve, s, curve.length / looks, x, y, row)
     follow_raw(model, state, curve.x1, curve.y1)
     if moved is not None:
         lift_raw(model, state, counts, curve.z1)
