@@ -8,6 +8,7 @@ from pathlib import Path
 
 import polib
 import pytest
+import tomli_w
 
 from printmend import provenance
 from printmend.corruption import Corruption, Drive
@@ -15,6 +16,7 @@ from printmend.corruption.transmission import Play
 from printmend.mend import mend_gcode
 from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
+from printmend.printer.toml import printer_section
 from printmend.provenance import Ledger, Model, NoModelError, Verdict, read_model, record_of
 
 SQUARE = b"G28\nG90\nM83\nG1 Z0.2\nG1 X60 Y60 F6000\n" + b"".join(
@@ -72,6 +74,15 @@ def host(tmp_path: Path):
             self.ledger.write(record_of(place, str(tmp_path / "result.gcode"), model, original=place, report=report))
 
     return Host()
+
+
+@pytest.mark.parametrize("more", ['[homing]\nswitch = "phase"\n', "[limits]\ncrossing_mm_s2 = 15000.0\n"])
+def test_what_an_owner_changes_in_the_firmware_makes_no_other_printer(more: str, models, tmp_path: Path) -> None:
+    plain = tomli_w.dumps(printer_section(read_printer("ender3")))
+    (tmp_path / "mine.toml").write_text(plain + more)
+    changed = model_at(tmp_path / "changed.json", 0.4, str(tmp_path / "mine.toml"))
+    assert changed.digest != models["new"].digest
+    assert changed.printer == models["new"].printer
 
 
 def test_a_model_is_identified_as_printmend_does(models, tmp_path: Path) -> None:

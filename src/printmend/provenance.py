@@ -91,7 +91,10 @@ class NoModelError(ValueError):
 
 
 class Model(NamedTuple):
-    """What identifies a model: its digest, the key of its seals, and its printer's name and geometry (a hash)."""
+    """What identifies a model: its digest, the key of its seals, and its printer's name and geometry (a hash).
+
+    A printer stays the same whatever its firmware's limits and its way of homing are.
+    """
 
     digest: str
     key: str
@@ -148,8 +151,8 @@ def read_model(path: str) -> Model:
     key = seal_key(document)
     if digest != key[:16]:
         raise NoModelError(f"{path} was changed or damaged: copy it again")
-    name = str(printer.pop("name", ""))
-    return Model(key[:16], key, name, hashlib.sha256(plain_text(printer)).hexdigest()[:16])
+    geometry = {part: printer[part] for part in printer if part not in ("name", "homing", "limits")}
+    return Model(key[:16], key, str(printer.get("name", "")), hashlib.sha256(plain_text(geometry)).hexdigest()[:16])
 
 
 def sealed(texts: Iterable[bytes | memoryview], key: str) -> Iterator[bytes | memoryview]:
