@@ -75,13 +75,18 @@ class Server:
         return total
 
 
-def paired(server: Server, model: Path, older: SavedModel, newer: SavedModel) -> None:
-    """Pair a host's model with a printer of a studio, by the code that the page would show; then learn a newer one."""
+def code_of(server: Server, model: SavedModel) -> tuple[Path, str]:
+    """Return where a new printer of a studio has this model, and the code that the page would show to pair with it."""
     studio = Studio(server.address)
     key = str(studio.post("/printers", {"preset": "ender3"})["id"])
     there = server.folder / "printers" / key / "printer.mend.json"
-    write_model(there, older)
-    code = studio.post(f"/printers/{key}/pair")["code"]
+    write_model(there, model)
+    return there, str(studio.post(f"/printers/{key}/pair")["code"])
+
+
+def paired(server: Server, model: Path, older: SavedModel, newer: SavedModel) -> None:
+    """Pair a host's model with a printer of a studio at the host's terminal; then learn a newer one."""
+    there, code = code_of(server, older)
     command = [PRINTMEND, "pair", server.address, code, "-m", model]
     subprocess.run(list(map(str, command)), check=True, capture_output=True)  # noqa: S603 - our own program
     assert read_model(str(model)).digest == older.digest

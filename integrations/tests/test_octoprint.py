@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 from hosts import INTEGRATIONS, PRINTMEND, call, environment, form, free_port, running, wait_for
 from parts import part
-from playwright.sync_api import expect
-from studio_server import CHROMIUM, PICTURES, Server, Watched, chromium, paired
+from playwright.sync_api import Browser, Locator, Page, expect
+from studio_server import CHROMIUM, PICTURES, Server, Watched, chromium, code_of
 
 from klippy_run import HOSTS
-from printmend.client import Studio, StudioError, pair_file
+from printmend.client import Studio, StudioError
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.transmission import Play
 from printmend.mend import mend_gcode
@@ -140,6 +140,24 @@ def octoprint_running(base: Path) -> Iterator[OctoPrint]:
 def octoprint(tmp_path_factory):
     with octoprint_running(tmp_path_factory.mktemp("octoprint")) as host:
         yield host
+
+
+def signed_in(browser: Browser, octoprint: OctoPrint) -> Page:
+    page = browser.new_context(locale="en-GB").new_page()
+    page.set_default_timeout(600_000)
+    page.goto(octoprint.url)
+    page.locator("#login-user").fill("me")
+    page.locator("#login-password").fill("pw")
+    page.locator("#login-button").click()
+    # The state comes by the socket that the plug-in's messages come by.
+    expect(page.locator("#state")).to_contain_text("Operational")
+    return page
+
+
+def settings_of(page: Page) -> Locator:
+    page.locator("#navbar_show_settings").click()
+    page.locator("#settings_plugin_printmend_link a").click()
+    return page.locator("#settings_plugin_printmend")
 
 
 @pytest.fixture
@@ -360,20 +378,32 @@ def test_a_restart_forgets_nothing(tmp_path: Path) -> None:
         assert octoprint.disk("healthy.mended.gcode").read_bytes() != healthy
 
 
-def test_a_paired_printer_gets_the_studios_newer_model_by_itself(octoprint: OctoPrint, tmp_path: Path) -> None:
-    model = octoprint.base / "printer.mend.json"
-    before = model.read_bytes()
+@pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's chromium")
+def test_a_printer_paired_in_the_settings_gets_the_studios_newer_models_by_itself(
+    octoprint: OctoPrint, tmp_path: Path
+) -> None:
     older, newer = (exact_model(Corruption((Drive(belt=Play(slack)), Drive())).lower(read_printer("ender3")))
                     for slack in (0.35, 0.45))  # fmt: skip
+    before = octoprint.get("/api/settings")["plugins"]["printmend"]["model"]
     server = Server(tmp_path / "studio")
     try:
-        paired(server, model, older, newer)
+        there, code = code_of(server, older)
+        with chromium() as browser:
+            page = signed_in(browser, octoprint)
+            settings = settings_of(page)
+            settings.get_by_label("Address of the studio").fill(server.address)
+            for digits, said in (("12345", "six digits"), (f"{code[:3]} {code[3:]}", "its model is in use now")):
+                settings.get_by_label("Code", exact=True).fill(digits)
+                settings.get_by_role("button", name="Pair").click()
+                expect(settings.get_by_role("status").filter(has_text=said)).to_be_visible()
+        model = Path(octoprint.get("/api/settings")["plugins"]["printmend"]["model"])
+        assert octoprint.get("/api/plugin/printmend")["model"] == older.digest == read_model(str(model)).digest
+        write_model(there, newer)
         octoprint.get("/api/plugin/printmend", {"command": "update"})
-        wait_for(lambda: read_model(str(model)).digest == newer.digest, "the newer model")
+        wait_for(lambda: octoprint.get("/api/plugin/printmend")["model"] == newer.digest, "the newer model")
     finally:
         server.stop()
-        model.write_bytes(before)
-        pair_file(model).unlink(missing_ok=True)
+        octoprint.get("/api/settings", {"plugins": {"printmend": {"model": before}}})
 
 
 def test_a_model_is_uploaded_and_tried(octoprint: OctoPrint) -> None:
@@ -454,14 +484,7 @@ def test_updates_come_from_where_it_was_installed_from() -> None:
 @pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's chromium")
 def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint, hold: Path) -> None:
     with chromium() as browser:
-        page = browser.new_context(locale="en-GB").new_page()
-        page.set_default_timeout(600_000)
-        page.goto(octoprint.url)
-        page.locator("#login-user").fill("me")
-        page.locator("#login-password").fill("pw")
-        page.locator("#login-button").click()
-        # The state comes by the socket that the plug-in's messages come by.
-        expect(page.locator("#state")).to_contain_text("Operational")
+        page = signed_in(browser, octoprint)
         popup = page.locator(".ui-pnotify")
         hold.touch()
         octoprint.upload("shown.gcode", part(1, size_mm=6.0))
@@ -481,9 +504,7 @@ def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint, hold: Pat
         entry.scroll_into_view_if_needed()
         page.screenshot(path=PICTURES / "octoprint-files.png")
         learned(octoprint.base / "printer.mend.json", 0.3)
-        page.locator("#navbar_show_settings").click()
-        page.locator("#settings_plugin_printmend_link a").click()
-        settings = page.locator("#settings_plugin_printmend")
+        settings = settings_of(page)
         settings.get_by_role("button", name="Save and test").click()
         expect(settings.get_by_role("status").filter(has_text="a test square")).to_contain_text("→")
         expect(entry.locator(".printmend")).to_contain_text("mended with an earlier model")

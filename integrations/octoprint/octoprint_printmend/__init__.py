@@ -93,7 +93,7 @@ class PrintmendPlugin(
         return {"js": ["js/printmend.js"]}
 
     def get_api_commands(self):
-        return {"cancel": [], "mend_all": [], "test": [], "update": []}
+        return {"cancel": [], "mend_all": [], "test": [], "update": [], "pair": ["address", "code"]}
 
     def is_api_protected(self):
         return True
@@ -116,6 +116,10 @@ class PrintmendPlugin(
         if command == "update":
             self._queue.put((self._update,))
             return flask.jsonify(queued=True)
+        if command == "pair":
+            if not Permissions.SETTINGS.can():
+                flask.abort(403)
+            return flask.jsonify(error=self._pair(str(data["address"]).strip(), re.sub(r"\s", "", str(data["code"]))))
         if command == "mend_all":
             return flask.jsonify(queued=self._mend_all())
         if self._mending is not None:
@@ -138,9 +142,24 @@ class PrintmendPlugin(
         plain = re.sub(r"[^A-Za-z0-9]+", "-", model.name).strip("-") or "printer"
         place = os.path.join(folder, f"{plain}.{model.digest[:8]}.mend.json")
         os.replace(file.name, place)
-        self._settings.set(["model"], place)
-        self._settings.save()
+        self._take(place)
         return flask.jsonify(path=place, model=model.digest, printer=model.name)
+
+    def _take(self, model):
+        """Mend with a model from now on."""
+        self._settings.set(["model"], model)
+        self._settings.save(trigger_event=True)
+
+    def _pair(self, address, code):
+        """Take the model of a studio's printer, and each newer one from then on; return why that was not possible."""
+        model = os.path.join(self.get_plugin_data_folder(), "models", "studio.mend.json")
+        os.makedirs(os.path.dirname(model), exist_ok=True)
+        reason = self._program.pair(
+            os.path.expanduser(self._settings.get(["command"])), model, address, code, self._language()
+        )
+        if not reason:
+            self._take(model)
+        return reason
 
     def _models(self):
         """Return the models that were uploaded, the latest first."""
@@ -257,7 +276,7 @@ class PrintmendPlugin(
 
     def _update(self):
         command, model = (os.path.expanduser(self._settings.get([key])) for key in ("command", "model"))
-        if reason := self._program.update(command, model):
+        if reason := self._program.update(command, model, self._language()):
             self._logger.warning("no newer model: %s", reason)
 
     def on_shutdown(self):

@@ -27,19 +27,28 @@ class Program:
         """Mend a file into ``fresh``; return the reason where there is none. ``told`` hears the percentage."""
         return self._run([command, "mend", source, "-m", model, "-o", fresh, "--report", report], fresh, told, language)
 
-    @staticmethod
-    def update(command, model):
+    @classmethod
+    def update(cls, command, model, language):
         """Fetch a newer model where this one is paired with a studio; return why that was not possible."""
         if not os.path.isfile(model + ".studio"):
             return ""
+        return cls._pair([command, "pair", "--update", "-m", model], language)
+
+    @classmethod
+    def pair(cls, command, model, address, code, language):
+        """Pair with a printer of a studio, whose model goes to ``model``; return why that was not possible."""
+        return cls._pair([command, "pair", "-m", model, "--", address, code], language)
+
+    @staticmethod
+    def _pair(arguments, language):
         try:
             done = subprocess.run(  # noqa: S603 — the owner's own program, from the settings
-                [command, "pair", "--update", "-m", model], stdin=subprocess.DEVNULL, capture_output=True, text=True,
-                errors="replace", check=False, timeout=PATIENCE_S,
+                arguments, stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", errors="replace",
+                check=False, timeout=PATIENCE_S, env=provenance.speaking(language),
             )  # fmt: skip
         except (subprocess.TimeoutExpired, OSError) as error:
             return str(error)
-        return done.stderr.strip() if done.returncode else ""
+        return last_line(done.stderr) or provenance.said(language, "ended", done.returncode) if done.returncode else ""
 
     def stop(self):
         """End printmend, and whatever it started: a script of the owner's may not be the program itself."""
@@ -91,4 +100,10 @@ class Program:
             return provenance.said(language, "cancelled")
         if code == 0 and os.path.exists(fresh):
             return ""
-        return lines[-1].removeprefix("printmend: ") if lines else provenance.said(language, "ended", code)
+        return last_line("\n".join(lines)) or provenance.said(language, "ended", code)
+
+
+def last_line(text):
+    """Return what a program said last, without its name."""
+    lines = text.strip().splitlines()
+    return lines[-1].removeprefix("printmend: ") if lines else ""

@@ -19,7 +19,7 @@ export function Pair({ printer }) {
   return html`<section class="card stack"><h2>${t("pair")}</h2><p class="soft">${t("pair_now")}</p><${Problem} error=${error} />
     ${hosts.map((one) => html`<div class="row between"><b>${one.name}</b><button class="quiet" onClick=${() => part(one)}>${t("unpair")}</button></div>`)}
     <div><button onClick=${make}>${t("pair_make")}</button></div>
-    ${made && html`<${Dialog} label=${t("pair")} closed=${() => { setMade(null); load(); }}><div class="stack"><p>${t("pair_how", { n: made.minutes })}</p><p class="code">${made.code.slice(0, 3)} ${made.code.slice(3)}</p><code class="address">${line}</code><div class="row end"><button onClick=${(event) => event.currentTarget.closest("dialog").close()}>${t("close")}</button></div></div></${Dialog}>`}</section>`;
+    ${made && html`<${Dialog} label=${t("pair")} closed=${() => { setMade(null); load(); }}><div class="stack"><p>${t("pair_how", { n: made.minutes })}</p><p class="code">${made.code.slice(0, 3)} ${made.code.slice(3)}</p><code class="address">${location.origin}</code><code class="address">${line}</code>${["localhost", "127.0.0.1", "[::1]"].includes(location.hostname) && html`<p class="faint">${t("pair_here")}</p>`}<div class="row end"><button onClick=${(event) => event.currentTarget.closest("dialog").close()}>${t("close")}</button></div></div></${Dialog}>`}</section>`;
 }
 
 export function Send({ printer, changed, file = {} }) {

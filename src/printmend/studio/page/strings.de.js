@@ -108,7 +108,7 @@ export default {
   static_own: "Diese Fehler werden hier in Ihrem Browser geheilt, vom Planer des Programms. Er kennt diesen Drucker genau.",
   static_title: "Was bekannt war", static_known: "Dafür wurde nichts gedruckt oder gemessen: Der Planer hat jeden Fehler genau gesagt bekommen. Das Programm findet die Fehler an einem Testdruck, und was ein Druck nicht zeigt, bleibt im Teil. Installieren Sie printmend, um auch das zu sehen.",
 
-  pair: "Mit Moonraker oder OctoPrint koppeln", pair_now: "Ein gekoppelter Rechner bekommt dieses Modell und jedes neuere von selbst.", pair_make: "Code zeigen", pair_how: "Führen Sie das innerhalb von {n} Minuten auf dem Rechner des Druckers aus, mit dem Ort des Modells aus seinen Einstellungen. Der Code gilt einmal.",
+  pair: "Mit Moonraker oder OctoPrint koppeln", pair_now: "Ein gekoppelter Rechner bekommt dieses Modell und jedes neuere von selbst.", pair_make: "Code zeigen", pair_how: "Tippen Sie innerhalb von {n} Minuten den Code und diese Adresse in die Einstellungen des OctoPrint-Plugins. Für Moonraker führen Sie die Zeile auf seinem Rechner aus, mit dem Ort des Modells aus seinen Einstellungen. Der Code gilt einmal.", pair_here: "Diese Adresse gilt nur auf diesem Rechner. Für einen anderen starten Sie das Studio mit --host 0.0.0.0 und nehmen Sie seine Adresse im Netz.",
   unpair: "Trennen", part_sure: "{name} trennen? Er behält sein Modell und bekommt kein neueres.",
 
   send_to: "An {host} senden", send_setup: "An den Drucker senden …", send_change: "Adresse ändern", sent: "{name} liegt bei den Dateien von {host}. Dort starten:",

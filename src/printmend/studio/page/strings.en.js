@@ -108,7 +108,7 @@ export default {
   static_own: "These faults are mended here, in your browser, by the program's own planner. It knows this printer exactly.",
   static_title: "What was known", static_known: "Nothing was printed or measured for this: the planner was told each fault exactly. The program finds the faults from a test print, and what a print cannot show stays in the part. Install printmend to see that, too.",
 
-  pair: "Pair with Moonraker or OctoPrint", pair_now: "A host that is paired gets this model, and each newer one, by itself.", pair_make: "Show a code", pair_how: "Run this on the host within {n} minutes, with the model's place from its settings. The code is good once.",
+  pair: "Pair with Moonraker or OctoPrint", pair_now: "A host that is paired gets this model, and each newer one, by itself.", pair_make: "Show a code", pair_how: "Type the code and this address into the settings of OctoPrint's plug-in, within {n} minutes. For Moonraker run the line on its computer, with the model's place from its settings. The code is good once.", pair_here: "This address is good on this computer alone. For another one, start the studio with --host 0.0.0.0 and give its address in your network.",
   unpair: "Part", part_sure: "Part {name}? It keeps the model that it has, and gets no newer one.",
 
   send_to: "Send to {host}", send_setup: "Send it to the printer…", send_change: "Change the address", sent: "{name} is among the files of {host}. Start it there:",

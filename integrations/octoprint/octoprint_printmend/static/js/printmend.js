@@ -14,6 +14,10 @@ $(function () {
         self.testing = ko.observable(false);
         self.tested = ko.observable("");
         self.mended = ko.observable("");
+        self.studio = ko.observable("");
+        self.code = ko.observable("");
+        self.pairing = ko.observable(false);
+        self.paired = ko.observable("");
 
         self.chosen.subscribe(function (path) {
             if (path) {
@@ -52,6 +56,23 @@ $(function () {
             self.testing(true);
             self.tested(gettext("Mending a test square …"));
             self.settingsViewModel.saveData().done(function () { OctoPrint.simpleApiCommand("printmend", "test"); });
+        };
+
+        // The settings hold the program's path: what was typed there counts.
+        self.pair = function () {
+            self.pairing(true);
+            self.paired("");
+            self.settingsViewModel.saveData().then(function () {
+                return OctoPrint.simpleApiCommand("printmend", "pair", {address: self.studio(), code: self.code()});
+            }).done(function (told) {
+                self.paired(told.error || gettext("Paired: its model is in use now."));
+                if (!told.error) {
+                    self.code("");
+                    self.settingsViewModel.requestData();
+                }
+            }).fail(function () {
+                self.paired(gettext("OctoPrint does not let you pair it."));
+            }).always(function () { self.pairing(false); });
         };
 
         self.mendAll = function () {
