@@ -109,6 +109,10 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     page.get_by_label("Like which printer").select_option("ender3")
     page.get_by_label("Name").fill(name := _free_name(server, "Workshop, the old one"))
     page.get_by_role("button", name="Add it").click()
+    for tab, drawn in (("What is wrong", ".mpart"), ("Mend", "path.m"), ("Prove", "circle.fm")):
+        page.get_by_role("link", name=tab, exact=True).click()  # each shows what will be there
+        expect(page.locator(f".stage.ghost {drawn}").first).to_be_visible()
+    page.get_by_role("link", name="To the test print").click()
     page.get_by_role("button", name="Make the test print").click()
     with page.expect_download() as load:
         page.get_by_role("link", name="Download the test print").click()

@@ -75,7 +75,7 @@ export function Mend({ printer, changed }) {
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}><${Sending} now=${now} />
       ${printer.filaments.length > 0 && html`<label class="field">${t("mend_filament")}<select value=${filament} onChange=${(event) => setFilament(event.target.value)}><option value="">${t("mend_slicer")}</option>${printer.filaments.map((name) => html`<option value=${name}>${name}</option>`)}</select></label>`}
-      ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<div class="file" key=${row.id ?? row.at}><button class="quiet" aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => { setShown(row.id); setError(null); }}>${row.drawn ? html`<img class="thumb" src=${`/api/jobs/${row.id}/files/thumb.svg`} alt="" />` : html`<i class="thumb"></i>`}<span class="fname">${row.name}${row.numbers && html`<br /><span class="faint">${row.numbers}</span>`}</span>
+      ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<div class="file" key=${row.id ?? row.at}><button class="quiet" aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => { setShown(row.id); setError(null); }}>${row.drawn ? html`<img class="thumb" src=${fileOf(row, "thumb.svg")} alt="" />` : html`<i class="thumb"></i>`}<span class="fname">${row.name}${row.numbers && html`<br /><span class="faint">${row.numbers}</span>`}</span>
         <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.state === "cancelled" ? t("stopped") : ended(row) ? t("ready") : t(row.state === "queued" ? "waits" : "mending")}</span></button>
         <button class="quiet icon" disabled=${row.state === "sending"} title=${t("forget", { name: row.name })} aria-label=${t("forget", { name: row.name })} onClick=${() => forget(row)}>×</button></div>`)}</section>`}</div>
     <div class="stack"><${File_} id=${shown} printer=${printer} changed=${changed} anyway=${anyway} /></div></div>`;
@@ -86,7 +86,7 @@ const half = (from, r, off) => Array.from({ length: 61 }, (_, i) => {
   const angle = from + (i / 60) * Math.PI, to = r + off * Math.sin(6 * angle);
   return `${i ? "L" : "M"}${(to * Math.cos(angle)).toFixed(1)} ${(-to * Math.sin(angle)).toFixed(1)}`;
 }).join("");
-const Ghost = () => html`<svg class="ghost" viewBox="-60 -60 120 120" width="200" aria-hidden="true"><path d="M0 -58V58" class="axis" />
+export const GhostPart = () => html`<svg class="ghost" viewBox="-60 -60 120 120" width="200" aria-hidden="true"><path d="M0 -58V58" class="axis" />
   ${[50, 20].map((r) => html`<path d=${half(Math.PI / 2, r, 0.08 * r)} class="p" stroke-width="3" /><path d=${half(-Math.PI / 2, r, 0)} class="m" stroke-width="3" />`)}</svg>`;
 
 function File_({ id, printer, changed, anyway }) {
@@ -96,7 +96,7 @@ function File_({ id, printer, changed, anyway }) {
     ${job?.may_force && html`<div class="row"><button disabled=${asked === job.id} onClick=${() => { setAsked(job.id); anyway(job).then(() => setAsked(null)); }}>${t("anyway")}</button><span class="faint">${t("anyway_now")}</span></div>`}
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}
     <${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene?.mended ? 2 : 1} busy=${Boolean(job) && !ended(job)} moment=${Boolean(result && !result.refused && !result.untouched)} share=${result && !result.refused && { numbers: { before_mm: result.prediction.before.rms_mm, after_mm: result.prediction.after.rms_mm }, printer: printer.name, part: job.params.name }}>
-      ${!id ? html`<div class="soon"><${Ghost} /><p>${t("soon")}</p></div>` : ended(job) && !scene && !job.files.includes("printed.bin") && html`<p class="soon">${t("no_picture")}</p>`}${job && !ended(job) && html`<section class="card busy ${scene ? "low" : ""}"><${Progress} job=${job} steps=${scene ? null : STEPS} /></section>`}</${Part}>
+      ${!id ? html`<div class="soon"><${GhostPart} /><p>${t("soon")}</p></div>` : ended(job) && !scene && !job.files.includes("printed.bin") && html`<p class="soon">${t("no_picture")}</p>`}${job && !ended(job) && html`<section class="card busy ${scene ? "low" : ""}"><${Progress} job=${job} steps=${scene ? null : STEPS} /></section>`}</${Part}>
     ${result && html`<${Numbers} job=${job} printer=${printer} changed=${changed} />`}`;
 }
 

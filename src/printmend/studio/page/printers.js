@@ -6,13 +6,15 @@ import { Drop } from "./drop.js";
 import { Problem } from "./job.js";
 import { Machine } from "./machine.js";
 import { Measure } from "./measure.js";
-import { Mend } from "./mend.js";
-import { Prove } from "./prove.js";
+import { GhostPart, Mend } from "./mend.js";
+import { GhostHistory, Prove } from "./prove.js";
 import { useTitle } from "./title.js";
 import { day, mm, sentence, t, typed } from "./words.js";
 import { Wrong } from "./wrong.js";
 
 const TABS = { measure: Measure, wrong: Wrong, mend: Mend, prove: Prove };
+// What will be on a screen that the test print comes before.
+const SOON = { wrong: ({ printer }) => html`<${Machine} id="ghost" machine=${printer} label=${printer.name} />`, mend: GhostPart, prove: GhostHistory };
 
 export function Printers({ at }) {
   if (at[0] === "new") return html`<${New} />`;
@@ -89,7 +91,7 @@ function Printer({ id, tab = "measure", more }) {
   const [printer, setPrinter] = useState(null), [error, setError] = useState(null), [naming, setNaming] = useState(null), [told, tell] = useState(null);
   const load = () => get(`/printers/${id}`).then(setPrinter, (problem) => setError(problem.message));
   useEffect(() => { load(); }, [id]);
-  const shown = TABS[tab] ? tab : "measure", Screen = TABS[shown];
+  const shown = TABS[tab] ? tab : "measure", Screen = TABS[shown], Soon = SOON[shown];
   const away = async () => { if (await ask(t("remove_sure", { name: printer.name }), t("remove"))) { await remove(`/printers/${id}`); location.hash = "#/printers"; } };
   const rename = async (event) => { event.preventDefault(); try { setPrinter(await patch(`/printers/${id}`, { name: naming })); setNaming(null); } catch (problem) { setError(problem.message); } };
   useTitle(t(`tab_${shown}`), printer?.name);
@@ -100,5 +102,5 @@ function Printer({ id, tab = "measure", more }) {
       <div class="row"><button class="quiet" onClick=${() => setNaming(naming === null ? printer.name : null)}>${t("rename")}</button><button class="quiet" onClick=${away}>${t("remove")}</button></div></div>
     <nav class="tabs" aria-label=${printer.name}>${Object.keys(TABS).map((name) => html`<a href="#/printers/${id}/${name}" aria-current=${name === shown ? "page" : undefined}>${t(`tab_${name}`)}</a>`)}</nav>
     <${Problem} error=${error} />
-    ${first ? html`<div class="stage ghost"><${Machine} id="ghost" machine=${printer} label=${printer.name} /><div class="soon"><a class="button primary big" href="#/printers/${id}/measure">${t("to_measure")}</a></div></div>` : html`<${Screen} printer=${printer} changed=${load} more=${more} tell=${tell} />`}`;
+    ${first ? html`<div class="stage ghost"><${Soon} printer=${printer} /><div class="soon"><a class="button primary big" href="#/printers/${id}/measure">${t("to_measure")}</a></div></div>` : html`<${Screen} printer=${printer} changed=${load} more=${more} tell=${tell} />`}`;
 }

@@ -37,11 +37,11 @@ export function Prove({ printer, changed }) {
         <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label><${Photos} job=${job} /><${Progress} job=${job} steps=${["measure", "compare"]} /></section></div>
     <div class="stack">${verdict && html`<section class="card stack"><h2>${t(VERDICTS[verdict.result])}</h2><div class="numbers"><${Number_} value=${mm(verdict.before_mm)}>${t("was")}</${Number_}><${Number_} value=${verdict.now_at_most_mm == null ? mm(verdict.now_mm) : `< ${mm(verdict.now_at_most_mm)}`}>${t("measured_now")}</${Number_}><${Number_} value=${`${mm(verdict.promised_low_mm)} – ${mm(verdict.promised_high_mm)}`}>${t("promised")}</${Number_}></div>${verdict.result === "cannot tell" && html`<p class="note">${t("cannot_tell_why")} ${mm(verdict.shows_from_mm)}.</p>`}
         ${job.result.newer.split("\n").map((line) => html`<p class="faint">${sentence(line)}</p>`)}${job.result.asked?.map((line) => html`<p class="faint">${sentence(line)}</p>`)}${taken ? html`<p class="note">${t("taken")}</p>` : html`<div><button onClick=${over}>${t("take_over")}</button></div>`}</section>`}
-      <section class="card stack"><div class="row between"><h2>${t("history")}</h2>${known?.history.length > 0 && html`<${Save} id="history" name="history" />`}</div>${known?.history.length ? html`<${History} events=${known.history} /><div class="row"><span class="key kp">${t("was")}</span><span class="key kb">${t("promised")}</span><span class="key km">${t("history_after")}</span></div>` : html`<p class="soft">${known ? t("history_none") : "…"}</p>${known && html`<${Ghost} />`}`}</section></div></div>`;
+      <section class="card stack"><div class="row between"><h2>${t("history")}</h2>${known?.history.length > 0 && html`<${Save} id="history" name="history" />`}</div>${known?.history.length ? html`<${History} events=${known.history} /><div class="row"><span class="key kp">${t("was")}</span><span class="key kb">${t("promised")}</span><span class="key km">${t("history_after")}</span></div>` : html`<p class="soft">${known ? t("history_none") : "…"}</p>${known && html`<${GhostHistory} />`}`}</section></div></div>`;
 }
 
 // What the history will look like.
-function Ghost() {
+export function GhostHistory() {
   const rows = [[60, 40], [150, 30], [240, 118], [330, 112]];
   return html`<svg class="ghost" viewBox="0 0 400 140" style=${{ width: "100%" }} aria-hidden="true"><path d="M30 130H390M30 70H390M30 10H390" class="axis" />${rows.map(([x, y]) => html`<g><rect x=${x - 9} y="104" width="18" height="20" rx="5" fill="var(--accent-soft)" stroke="var(--accent)" /><circle cx=${x} cy=${y} r="6" class=${y > 100 ? "fm" : "fp"} /></g>`)}</svg>`;
 }
