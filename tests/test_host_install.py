@@ -79,7 +79,8 @@ def test_it_installs_once_and_takes_all_back(live: bool, home: Path) -> None:
     config = home / "printer_data/config"
     assert (config / "moonraker.conf").read_text() == MOONRAKER + "[include printmend-moonraker.conf]\n"
     assert ("[printmend]" in (config / "printmend-moonraker.conf").read_text()) is not live
-    included = PRINTER.replace("#*# <-", "[include printmend-klipper.cfg]\n#*# <-", 1) if live else PRINTER
+    assert ("[printmend]" in (config / "printmend-klipper.cfg").read_text()) is live  # else the button
+    included = PRINTER.replace("#*# <-", "[include printmend-klipper.cfg]\n#*# <-", 1)
     assert (config / "printer.cfg").read_text() == included
     assert (config / "printer.mend.json").read_text() == "{}"
     # What the owner changed stays, and a second time nothing is added.

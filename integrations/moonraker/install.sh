@@ -72,17 +72,16 @@ restart() {
   else
     echo "Now restart Moonraker."
   fi
-  [ "$1" = no ] || echo "Now restart Klipper (RESTART)."
+  [ ! -f "$config/printer.cfg" ] || echo "Now restart Klipper (RESTART)."
 }
 
 if [ "$action" = uninstall ]; then
   rm -f "$moonraker/moonraker/components/printmend.py" "$klipper/klippy/extras/printmend.py"
   forget "$config/moonraker.conf" printmend-moonraker.conf
   forget "$config/printer.cfg" printmend-klipper.cfg
-  [ -e "$config/printmend-klipper.cfg" ] && live=yes
   rm -f "$config/printmend-moonraker.conf" "$config/printmend-klipper.cfg"
   echo "Taken back. Kept: $data/printmend (files as they were uploaded), $config/printer.mend.json, $env."
-  restart "$live"
+  restart
   exit 0
 fi
 
@@ -121,10 +120,14 @@ branch=$(git -C "$here" rev-parse --abbrev-ref HEAD 2> /dev/null || true)
 } | settings "$config/printmend-moonraker.conf"
 [ "$live" = yes ] || link "$here/integrations/moonraker/printmend.py" "$moonraker/moonraker/components/printmend.py"
 include "$config/moonraker.conf" printmend-moonraker.conf
-if [ "$live" = yes ]; then
-  printf '[printmend]\nmodel: %s/printer.mend.json\n' "$config" | settings "$config/printmend-klipper.cfg"
-  link "$here/integrations/klipper/printmend.py" "$klipper/klippy/extras/printmend.py"
+[ "$live" = no ] || link "$here/integrations/klipper/printmend.py" "$klipper/klippy/extras/printmend.py"
+if [ -f "$config/printer.cfg" ]; then # the transform, or a button that mends what is here already
+  if [ "$live" = yes ]; then
+    printf '[printmend]\nmodel: %s/printer.mend.json\n' "$config"
+  else
+    printf '[gcode_macro PRINTMEND_MEND_ALL]\ngcode: {action_call_remote_method("printmend_mend")}\n'
+  fi | settings "$config/printmend-klipper.cfg"
   include "$config/printer.cfg" printmend-klipper.cfg
 fi
 [ -e "$config/printer.mend.json" ] || echo "Now put the model of this printer at $config/printer.mend.json."
-restart "$live"
+restart

