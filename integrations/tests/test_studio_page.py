@@ -430,6 +430,15 @@ def test_what_goes_wrong_is_said_in_one_line(browser: Browser, server: Server, t
     page.set_input_files("input[type=file][accept*=cfg]", strange)
     page.get_by_role("button", name="Add it").click()
     expect(alert).to_have_text(re.compile(r"^\s*printer\.cfg: expected"))
+    page.goto(server.address + f"#/printers/{key}/wrong")
+    other = Studio(server.address).post("/printers", {"preset": "ender3", "name": _free_name(server, "Lucky")})["name"]
+    for name, said in ((other, 1), (_free_name(server, "Renamed"), 0)):  # what works takes the message's place
+        if not page.get_by_label("Name", exact=True).is_visible():
+            page.get_by_role("button", name="Rename").click()
+        page.get_by_label("Name", exact=True).fill(name)
+        page.keyboard.press("Enter")
+        expect(page.get_by_role("alert")).to_have_count(said)
+    expect(page.get_by_role("heading", name=name)).to_be_visible()
     page.goto(server.address)
     page.get_by_role("button", name="Mend it").click()
     page.get_by_role("button", name="Stop").click()

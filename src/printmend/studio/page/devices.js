@@ -2,19 +2,19 @@
 import { html, useEffect, useState } from "./vendor.js";
 import { get, post, remove } from "./api.js";
 import { ask, Dialog } from "./ask.js";
-import { Problem } from "./job.js";
+import { Problem, useProblem } from "./job.js";
 import { useTitle } from "./title.js";
 import { day, t } from "./words.js";
 
 export function Devices() {
-  const [known, setKnown] = useState(null), [error, setError] = useState(null), [name, setName] = useState(""), [user, setUser] = useState(""), [fresh, setFresh] = useState(null);
+  const [known, setKnown] = useState(null), [error, tried, setError] = useProblem(), [name, setName] = useState(""), [user, setUser] = useState(""), [fresh, setFresh] = useState(null);
   useTitle(t("devices"));
   const [local, setLocal] = useState(false), load = () => get("/devices").then(setKnown, (problem) => setError(problem.message));
   useEffect(() => { get("/health").then(({ shared }) => (shared ? load() : setLocal(true)), (problem) => setError(problem.message)); }, []);
-  const add = async (event) => { event.preventDefault(); try { setFresh(await post("/devices", { name, user })); setName(""); setError(null); load(); } catch (problem) { setError(problem.message); } };
+  const add = (event) => { event.preventDefault(); tried(async () => { setFresh(await post("/devices", { name, user })); setName(""); load(); }); };
   const away = async (one) => {
     if (!(await ask(t("revoke_sure", { name: one.name }), t("revoke")))) return;
-    try { await remove(`/devices/${encodeURIComponent(one.name)}`); setError(null); load(); } catch (problem) { setError(problem.message); }
+    await tried(async () => { await remove(`/devices/${encodeURIComponent(one.name)}`); load(); });
   };
   return html`<div class="head"><div><h1>${t("devices")}</h1><p class="now">${t(local ? "devices_local" : "devices_now")}</p></div></div><${Problem} error=${error} />
     ${known && html`<div class="split"><form class="card stack" onSubmit=${add}><h2>${t("device_new")}</h2><label class="field">${t("device_name")}<input value=${name} required maxlength="60" onInput=${(event) => setName(event.target.value)} /></label>

@@ -51,4 +51,11 @@ export const Sending = ({ now }) => now && html`<section class="card stack" role
 // The scans or photos that a job was given, as small pictures.
 export const Photos = ({ job }) => job?.params.scans?.length > 0 && html`<div class="row thumbs">${job.params.scans.map(({ name }, i) => job.files.includes(`photo-${i + 1}.jpg`) && html`<img class="photo" src=${fileOf(job, `photo-${i + 1}.jpg`)} alt=${name} title=${name} />`)}</div>`;
 
+// The message of the last failure, of which the next thing that is done takes the place: `tried(work)` does it.
+export function useProblem() {
+  const [error, setError] = useState(null);
+  const tried = async (work) => { setError(null); try { await work(); } catch (problem) { setError(problem.message); } };
+  return [error, tried, setError];
+}
+
 export const Problem = ({ error }) => error && html`<p class="problem" role="alert">${["gone", "stopped"].includes(error) ? t(error) : why(error)}</p>`;

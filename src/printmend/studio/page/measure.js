@@ -109,6 +109,7 @@ function Callipers({ printer, learned }) {
     const readings = values.map((text) => (text.trim() === "" ? null : typed(text)));
     const wrong = readings.findIndex((value) => Number.isNaN(value));
     if (wrong >= 0) { setError(`${t("calliper_row", { n: wrong + 1, about: number(list[wrong].about_mm, 1) })}: ${values[wrong]}`); return; }
+    setError(null);
     try { await post(`/printers/${printer.id}/callipers`, { readings_mm: readings }); learned(); } catch (problem) { setError(problem.message); }
   };
   if (!printer.has_probe) return html`<p class="note">${t("calliper_need")}</p>`;

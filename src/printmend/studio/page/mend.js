@@ -65,6 +65,7 @@ export function Mend({ printer, changed }) {
     } catch (problem) { setError(problem.message); }
   };
   const anyway = async (job) => { // the file is the same: its new job takes the old one's place
+    setError(null);
     try {
       const next = await post(`/printers/${printer.id}/mend`, { upload: job.params.upload, force: true, filament: job.params.filament ?? null });
       setRows((old) => old.map((one) => (one.id === job.id ? { ...one, id: next.id, state: next.state } : one)));

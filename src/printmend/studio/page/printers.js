@@ -3,7 +3,7 @@ import { html, useEffect, useRef, useState } from "./vendor.js";
 import { get, patch, post, remove, upload } from "./api.js";
 import { ask } from "./ask.js";
 import { Drop } from "./drop.js";
-import { Problem } from "./job.js";
+import { Problem, useProblem } from "./job.js";
 import { Machine } from "./machine.js";
 import { Measure } from "./measure.js";
 import { GhostPart, Mend } from "./mend.js";
@@ -88,12 +88,12 @@ function Bed({ size, room, onChange }) {
 }
 
 function Printer({ id, tab = "measure", more }) {
-  const [printer, setPrinter] = useState(null), [error, setError] = useState(null), [naming, setNaming] = useState(null), [told, tell] = useState(null);
-  const load = () => get(`/printers/${id}`).then(setPrinter, (problem) => setError(problem.message));
+  const [printer, setPrinter] = useState(null), [error, tried] = useProblem(), [naming, setNaming] = useState(null), [told, tell] = useState(null);
+  const load = () => tried(async () => setPrinter(await get(`/printers/${id}`)));
   useEffect(() => { load(); }, [id]);
   const shown = TABS[tab] ? tab : "measure", Screen = TABS[shown], Soon = SOON[shown];
-  const away = async () => { if (await ask(t("remove_sure", { name: printer.name }), t("remove"))) { await remove(`/printers/${id}`); location.hash = "#/printers"; } };
-  const rename = async (event) => { event.preventDefault(); try { setPrinter(await patch(`/printers/${id}`, { name: naming })); setNaming(null); } catch (problem) { setError(problem.message); } };
+  const away = async () => { if (await ask(t("remove_sure", { name: printer.name }), t("remove"))) await tried(async () => { await remove(`/printers/${id}`); location.hash = "#/printers"; }); };
+  const rename = (event) => { event.preventDefault(); tried(async () => { setPrinter(await patch(`/printers/${id}`, { name: naming })); setNaming(null); }); };
   useTitle(t(`tab_${shown}`), printer?.name);
   if (!printer) return html`<${Problem} error=${error} />`;
   const first = shown !== "measure" && (!printer.digest || (shown === "prove" && !printer.has_probe)); // something comes before this screen

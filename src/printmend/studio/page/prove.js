@@ -3,14 +3,14 @@ import { html, useEffect, useState } from "./vendor.js";
 import { ended, fileOf, get, post } from "./api.js";
 import { Number_, Save, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
-import { Photos, Problem, Progress, Sending, useEarlier, useJob, useSending } from "./job.js";
+import { Photos, Problem, Progress, Sending, useEarlier, useJob, useProblem, useSending } from "./job.js";
 import { Send } from "./send.js";
 import { asked, day, mm, number, sentence, t } from "./words.js";
 
 const VERDICTS = { kept: "kept", broken: "broken_promise", "cannot tell": "cannot_tell" };
 
 export function Prove({ printer, changed }) {
-  const [now, send] = useSending(), [check, setCheck] = useState(null), [key, setKey] = useState(null), [error, setError] = useState(null), [known, setKnown] = useState(null), [distance, setDistance] = useState(""), [taken, setTaken] = useState(false), [looked, setLooked] = useState(false);
+  const [now, send] = useSending(), [check, setCheck] = useState(null), [key, setKey] = useState(null), [error, tried, setError] = useProblem(), [known, setKnown] = useState(null), [distance, setDistance] = useState(""), [taken, setTaken] = useState(false), [looked, setLooked] = useState(false);
   const checked = useJob(check), job = useJob(key);
   const load = () => get(`/printers/${printer.id}/known`).then(setKnown, (problem) => setError(problem.message));
   useEffect(() => { load(); }, [printer.id, job?.state]);
@@ -21,15 +21,13 @@ export function Prove({ printer, changed }) {
     setLooked(true);
     if (seen && (!ended(seen) || (seen.state === "done" && seen.ended_s > printer.measured_s))) setKey((old) => old ?? seen.id);
   });
-  const make = async () => { try { setCheck((await post(`/printers/${printer.id}/check`)).id); setError(null); } catch (problem) { setError(problem.message); } };
-  const take = async (files) => {
-    setError(null); setTaken(false);
-    try {
-      const uploads = await send(files);
-      setKey((await post(`/printers/${printer.id}/verify`, { uploads, distance_mm: asked(distance) })).id);
-    } catch (problem) { setError(problem.message); }
-  };
-  const over = async () => { try { await post(`/printers/${printer.id}/update/${key}`); setTaken(true); changed(); load(); } catch (problem) { setError(problem.message); } };
+  const make = () => tried(async () => setCheck((await post(`/printers/${printer.id}/check`)).id));
+  const take = (files) => tried(async () => {
+    setTaken(false);
+    const uploads = await send(files);
+    setKey((await post(`/printers/${printer.id}/verify`, { uploads, distance_mm: asked(distance) })).id);
+  });
+  const over = () => tried(async () => { await post(`/printers/${printer.id}/update/${key}`); setTaken(true); changed(); load(); });
   const verdict = job?.state === "done" ? job.result.verdict : null;
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <section class="card stack"><h2>${t("prove_print")}</h2>${checked?.state === "done" ? html`<a class="button primary" href=${fileOf(checked, "check.mended.gcode")} download>${t("download_check")}</a><${Send} printer=${printer} changed=${changed} file=${{ job: checked.id, name: "check.mended.gcode" }} />` : looked && html`<p class="soft">${t("check_what")}</p><button class="primary" disabled=${check && !ended(checked)} onClick=${make}>${t("make_check")}</button>`}<${Progress} job=${checked} /></section>

@@ -2,7 +2,7 @@
 import { html, useEffect, useState } from "./vendor.js";
 import { ended, get, post, remove } from "./api.js";
 import { ask, Dialog } from "./ask.js";
-import { Problem, Progress, useJob } from "./job.js";
+import { Problem, Progress, useJob, useProblem } from "./job.js";
 import { t } from "./words.js";
 
 const NAMES = { octoprint: "OctoPrint", moonraker: "Moonraker" };
@@ -10,11 +10,11 @@ const NAMES = { octoprint: "OctoPrint", moonraker: "Moonraker" };
 // `file` says what: {} is the test print, {job, name} a file that a job made.
 // A code by which Moonraker or OctoPrint gets this printer's model, and each newer one.
 export function Pair({ printer }) {
-  const [made, setMade] = useState(null), [hosts, setHosts] = useState([]), [error, setError] = useState(null);
+  const [made, setMade] = useState(null), [hosts, setHosts] = useState([]), [error, tried] = useProblem();
   const load = () => get(`/printers/${printer.id}/pairs`).then(setHosts, () => {});
   useEffect(() => { load(); }, [printer.id]);
-  const make = async () => { try { setMade(await post(`/printers/${printer.id}/pair`)); setError(null); } catch (problem) { setError(problem.message); } };
-  const part = async ({ name }) => { if (!(await ask(t("part_sure", { name }), t("unpair")))) return; try { await remove(`/printers/${printer.id}/pairs/${encodeURIComponent(name)}`); load(); } catch (problem) { setError(problem.message); } };
+  const make = () => tried(async () => setMade(await post(`/printers/${printer.id}/pair`)));
+  const part = async ({ name }) => { if (await ask(t("part_sure", { name }), t("unpair"))) await tried(async () => { await remove(`/printers/${printer.id}/pairs/${encodeURIComponent(name)}`); load(); }); };
   const line = made && `printmend pair ${location.origin} ${made.code} -m printer.mend.json`;
   return html`<section class="card stack"><h2>${t("pair")}</h2><p class="soft">${t("pair_now")}</p><${Problem} error=${error} />
     ${hosts.map((one) => html`<div class="row between"><b>${one.name}</b><button class="quiet" onClick=${() => part(one)}>${t("unpair")}</button></div>`)}
@@ -37,13 +37,14 @@ export function Send({ printer, changed, file = {} }) {
 }
 
 function Connect({ printer, done }) {
-  const [address, setAddress] = useState(printer.host?.address ?? ""), [key, setKey] = useState(""), [error, setError] = useState(null), [busy, setBusy] = useState(false);
+  const [address, setAddress] = useState(printer.host?.address ?? ""), [key, setKey] = useState(""), [error, tried] = useProblem(), [busy, setBusy] = useState(false);
   const go = async (event) => {
     event.preventDefault();
-    setBusy(true); setError(null);
-    try { await post(`/printers/${printer.id}/host`, { address, key }); done(); } catch (problem) { setError(problem.message); setBusy(false); }
+    setBusy(true);
+    await tried(async () => { await post(`/printers/${printer.id}/host`, { address, key }); done(); });
+    setBusy(false);
   };
-  const forget = async () => { try { await remove(`/printers/${printer.id}/host`); done(); } catch (problem) { setError(problem.message); } };
+  const forget = () => tried(async () => { await remove(`/printers/${printer.id}/host`); done(); });
   return html`<form class="card stack" onSubmit=${go}><p class="soft">${t("send_now")}</p>
     <label class="field">${t("address")}<input value=${address} required maxlength="300" spellcheck="false" autocapitalize="off" placeholder="octopi.local" onInput=${(event) => setAddress(event.target.value)} /></label>
     <label class="field">${t("api_key")}<input value=${key} type="password" maxlength="300" autocomplete="off" onInput=${(event) => setKey(event.target.value)} /></label>

@@ -2,18 +2,18 @@
 import { html, useEffect, useState } from "./vendor.js";
 import { get, remove } from "./api.js";
 import { ask } from "./ask.js";
-import { Problem } from "./job.js";
+import { Problem, useProblem } from "./job.js";
 import { useTitle } from "./title.js";
 import { bytes, t } from "./words.js";
 
 export function Storage() {
-  const [kept, setKept] = useState(null), [error, setError] = useState(null), [busy, setBusy] = useState(null);
+  const [kept, setKept] = useState(null), [error, tried, setError] = useProblem(), [busy, setBusy] = useState(null);
   useTitle(t("storage"));
   useEffect(() => { get("/storage").then(setKept, (problem) => setError(problem.message)); }, []);
   const free = async ({ part, bytes: size }) => {
     if (!(await ask(t("free_sure", { what: t(`stored_${part}`), size: bytes(size) }), t("free_this")))) return;
     setBusy(part);
-    try { setKept(await remove(`/storage/${part}`)); setError(null); } catch (problem) { setError(problem.message); }
+    await tried(async () => setKept(await remove(`/storage/${part}`)));
     setBusy(null);
   };
   const whole = kept ? kept.kept_bytes + kept.parts.reduce((sum, one) => sum + one.bytes, 0) : 0;
