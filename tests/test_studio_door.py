@@ -35,7 +35,7 @@ from printmend.studio import serve as serving
 from printmend.studio.app import create_app
 from printmend.studio.devices import Devices
 from printmend.studio.jobs import Jobs
-from printmend.studio.places import Places
+from printmend.studio.places import ADDRESS, Places
 from printmend.studio.serve import serve
 from printmend.studio.service import service, write_service
 from printmend.studio.store import Store
@@ -154,6 +154,22 @@ def test_a_devices_address_is_that_of_the_studio_that_runs(
     serve(Places.below(folder), host="127.0.0.1", port=0, browser=False, told=lambda _: None)  # for nobody else
     assert told[2].startswith("phone: http://")
     assert ":8765/?token=" in told[2]
+
+
+@pytest.mark.parametrize("asked", ["127.0.0.1", "workshop"])
+def test_who_sits_at_the_studio_is_shown_an_address_that_others_reach(asked: str, folder: Path) -> None:
+    """A phone that scans the code of 127.0.0.1 would look for a studio in itself."""
+    pytest.importorskip("segno", reason="needs segno, of the extra studio")
+    (token, places) = Devices(folder).add("desk"), Places.below(folder)
+    (folder / ADDRESS).write_text('{"host": "attic", "port": 9000, "names": []}')
+    app = create_app(places, workers=1, devices=Devices(folder), hosts=["127.0.0.1", "workshop"])
+    headers, wanted = {"authorization": f"Bearer {token}"}, "attic:9000" if asked == "127.0.0.1" else "workshop:8765"
+    with TestClient(app, base_url=f"http://{asked}:8765", headers=headers) as client:
+        phone = client.post("/api/v1/devices", json={"name": "phone"}).json()["address"]
+        key = client.post("/api/v1/printers", json={"preset": "ender3", "name": "Cellar"}).json()["id"]
+        host = client.post(f"/api/v1/printers/{key}/pair").json()["address"]
+    assert phone.startswith(f"http://{wanted}/?token=")
+    assert host == f"http://{wanted}"
 
 
 def test_devices_are_let_in_and_revoked_by_name(folder: Path) -> None:
@@ -492,7 +508,7 @@ def test_a_device_is_let_in_by_a_code(folder: Path) -> None:
     with TestClient(create_app(Places.below(folder), workers=1, devices=devices), base_url=HERE) as client:
         client.headers["authorization"] = f"Bearer {token}"
         fresh = client.post("/api/v1/devices", json={"name": "phone"}).json()
-        assert fresh["address"].startswith(f"{HERE}/?token=")
+        assert "/?token=" in fresh["address"]
         assert fresh["qr"].startswith("data:image/svg+xml")
         assert devices.user_of(fresh["address"].partition("token=")[2]) is not None
         assert client.post("/api/v1/devices", json={"name": "phone"}).status_code == 400

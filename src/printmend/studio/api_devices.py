@@ -16,7 +16,8 @@ from printmend.messages import messages_of, say
 from printmend.studio import pairing
 from printmend.studio.api import PROBLEMS, Here, Key
 from printmend.studio.devices import LONGEST_NAME, Devices
-from printmend.studio.guard import API, USER
+from printmend.studio.guard import API, LOOPBACK, USER, name_of
+from printmend.studio.reach import device_address
 from printmend.studio.shapes import KEY, DeviceCard, NewDevice, PairCode, Paired, PairedHost, PairIn, Welcome
 from printmend.studio.work import MODEL
 
@@ -39,6 +40,17 @@ def _devices(request: Request) -> Devices:
     return devices
 
 
+def _address(request: Request, token: str = "") -> str:
+    """Return the address by which another computer reaches this studio: as the asker does, but for who sits at it.
+
+    Over https everybody comes through the proxy.
+    """
+    at_it = request.url.scheme == "http" and name_of(request.headers["host"]) in LOOPBACK
+    if at_it and request.app.state.devices is not None:
+        return device_address(request.app.state.notes, token)
+    return f"{request.url.scheme}://{request.headers['host']}/" + (f"?token={token}" if token else "")
+
+
 @router.get("", name="list")
 def devices(request: Request) -> list[DeviceCard]:
     """List the devices that may enter."""
@@ -51,7 +63,7 @@ def add(request: Request, new: NewDevice) -> Welcome:
     import segno
 
     token = _devices(request).add(new.name, new.user)
-    address = f"{request.url.scheme}://{request.headers['host']}/?token={token}"
+    address = _address(request, token)
     return Welcome(name=new.name, address=address, qr=segno.make(address).svg_data_uri(scale=4, border=3, light="#fff"))
 
 
@@ -70,7 +82,7 @@ def code(request: Request, here: Here, key: Key) -> PairCode:
     """Make a code by which a host gets this printer's model."""
     here.store.printer(key)
     codes: pairing.Codes = request.app.state.codes
-    return PairCode(code=codes.make(key), minutes=round(pairing.CODE_S / 60))
+    return PairCode(code=codes.make(key), minutes=round(pairing.CODE_S / 60), address=_address(request).rstrip("/"))
 
 
 @pairs_router.get("/printers/{key}/pairs", name="list")

@@ -71,6 +71,7 @@ def create_app(
         f"{API}/openapi.json", lambda: _description(app), include_in_schema=False, response_class=JSONResponse
     )
     app.state.most_bytes, app.state.stopping, app.state.devices = most_bytes, stopping, devices
+    app.state.notes = places.state
     app.state.codes = Codes()
     app.add_exception_handler(PrintmendError, _refused)
     app.add_exception_handler(RequestValidationError, _misfit)

@@ -149,7 +149,7 @@ class Guard:
 
     def _refusal(self, scope: Scope, headers: Headers, limit: int) -> tuple[int, str] | None:
         host = headers.get("host", "")
-        if _name_of(host) not in self._hosts and _name_of(host) != _reached(scope):
+        if name_of(host) not in self._hosts and name_of(host) != _reached(scope):
             return 421, say("studio-answers-to", ", ".join(sorted(self._hosts)))
         origin = headers.get("origin")
         if origin is not None and urlsplit(origin).netloc != host:
@@ -194,7 +194,7 @@ def _reached(scope: Scope) -> str | None:
     return None
 
 
-def _name_of(host: str) -> str:
+def name_of(host: str) -> str:
     """Return the host of a Host header without its port: ``[::1]:8765`` is ``::1``."""
     try:
         return urlsplit(f"//{host}").hostname or ""

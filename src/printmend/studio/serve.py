@@ -20,10 +20,7 @@ from printmend.studio.app import MOST_HELD_BYTES, WORKERS, create_app
 from printmend.studio.devices import FIRST, Devices
 from printmend.studio.guard import LOOPBACK, Door
 from printmend.studio.places import ADDRESS, LOCK, Places
-
-_EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - recognised, never a default
-# Addresses kept for documents (RFC 5737, RFC 3849): nobody has them, so the way to them begins as that to anybody.
-_ELSEWHERE = ((socket.AF_INET, "198.51.100.1"), (socket.AF_INET6, "2001:db8::1"))
+from printmend.studio.reach import EVERYWHERE, address_of, device_address, everywhere
 
 
 def serve(
@@ -39,14 +36,14 @@ def serve(
     remote = None if cluster is None else Cluster.at(cluster)
     devices = None if host in LOOPBACK and not names else Devices(places.state)
     known = () if devices is None else devices.known()
-    reached = _everywhere() if host in _EVERYWHERE else [host]
+    reached = everywhere() if host in EVERYWHERE else [host]
     hosts = {*LOOPBACK, *names, *reached}
     listener = _listener(host, port)
     alone = _alone(places.state)
     threading.Thread(target=_draw_beforehand, daemon=True).start()
     port = listener.getsockname()[1]
     token = devices.add(FIRST) if devices is not None and not known else None
-    address = _address(reached[0], port, token)
+    address = address_of(reached[0], port, token)
     told(say("terminal-studio-runs", address, places.data))
     if token:
         told(say("terminal-studio-token"))
@@ -74,14 +71,8 @@ def serve(
 def let_in(folder: Path, name: str, user: str = "", *, host: str, port: int, given: bool) -> str:
     """Let a device in; return the address that it opens: of the studio that was last started for others from
     ``folder``, unless ``host`` or ``port`` was ``given``. Raises `InputError` for a name that is taken."""
-    token, names = Devices(folder).add(name, user), []
-    if not given:
-        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-            noted = json.loads((folder / ADDRESS).read_text(encoding="utf-8"))
-            host, port, names = noted["host"], noted["port"], noted["names"]
-    if names and host in LOOPBACK:  # nobody else comes to it but through a proxy
-        return f"https://{names[0]}/?token={token}"
-    return _address(_everywhere()[0] if host in (*_EVERYWHERE, *LOOPBACK) else host, port, token)
+    token = Devices(folder).add(name, user)
+    return device_address(folder, token, None if not given else (host, port))
 
 
 def _note(path: Path, table: dict[str, Any] | None) -> None:
@@ -91,11 +82,6 @@ def _note(path: Path, table: dict[str, Any] | None) -> None:
         path.touch(mode=0o600)
         with replacing(path) as file:
             json.dump(table, file)
-
-
-def _address(host: str, port: int, token: str | None) -> str:
-    shown = f"[{host}]" if ":" in host else host
-    return f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
 
 
 def _alone(folder: Path) -> sqlite3.Connection:
@@ -138,25 +124,6 @@ def _listener(host: str, port: int) -> socket.socket:
             todo=say("terminal-name-another-port-host"),
         ) from None
     return listener
-
-
-def _everywhere() -> list[str]:
-    """Return what others may call this computer, the best first: its name alone means the loopback on Debian."""
-    name = socket.gethostname()
-    named: set[str] = set()
-    with contextlib.suppress(OSError):
-        named = {str(info[4][0]) for info in socket.getaddrinfo(name, None)}
-    return [*_routed(), name, f"{name}.local", *named]
-
-
-def _routed() -> list[str]:
-    """Return the addresses, IPv4 first, from which this computer reaches others. Nothing is sent for it."""
-    found = []
-    for family, elsewhere in _ELSEWHERE:
-        with contextlib.suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as way:
-            way.connect((elsewhere, 9))
-            found.append(str(way.getsockname()[0]))
-    return found
 
 
 def _draw_beforehand() -> None:

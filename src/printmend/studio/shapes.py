@@ -36,6 +36,7 @@ class PairCode(BaseModel):
 
     code: str
     minutes: int
+    address: str  # of the studio, for the host
 
 
 _NAME = r"^[^/\\\x00-\x1f]*[^./\\\x00-\x1f][^/\\\x00-\x1f]*$"  # can be a part of an address: not of dots alone

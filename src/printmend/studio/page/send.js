@@ -15,11 +15,11 @@ export function Pair({ printer }) {
   useEffect(() => { load(); }, [printer.id]);
   const make = () => tried(async () => setMade(await post(`/printers/${printer.id}/pair`)));
   const part = async ({ name }) => { if (await ask(t("part_sure", { name }), t("unpair"))) await tried(async () => { await remove(`/printers/${printer.id}/pairs/${encodeURIComponent(name)}`); load(); }); };
-  const line = made && `printmend pair ${location.origin} ${made.code} -m printer.mend.json`;
+  const line = made && `printmend pair ${made.address} ${made.code} -m printer.mend.json`;
   return html`<section class="card stack"><h2>${t("pair")}</h2><p class="soft">${t("pair_now")}</p><${Problem} error=${error} />
     ${hosts.map((one) => html`<div class="row between"><b>${one.name}</b><button class="quiet" onClick=${() => part(one)}>${t("unpair")}</button></div>`)}
     <div><button onClick=${make}>${t("pair_make")}</button></div>
-    ${made && html`<${Dialog} label=${t("pair")} closed=${() => { setMade(null); load(); }}><div class="stack"><p>${t("pair_how", { n: made.minutes })}</p><p class="code">${made.code.slice(0, 3)} ${made.code.slice(3)}</p><code class="address">${location.origin}</code><code class="address">${line}</code>${["localhost", "127.0.0.1", "[::1]"].includes(location.hostname) && html`<p class="faint">${t("pair_here")}</p>`}<div class="row end"><button onClick=${(event) => event.currentTarget.closest("dialog").close()}>${t("close")}</button></div></div></${Dialog}>`}</section>`;
+    ${made && html`<${Dialog} label=${t("pair")} closed=${() => { setMade(null); load(); }}><div class="stack"><p>${t("pair_how", { n: made.minutes })}</p><p class="code">${made.code.slice(0, 3)} ${made.code.slice(3)}</p><code class="address">${made.address}</code><code class="address">${line}</code>${["localhost", "127.0.0.1", "[::1]"].includes(new URL(made.address).hostname) && html`<p class="faint">${t("pair_here")}</p>`}<div class="row end"><button onClick=${(event) => event.currentTarget.closest("dialog").close()}>${t("close")}</button></div></div></${Dialog}>`}</section>`;
 }
 
 export function Send({ printer, changed, file = {} }) {
