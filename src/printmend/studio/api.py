@@ -165,7 +165,7 @@ def _any_there(here: Here, keys: Keys) -> None:
     here.store.job(keys[0])
 
 
-@router.get("/jobs/events", name="events_of", response_class=EventSourceResponse, tags=["jobs"],
+@router.get("/jobs/events", name="follow_many", response_class=EventSourceResponse, tags=["jobs"],
             dependencies=[Depends(_any_there)])  # fmt: skip
 async def events_of(request: Request, here: Here, keys: Keys) -> AsyncIterator[ServerSentEvent]:
     """Follow several jobs in one stream, as `/jobs/{key}/events` follows one; it ends when all of them have."""
@@ -173,7 +173,13 @@ async def events_of(request: Request, here: Here, keys: Keys) -> AsyncIterator[S
         yield event
 
 
-@router.get("/jobs/{key}/events", response_class=EventSourceResponse, tags=["jobs"], dependencies=[Depends(_there)])
+@router.get(
+    "/jobs/{key}/events",
+    name="follow",
+    response_class=EventSourceResponse,
+    tags=["jobs"],
+    dependencies=[Depends(_there)],
+)
 async def events(request: Request, here: Here, key: Key) -> AsyncIterator[ServerSentEvent]:
     """Follow a job: an event with the job's table whenever it changes, the last one when it has ended."""
     async for event in _changes(request, here, [key]):

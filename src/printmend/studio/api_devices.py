@@ -77,7 +77,7 @@ pairs_router = APIRouter(prefix=API, responses=PROBLEMS, tags=["pair"])
 _TOKEN = re.compile(rf"Bearer ({KEY[1:-1]})\.[\w-]{{10,80}}", re.ASCII)
 
 
-@pairs_router.post("/printers/{key}/pair", name="code", status_code=201)
+@pairs_router.post("/printers/{key}/pair", name="make_code", status_code=201)
 def code(request: Request, here: Here, key: Key) -> PairCode:
     """Make a code by which a host gets this printer's model."""
     here.store.printer(key)
@@ -93,14 +93,14 @@ def hosts(here: Here, key: Key) -> list[PairedHost]:
     return [PairedHost(name=one.name, created_s=one.created_s) for one in found]
 
 
-@pairs_router.delete("/printers/{key}/pairs/{name}", name="part", status_code=204)
+@pairs_router.delete("/printers/{key}/pairs/{name}", name="unpair", status_code=204)
 def part(here: Here, key: Key, name: Annotated[str, Where(min_length=1, max_length=60)]) -> None:
     """Let a host have the model no longer."""
     here.store.printer(key)
     pairing.part(here.store.path("printer", key), name)
 
 
-@pairs_router.post("/pair", name="pair", status_code=201)
+@pairs_router.post("/pair", name="enter_code", status_code=201)
 def pair(request: Request, here: Here, given: PairIn) -> Paired:
     """Take a code from a host, and return the token with which it fetches the model."""
     codes: pairing.Codes = request.app.state.codes
@@ -110,7 +110,7 @@ def pair(request: Request, here: Here, given: PairIn) -> Paired:
 
 
 @pairs_router.get(
-    "/pair/model", name="model", response_class=FileResponse, responses={204: {"description": "no newer one"}}
+    "/pair/model", name="fetch_model", response_class=FileResponse, responses={204: {"description": "no newer one"}}
 )
 def model(request: Request, here: Here, have: Annotated[str, Query(pattern="^[0-9a-f]{0,64}$")] = "") -> Response:
     """Fetch the model of the printer that a host is paired with, unless it has that one."""

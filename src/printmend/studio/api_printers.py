@@ -184,7 +184,7 @@ def remove(here: Here, key: Key) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-@router.get("/{key}/files/{name}", response_class=FileResponse)
+@router.get("/{key}/files/{name}", name="get_file", response_class=FileResponse)
 def file(here: Here, key: Key, name: Annotated[str, Where(max_length=100)]) -> FileResponse:
     """Fetch one of a printer's files: description, model, test print and plan, tower and table."""
     path = _folder(here, key) / name
@@ -193,7 +193,7 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=100)]) -> F
     return FileResponse(path, filename=name, headers={"Cache-Control": "no-store"})
 
 
-@router.post("/{key}/probe", tags=["measure"])
+@router.post("/{key}/probe", name="make_probe", tags=["measure"])
 def probe(here: Here, key: Key, wanted: ProbeIn) -> ProbeCard:
     """Write the printer's test print and its plan."""
     from printmend.probe import design_probe, write_probe
@@ -209,7 +209,7 @@ def probe(here: Here, key: Key, wanted: ProbeIn) -> ProbeCard:
     return _probe_card(printer, plan)
 
 
-@router.get("/{key}/probe", tags=["measure"])
+@router.get("/{key}/probe", name="get_probe", tags=["measure"])
 def written_probe(here: Here, key: Key) -> ProbeCard | None:
     """Return the test print that was written; null where there is none."""
     from printmend.measure import read_plan
@@ -238,7 +238,7 @@ def _start(printer: Printer) -> str:
     return printer.start_gcode and homed_start(printer.start_gcode, subject="the start code")
 
 
-@router.post("/{key}/tower", tags=["measure"])
+@router.post("/{key}/tower", name="make_tower", tags=["measure"])
 def tower(here: Here, key: Key) -> TowerCard:
     """Write a small tower that shows the Z screw, tower.gcode, and the table to be filled in, tower.csv."""
     from printmend.probe.tower import design_tower, write_tower
@@ -250,7 +250,7 @@ def tower(here: Here, key: Key) -> TowerCard:
     return _tower_card(made)
 
 
-@router.get("/{key}/tower", tags=["measure"])
+@router.get("/{key}/tower", name="get_tower", tags=["measure"])
 def written_tower(here: Here, key: Key) -> TowerCard | None:
     """Return the tower that was written; null where there is none."""
     from printmend.probe.tower import design_tower
@@ -347,7 +347,7 @@ def _distances(here: StudioState, key: str) -> Any:
     return choose_distances(read_plan(folder / PLAN))
 
 
-@router.get("/{key}/callipers", tags=["measure"])
+@router.get("/{key}/callipers", name="ask_callipers", tags=["measure"])
 def distances(here: Here, key: Key) -> list[Distance]:
     """List the distances to take with callipers, where there is no scanner."""
     chosen = _distances(here, key)
@@ -358,7 +358,7 @@ def distances(here: Here, key: Key) -> list[Distance]:
     ]
 
 
-@router.post("/{key}/callipers", tags=["measure"])
+@router.post("/{key}/callipers", name="learn_callipers", tags=["measure"])
 def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
     """Learn from distances that were taken with callipers: scale, play, pulleys off their centre, skew."""
     from printmend.learn.by_hand import model_by_hand
@@ -372,7 +372,7 @@ def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
     return known(here, key)
 
 
-@router.get("/{key}/known")
+@router.get("/{key}/known", name="get_known")
 def known(here: Here, key: Key) -> Known:
     """Return what is known of a printer."""
     from printmend.model import read_model
@@ -391,7 +391,7 @@ def known(here: Here, key: Key) -> Known:
     return Known(said=model, history=history, messages=messages_of(model))
 
 
-@router.get("/{key}/next", tags=["measure"])
+@router.get("/{key}/next", name="get_next_print", tags=["measure"])
 def next_one(here: Here, key: Key) -> NextCard | None:
     """Return the cheapest print that would show what the measurement could not tell; null where nothing is missing."""
     from printmend.model import read_model
@@ -445,7 +445,7 @@ def send(here: Here, key: Key, given: SendIn) -> JobCard:
     return card(here, here.submit("send", key, {"printer": key, "job": given.job, "name": given.name}))
 
 
-@router.post("/{key}/check", status_code=202, tags=["prove"])
+@router.post("/{key}/check", name="make_check_print", status_code=202, tags=["prove"])
 def check_print(here: Here, key: Key) -> JobCard:
     """Mend the test print itself, to be printed and measured as the proof: a job."""
     folder = _folder(here, key)
