@@ -142,9 +142,9 @@ def test_updates_come_from_where_the_folder_came_from(home: Path, tmp_path: Path
         env={"HOME": str(home), "PATH": str(home / "bin")},
     )  # fmt: skip
     lines = (home / "printer_data/config/printmend-moonraker.conf").read_text().splitlines()
-    assert {"[update_manager printmend]", "type: git_repo", f"path: {clone}", "origin: ssh://away/printmend.git"} <= {
-        *lines
-    }
+    assert {"[update_manager printmend]", "type: git_repo", f"path: {clone}", "origin: ssh://away/printmend.git",
+            f"virtualenv: {home}/printmend-env", "requirements: core.lock"} <= {*lines}  # fmt: skip
+    assert (ROOT / "core.lock").is_file()
 
 
 @pytest.mark.parametrize(

@@ -114,7 +114,7 @@ branch=$(git -C "$here" rev-parse --abbrev-ref HEAD 2> /dev/null || true)
   if [ -n "$origin" ]; then
     printf '\n[update_manager printmend]\ntype: git_repo\npath: %s\norigin: %s\nprimary_branch: %s\n' \
       "$here" "$origin" "$branch"
-    [ ! -d "$env" ] || printf 'virtualenv: %s\n' "$env"
+    [ ! -d "$env" ] || printf 'virtualenv: %s\nrequirements: core.lock\n' "$env"
     printf 'is_system_service: False\nmanaged_services: moonraker klipper\n'
   fi
 } | settings "$config/printmend-moonraker.conf"

@@ -149,6 +149,36 @@ def moonraker_running() -> Iterator[Moonraker]:
     shutil.rmtree(data)
 
 
+def test_moonraker_takes_the_settings_of_a_folder_that_came_from_a_repository(tmp_path: Path) -> None:
+    """With `[update_manager printmend]`, of which a Moonraker without a repository sees nothing."""
+    source, data, package = tmp_path / "source", tmp_path / "data", tmp_path / "package"
+    shutil.copytree(INTEGRATIONS / "moonraker", source / "integrations/moonraker")
+    for name in ("src/printmend/provenance.py", "core.lock"):
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(INTEGRATIONS.parent / name, source / name)
+    for command in (["init", "-q", "-b", "main"], ["remote", "add", "origin", "https://example.invalid/p.git"]):
+        subprocess.run(["git", "-C", str(source), *command], check=True)  # noqa: S603, S607
+    there = next((HOSTS / "moonraker").glob("lib/python*/site-packages/moonraker"))
+    shutil.copytree(there, package / "moonraker", ignore=shutil.ignore_patterns("printmend.py"))
+    for name in ("config", "gcodes", "logs"):
+        (data / name).mkdir(parents=True)
+    write_model(data / "config/printer.mend.json", exact_model(Corruption((Drive(), Drive())).lower(ENDER3)))
+    (data / "config/moonraker.conf").write_text(
+        f"[server]\nhost: 127.0.0.1\nport: {(port := free_port())}\nklippy_uds_address: {data}/k.sock\n"
+        "[machine]\nprovider: none\nvalidate_service: False\n[authorization]\ntrusted_clients: 127.0.0.1\n"
+        "[update_manager]\nenable_auto_refresh: False\nenable_system_updates: False\n"
+    )
+    places = {"MOONRAKER": package, "PRINTER_DATA": data, "PRINTMEND_ENV": PRINTMEND.parents[1],
+              "PATH": os.environ["PATH"], "HOME": data}  # fmt: skip
+    script = source / "integrations/moonraker/install.sh"
+    subprocess.run([script], check=True, capture_output=True, env={k: str(v) for k, v in places.items()})  # noqa: S603
+    own = {**environment(), "PYTHONPATH": f"{package}:{environment()['PYTHONPATH']}"}
+    with running([HOSTS / "moonraker/bin/python", "-m", "moonraker", "-d", data], data / "logs/out", env=own):
+        told = wait_for(lambda: call(f"http://127.0.0.1:{port}/server/info")["result"], "Moonraker up")
+    assert (told["warnings"], told["failed_components"]) == ([], [])
+    assert {"printmend", "update_manager"} <= set(told["components"])
+
+
 @pytest.fixture(scope="module")
 def moonraker():
     with moonraker_running() as host:
