@@ -271,7 +271,7 @@ def _searched(
         search = search_of(dictionary, rows, weight)
         # From the beginning, too: what came in beside a shape that was too coarse need not come beside a finer one.
         starts = dict.fromkeys([members, *begun])
-        state = max((searched(search, each, sigma_mm) for each in starts), key=lambda each: each.score)
+        state = max((searched(search, each, sigma_mm, by_two=True) for each in starts), key=lambda each: each.score)
         search, state = _finer(search, state, few, replace(here, share=rows.share), scene, weight)
         dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
         left_mm = left_of(rows, dictionary, state)

@@ -6,6 +6,7 @@ the set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (
 must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard deviation) times as large.
 """
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -239,26 +240,34 @@ class Beside:
             return Gains(np.zeros((0, 2), np.int64), np.zeros(0))
         return Gains(np.concatenate([keys for keys, _ in found]), np.concatenate([gains for _, gains in found]))
 
-    def without(self, member: tuple[int, int]) -> "Beside":
-        """Return the same beside the state without a member: its sizes are 0.
+    def without(self, *members: tuple[int, int]) -> "Beside":
+        """Return the same beside the state without some members: their sizes are 0.
 
-        How likely that was to come out, before the rows and after, is their evidence (Dickey 1971). A block is taken to
+        How likely that was to come out, before the rows and after, is their evidence (Dickey 1971). Each is taken to
         leave the sign of others as certain as it was.
         """
-        block, at = self.search.dictionary.blocks[member[0]], self.state.members.index(member)
-        own = self.search.dictionary.own(self.state.members)[at]
+        owns = self.search.dictionary.own(self.state.members)
+        blocks = [self.search.dictionary.blocks[b] for b, _ in members]
+        own = np.concatenate(
+            [np.arange(owns[at].start, owns[at].stop) for at in map(self.state.members.index, members)]
+        )
         root = np.asarray(np.linalg.qr(self.state.root[:, own], mode="r")).T
         freed = np.linalg.solve(root, self.reach[own])
         pull = np.linalg.solve(root, self.state.mean_mm[own])
-        told = np.log(block.sds_mm[member[1]] / np.abs(np.diag(root))).sum() - pull @ pull / 2
-        if block.positive:
-            told -= float(log_below(np.sign(root[0]) * pull)[0]) + np.log(2)
+        sds_mm = np.concatenate([block.sds_mm[v] for block, (_, v) in zip(blocks, members, strict=True)])
+        told = float(np.log(sds_mm / np.abs(np.diag(root))).sum() - pull @ pull / 2)
+        first = 0
+        for block, (_, v) in zip(blocks, members, strict=True):
+            if block.positive:
+                sure = self.state.mean_mm[own[first]] / np.linalg.norm(self.state.root[:, own[first]])
+                told -= float(log_below(sure)) + np.log(2)
+            told -= float(block.log_odds[v])
+            first += block.sds_mm.shape[1]
         information = tuple(
             each + products(freed, group.columns)
             for group, each in zip(self.search.groups, self.information, strict=True)
         )
-        score = self.state.score + float(told) - float(block.log_odds[member[1]])
-        return Beside(self.search, self.state, score, self.reach, information, self.slope + freed.T @ pull)
+        return Beside(self.search, self.state, self.score + told, self.reach, information, self.slope + freed.T @ pull)
 
 
 def _columns_of(blocks: Iterable[Block]) -> np.ndarray:
@@ -300,12 +309,15 @@ def _gains(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.nda
     return out
 
 
-def searched(search: Search, start: Set, sigma_mm: float) -> State:
-    """Return the likeliest set that steps from ``start`` reach: adding, dropping or exchanging one block at a time."""
+def searched(search: Search, start: Set, sigma_mm: float, *, by_two: bool = False) -> State:
+    """Return the likeliest set that steps from ``start`` reach: adding, dropping or exchanging one block at a time, and
+    where none of these is better, ``by_two`` one in the place of two."""
     state = search.posterior(start, sigma_mm)
     for _ in range(MOST_STEPS):
         beside = search.beside(state)
         better = _more(search, state, beside) or _exchanged(search, state, beside)
+        if better is None and by_two:
+            better = _for_two(search, state, beside)
         if better is None:
             break
         state = better
@@ -343,3 +355,25 @@ def _exchanged(search: Search, state: State, beside: Beside) -> State | None:
             if tried.score > state.score + LEAST_BETTER:
                 return tried
     return None
+
+
+def _for_two(search: Search, state: State, beside: Beside) -> State | None:
+    """Return a better set with another block, or another size of one, in the place of two members; None for none.
+
+    What a wave of one's own takes from a pulley is given back only where both change at once. Members that are likely
+    before the rows say anything stay.
+    """
+    found: list[tuple[float, Set]] = []
+    for pair in itertools.combinations(
+        [(b, v) for b, v in state.members if search.dictionary.blocks[b].log_odds[v] < 0], 2
+    ):
+        others = tuple(member for member in state.members if member not in pair)
+        if not any(search.needed((*others, one), one) for one in pair):
+            less = beside.without(*pair)
+            choice, gain = less.gains(search.offered(others)).best()
+            found.append((less.score + gain, (*others, choice)))
+    score, members = max(found, default=(-np.inf, ()))
+    if score <= state.score + LEAST_BETTER:
+        return None
+    tried = search.posterior(members, state.sigma_mm)
+    return tried if tried.score > state.score + LEAST_BETTER else None
