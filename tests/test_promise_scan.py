@@ -21,7 +21,7 @@ from printmend.mend.against import judge_gcode
 from printmend.mend.mend import is_healthy
 from printmend.mend.prediction import advice_of
 from printmend.model.notes import refusals
-from printmend.path import FLATBED, Trace
+from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.predict import (
@@ -241,10 +241,29 @@ def test_a_wave_along_the_bed_that_two_scans_show_is_mended(length_mm: float, rn
     points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (400, 2))])
     wave = 0.022 * np.sin(points[:, 1] / length_mm * 2 * np.pi)
     measured = points + np.stack([np.zeros(len(points)), wave], axis=1) + rng.normal(0, 0.01, points.shape)
-    twice = replace(FLATBED, axes_sd=1e-4, lean_sd=1e-4)
+    twice = instrument_on_bed(FLATBED, np.eye(2), settled=True)
     model = learn_model(Trace(points, measured, homed=True, placed=False, instrument=twice), ENDER3)
     left = (Twin(model.mechanism).follow(points) - points)[:, 1] - wave
     assert np.std(left) < 0.4 * np.std(wave)
+
+
+@pytest.mark.parametrize(
+    ("instrument", "axes"),
+    [
+        (FLATBED.known(0.0005), (1,)),  # one scan of a scanner whose lengths are known
+        (replace(FLATBED, wave_mm=0.005), (1,)),  # two, turned by a half
+        (instrument_on_bed(replace(FLATBED, wave_mm=0.007), np.eye(2), settled=True), (0, 1)),  # two that disagree
+    ],
+)
+def test_a_wave_that_the_carriage_may_have_made_is_left(
+    instrument: Instrument, axes: tuple[int, ...], rng: np.random.Generator
+) -> None:
+    """However well a length or the axes are known: the mean of two scans still holds half of either's wave."""
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (400, 2))])
+    measured = points + rng.normal(0, 0.002, points.shape)
+    measured[:, axes] += 0.01 * np.sin(points[:, axes] / 61 * 2 * np.pi)
+    model = learn_model(Trace(points, measured, homed=True, placed=False, instrument=instrument), ENDER3)
+    assert is_healthy(model)
 
 
 def test_no_firmware_gets_the_stretch_of_a_scanner() -> None:

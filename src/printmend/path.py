@@ -30,8 +30,8 @@ class Instrument:
     """The errors that all points of a measurement share, which no fit can see, as standard deviations.
 
     ``scale_sd`` of its scale, ``axes_sd`` of half the difference between the scales of x and y (shares), ``lean_sd``
-    [rad] of half the angle by which these lean, ``wave_mm`` of a slow unevenness. All 0 for one that is exact. Once one
-    length is known, the first three are known together better than each: ``scale_axes``, ``scale_lean`` and
+    [rad] of half the angle by which these lean, ``wave_mm`` of a slow unevenness, ``carriage_mm`` of a wave that a
+    scanner's carriage may make along one axis. All 0 for one that is exact. Once one length is known, the first three are known together better than each: ``scale_axes``, ``scale_lean`` and
     ``axes_lean`` are their correlations.
     """
 
@@ -39,6 +39,7 @@ class Instrument:
     axes_sd: float = 0.0
     lean_sd: float = 0.0
     wave_mm: float = 0.0
+    carriage_mm: float = 0.0
     scale_axes: float = 0.0
     scale_lean: float = 0.0
     axes_lean: float = 0.0
@@ -61,14 +62,14 @@ class Instrument:
 
     @property
     def is_exact(self) -> bool:
-        return not (self.scale_sd or self.axes_sd or self.lean_sd or self.wave_mm)
+        return not (self.scale_sd or self.axes_sd or self.lean_sd or self.wave_mm or self.carriage_mm)
 
 
 # Flatbeds state their resolution to one or two parts in a thousand, their two axes by themselves, and their carriages
-# run uneven by micrometres (physics.md §4).
-FLATBED = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.002)
+# run uneven by micrometres, some in waves of ten times that (physics.md §4).
+FLATBED = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.002, carriage_mm=0.03)
 # The same where it is not known how the plate lay on the glass: at 45° axes that differ look as if they leaned.
-FLATBED_ANY_TURN = Instrument(scale_sd=0.0013, axes_sd=0.0008, lean_sd=0.0008, wave_mm=0.002)
+FLATBED_ANY_TURN = replace(FLATBED, axes_sd=0.0008, lean_sd=0.0008)
 
 
 @dataclass(frozen=True)

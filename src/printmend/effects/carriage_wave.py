@@ -23,12 +23,10 @@ from printmend.effects.words import Found, Told
 from printmend.messages import say
 
 SHORTEST_MM, LONGEST_MM = 10.0, 150.0  # of a period
-CAMERA_MM = 0.004  # a more uneven picture is a camera's, which has no carriage
-ONE_TURN_SD = 5e-4  # of the axes' difference: scans at two turns know it better, and they cancel the wave
 
 
 class CarriageWave(Usual):
-    """A wave along one axis of a picture that was taken at one turn."""
+    """A wave along one axis of a picture. How large it may be is the instrument's: scans at two turns tell it."""
 
     name = "carriage_wave"
     of = Of.INSTRUMENT
@@ -38,7 +36,7 @@ class CarriageWave(Usual):
     keys = Waves(shape=("period_mm",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        if not 0.0 < scene.instrument.wave_mm < CAMERA_MM or scene.instrument.axes_sd < ONE_TURN_SD:
+        if not (sd_mm := scene.instrument.carriage_mm):
             return
         for axis in range(2):
             low, high = scene.bed_span_mm[axis]
@@ -46,7 +44,7 @@ class CarriageWave(Usual):
                 (float(each),) for each in periods_mm(SHORTEST_MM, min(LONGEST_MM, 0.5 * (high - low)), high - low)
             ]
             if shapes:
-                yield from alternatives(self.name, axis, shapes, (1.0, 1.0))
+                yield from alternatives(self.name, axis, shapes, (1.0, 1.0), sd_mm=sd_mm)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, waves(places.bed_mm[:, where], shape[0], np.ones(1)))

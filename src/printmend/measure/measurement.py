@@ -197,7 +197,6 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     pose = find_pose(
         np.where(mine[0][:, None], places[0][number], np.nan), plan, mirrored=readings[0].marks.match.mirrored
     )
-    instrument = instrument_on_bed(readings[0].instrument, pose.matrix, settled=settled)
     if len(plan.sheets) > 1 or min(int(one.sum()) for one in seen) < WHOLE_SHARE * together.sum():
         laid, note = joined(places, readings, plan)
         notes.append(note)
@@ -209,7 +208,8 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     sigmas = [_among_all(reading.sigma_mm, own) for reading, own in zip(readings, mine, strict=True)]
     measured, sigma = _merged(on_bed, sigmas)
     wave_mm = wave_left_mm(on_bed, plan.marks_mm)
-    instrument = replace(instrument, wave_mm=max(instrument.wave_mm, wave_mm))
+    instrument = replace(readings[0].instrument, wave_mm=max(readings[0].instrument.wave_mm, wave_mm))
+    instrument = instrument_on_bed(instrument, pose.matrix, settled=settled)
     if wave_mm > LEAST_DISAGREEMENT_MM:
         notes.append(say("scans-disagree-mm-where-dots-lie", f"{wave_mm:.3f}"))
     rulers = [(one.stretched(stretch), reading.marks.pose.matrix) for reading in readings for one in reading.rulers]
@@ -261,9 +261,12 @@ def wave_left_mm(on_bed: Sequence[np.ndarray], marks_mm: np.ndarray) -> float:
 
 
 def instrument_on_bed(instrument: Instrument, matrix: np.ndarray, *, settled: bool) -> Instrument:
-    """Return how far an instrument is to be trusted along the bed's axes; ``settled``: two turns show its own."""
+    """Return how far an instrument is to be trusted along the bed's axes; ``settled``: two turns show its own,
+    and its carriage makes no larger waves than those in which they disagree."""
     if settled:
-        return replace(instrument, axes_sd=SETTLED_AXES_SD, lean_sd=SETTLED_AXES_SD)
+        return replace(
+            instrument, axes_sd=SETTLED_AXES_SD, lean_sd=SETTLED_AXES_SD, carriage_mm=instrument.wave_mm
+        )
     double = 2 * np.arctan2(matrix[0, 1], matrix[0, 0])
     c, s = np.cos(double), np.sin(double)
     axes, lean = instrument.axes_sd, instrument.lean_sd
