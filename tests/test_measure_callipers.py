@@ -222,7 +222,11 @@ def test_odd_readings_end_in_one_line(case):
     good = [f"{value:.2f}" for value in distances.across_mm]
     assert np.isfinite(parse_readings("mm\n" + "\n".join(good), distances, subject="list")).all()
     assert np.isnan(parse_readings("\n" + "\n".join(good[1:]), distances, subject="list")[0])
+    units = "\n".join(f"{each} mm" for each in good)
+    assert np.isfinite(parse_readings(units, distances, subject="list")).all()  # the first is no header
     for text, named in (
+        ("\n".join(["nan", *good[1:]]), "distance 1"),
+        ("\n".join([f"{good[0][:-2]}o{good[0][-1]}", *good[1:]]), "distance 1"),
         ("\n".join([*good, "5"]), "12 distances"),
         ("\n".join([good[0], "long"]), "distance 2"),
         (f"{distances.across_mm[0] / 25.4:.3f}", "25.4"),

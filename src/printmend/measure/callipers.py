@@ -78,8 +78,8 @@ def parse_readings(text: str, distances: Distances, *, subject: str) -> np.ndarr
     Raises `TraceError` for text, too many lines, and readings that cannot be of these dots (inches are named).
     """
     lines = [line.strip() for line in text.splitlines()]
-    if lines and lines[0] and not _is_number(lines[0]):
-        lines = lines[1:]  # a header
+    if lines and lines[0] and _is_header(lines[0]):
+        lines = lines[1:]
     while lines and not lines[-1]:
         lines.pop()
     if len(lines) > len(distances.pairs):
@@ -126,6 +126,12 @@ def _is_number(line: str) -> bool:
         return math.isfinite(float(line.rsplit(",", 1)[-1]))
     except ValueError:
         return False
+
+
+def _is_header(line: str) -> bool:
+    """Say whether a line is words alone. What has a digit, and nan, is a reading however it is written: without it all
+    others would count for the distances before theirs."""
+    return line.lower() != "nan" and not any(map(str.isdigit, line))
 
 
 def _check_reading(subject: str, number: int, came_mm: float, about_mm: float) -> None:
