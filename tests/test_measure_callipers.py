@@ -25,6 +25,7 @@ from printmend.measure.callipers import (
     number_in,
     parse_readings,
 )
+from printmend.mend.prediction import advice_of
 from printmend.model import read_model
 from printmend.printer import read_printer
 from printmend.probe import design_probe
@@ -215,6 +216,16 @@ def test_the_machine_has_the_corrected_faults_only(case):
     way = distances.plan.waypoints_mm
     assert np.abs(Twin(model.mechanism).follow(way) - Twin(truth).follow(way)).max() < 0.3
     assert np.abs(way - Twin(truth).follow(way)).max() > 3
+
+
+@pytest.mark.parametrize("cause", ["play", "instrument", "parameters"])
+def test_what_distances_leave_open_is_a_scans_to_tell(case, cause):
+    """Neither `learn` nor a scanner was asked: nothing of theirs is advised."""
+    printer, distances = case
+    model = model_by_hand(distances, read_off(distances, broken(printer)), printer)
+    (advice,) = advice_of(model, Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.05, 0.0, 0.001, {cause: 0.049}))
+    assert "whole `printmend probe`" in advice
+    assert any(each.words.endswith("(not corrected)") for each in estimates_by_hand(distances, distances.across_mm))
 
 
 def test_odd_readings_end_in_one_line(case):

@@ -31,8 +31,8 @@ class Instrument:
 
     ``scale_sd`` of its scale, ``axes_sd`` of half the difference between the scales of x and y (shares), ``lean_sd``
     [rad] of half the angle by which these lean, ``wave_mm`` of a slow unevenness, ``carriage_mm`` of a wave that a
-    scanner's carriage may make along one axis. All 0 for one that is exact. Once one length is known, the first three are known together better than each: ``scale_axes``, ``scale_lean`` and
-    ``axes_lean`` are their correlations.
+    scanner's carriage may make along one axis. All 0 for one that is exact. Once one length is known, the first three
+    are known together better than each: ``scale_axes``, ``scale_lean`` and ``axes_lean`` are their correlations.
     """
 
     scale_sd: float = 0.0

@@ -64,7 +64,7 @@ class Estimate:
         said = say("estimate", self.name, f"{self.value:+.3f}", f"{self.sd:.3f}", self.unit)
         if not self.supported:
             return say("these-distances-cannot-tell", said)
-        return said if self.corrected else say("none-seen", said)
+        return said if self.corrected else say("not-corrected", said)
 
 
 def model_by_hand(distances: Distances, readings_mm: np.ndarray, printer: Printer) -> SavedModel:

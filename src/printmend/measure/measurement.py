@@ -264,9 +264,7 @@ def instrument_on_bed(instrument: Instrument, matrix: np.ndarray, *, settled: bo
     """Return how far an instrument is to be trusted along the bed's axes; ``settled``: two turns show its own,
     and its carriage makes no larger waves than those in which they disagree."""
     if settled:
-        return replace(
-            instrument, axes_sd=SETTLED_AXES_SD, lean_sd=SETTLED_AXES_SD, carriage_mm=instrument.wave_mm
-        )
+        return replace(instrument, axes_sd=SETTLED_AXES_SD, lean_sd=SETTLED_AXES_SD, carriage_mm=instrument.wave_mm)
     double = 2 * np.arctan2(matrix[0, 1], matrix[0, 0])
     c, s = np.cos(double), np.sin(double)
     axes, lean = instrument.axes_sd, instrument.lean_sd

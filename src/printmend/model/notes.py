@@ -49,7 +49,9 @@ _NOTES: dict[str, Any] = {
     "z": {"*": str},
     "trace": {"rows": _COUNT, "measured": _COUNT, "residual_before_mm": _SIZE, "residual_after_mm": _SIZE},
     "motors": {"*": {"elastic": {"harmonics": _FADING}}},
-    "promise": {"instrument": {"scale_sd": _SIZE, "axes_sd": _SIZE, "lean_sd": _SIZE, "wave_mm": _SIZE, "carriage_mm": _SIZE}},
+    "promise": {
+        "instrument": {"scale_sd": _SIZE, "axes_sd": _SIZE, "lean_sd": _SIZE, "wave_mm": _SIZE, "carriage_mm": _SIZE}
+    },
 }  # fmt: skip
 
 
