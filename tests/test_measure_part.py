@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from PIL import Image
+from shapely.geometry import Point, box
 
 from printmend.cli.probe import command
 from printmend.cli.twin import command as twin
@@ -72,6 +73,20 @@ def test_one_part_teaches_how_to_print_another(scanned):
     again = verify(model, replace(trace, offset_mm=trace.offset_mm + 1e-5))
     assert again.result == "broken"
     assert again.now_mm == pytest.approx(again.before_mm, abs=0.03)
+
+
+@pytest.mark.parametrize("phase", [1.5, 4.5])
+def test_a_swinging_pulley_is_no_width_of_holes(tmp_path, phase):
+    """It pushes the outline of a plate out or in by a tenth of a millimetre, and its holes the other way."""
+    plate = (box(-45, -40, 20, 40) | Point(20, 0).buffer(40)) - Point(22, 0).buffer(15) - Point(-18, -22).buffer(8)
+    text, strokes = foreign.gcode(plate)
+    (tmp_path / "plate.gcode").write_text(text)
+    swinging = foreign.Machine(waves=(((1, 0.2, phase),), ()), play=(0.0, 0.25))
+    (tmp_path / "plate.jpg").write_bytes(foreign.scan(swinging.strokes(strokes), np.random.default_rng(1), dpi=300))
+    measured = measure_part(tmp_path / "plate.jpg", tmp_path / "plate.gcode", PRINTER)
+    assert any("all walls are" in note for note in measured.notes)
+    faults = learn_model(measured.trace, PRINTER).document["diagnosis"]
+    assert {(fault["part"], fault["kind"]) for fault in faults} == {("x", "harmonic-1"), ("y", "play")}
 
 
 def _changed(scanned: Path, name: str, change) -> Path:

@@ -159,10 +159,10 @@ def _beads(
     walls: Walls, edges: "_Edges", fit: WallFit, printer: Printer, instrument: Instrument, layer: int
 ) -> tuple[np.ndarray, str]:
     """Return by how much the bead of each wall [S] is too wide, and say so: one value for all walls, or separate values
-    for holes and the outline where these surely differ. Beads in a bend are pulled inwards, which is not the machine's
-    fault."""
+    for holes and the outline where these surely differ beside the machine's errors. Beads in a bend are pulled inwards,
+    which is not the machine's fault."""
     outline = outline_of(walls)
-    seen = Layer(layer, walls, outline, edges.offset_mm)
+    seen = Layer(layer, walls, outline, edges.offset_mm, fit.printed_mm - walls.commanded_mm)
     side = estimated([seen], printer, instrument, Known()).sides[0]
     if side.hole_mm is not None and (outline.group == OUTER).any():
         more_mm = side.hole_mm - side.outline_mm
