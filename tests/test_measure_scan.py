@@ -162,8 +162,8 @@ def test_the_command_writes_trace_and_overlay(tmp_path, plan, printed):
     result = CliRunner().invoke(command, [*arguments, "--overlay", str(tmp_path / "seen.png")], catch_exceptions=False)
     assert "300 dpi" in result.output
     rows = (tmp_path / "trace.csv").read_text().splitlines()
-    columns = "x_mm,y_mm,x_measured_mm,y_measured_mm,sigma_mm,placed,scale_sd,axes_sd,lean_sd,wave_mm,carriage_mm"
-    assert rows[0] == f"{columns},printer,kinematics,probe"
+    doubts = "scale_sd,axes_sd,lean_sd,wave_mm,carriage_mm,resized_sd"
+    assert rows[0] == f"x_mm,y_mm,x_measured_mm,y_measured_mm,sigma_mm,placed,{doubts},printer,kinematics,probe"
     assert rows[1].endswith(f"{plan.printer},{plan.kinematics},{plan.origin.probe}")
     assert len(rows) == len(plan.waypoints_mm) + 1
     assert read_trace(tmp_path / "trace.csv", PRINTER).instrument.scale_sd == FLATBED.scale_sd

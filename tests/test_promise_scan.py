@@ -20,6 +20,7 @@ from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
 from printmend.mend.mend import is_healthy
 from printmend.mend.prediction import advice_of
+from printmend.mend.verify import expectation
 from printmend.model.notes import refusals
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import read_printer
@@ -178,7 +179,11 @@ def test_a_carriage_that_jitters_is_no_dented_belt(rng: np.random.Generator) -> 
     ("preset", "frame", "kinds"),
     [
         ("ender3", CrookedFrame(x_scale=1.01), {("x", "scale")}),  # X alone: Y keeps its length
-        ("ender3", CrookedFrame(x_scale=1.01, y_scale=1.0099), {("x", "scale"), ("y", "scale")}),
+        (
+            "ender3",
+            CrookedFrame(x_scale=1.01, y_scale=0.993),
+            {("x", "scale"), ("y", "scale")},
+        ),  # alike, a picture may be
         ("corexy", CrookedFrame(skew_deg=0.6), {("frame", "skew")}),  # a crooked frame before two opposite scales
     ],
 )
@@ -295,3 +300,18 @@ def test_small_play_is_as_large_as_it_is_said_to_be(wave_mm: float, rng: np.rand
     (play,) = learn_model(scan, ENDER3).document["diagnosis"]
     assert (play["part"], play["kind"]) == ("x", "play")
     assert abs(play["value"] - 0.04) < 3 * play["sd"] < 0.03
+
+
+def test_a_picture_of_another_size_is_not_mended_until_a_length_is_known(rng: np.random.Generator) -> None:
+    """A resolution that was typed in wrongly looks like two axes that are off by the same."""
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (400, 2))])
+    measured = 1.035 * points + rng.normal(0, 0.005, points.shape)
+    scan = Trace(points, measured, homed=True, placed=False, instrument=FLATBED)
+    model = learn_model(scan, ENDER3)
+    assert is_healthy(model)
+    promise = expectation(model, scan)
+    assert promise is not None
+    assert promise.rms_low_mm < 0.01
+    assert promise.rms_high_mm > 1.0
+    lengths = learn_model(replace(scan, instrument=FLATBED.known(0.0005)), ENDER3)
+    assert not is_healthy(lengths)

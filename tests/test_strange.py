@@ -47,7 +47,8 @@ def rubs(path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def rubs_beyond(path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    return np.stack([-0.12 * last_way(path[:, 0]) * (path[:, 0] > 110), 0 * path[:, 0]], axis=1)
+    there = np.clip((path[:, 0] - 105) / 10, 0.0, 1.0)
+    return np.stack([-0.12 * last_way(path[:, 0]) * there, 0 * path[:, 0]], axis=1)
 
 
 def twists(path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -71,7 +72,7 @@ def wanders(path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("law", "least_mm"),
-    [(missing_tooth, 0.02), (rubs, 0.02), (rubs_beyond, 0.03), (dented_rail, 0.02), (distorted, 0.02)],
+    [(missing_tooth, 0.02), (rubs, 0.02), (rubs_beyond, 0.02), (dented_rail, 0.02), (distorted, 0.02)],
 )
 def test_what_a_machine_holds_is_mended_whoever_wrote_it(law: Law, least_mm: float) -> None:
     left_mm, promise = mended(law)

@@ -31,8 +31,10 @@ class Instrument:
 
     ``scale_sd`` of its scale, ``axes_sd`` of half the difference between the scales of x and y (shares), ``lean_sd``
     [rad] of half the angle by which these lean, ``wave_mm`` of a slow unevenness, ``carriage_mm`` of a wave that a
-    scanner's carriage may make along one axis. All 0 for one that is exact. Once one length is known, the first three
-    are known together better than each: ``scale_axes``, ``scale_lean`` and ``axes_lean`` are their correlations.
+    scanner's carriage may make along one axis, ``resized_sd`` of the scale of a picture that was taken at another
+    resolution than it says, or of a sheet that was fitted to its page (a share). All 0 for one that is exact. Once one
+    length is known, the first three are known together better than each: ``scale_axes``, ``scale_lean`` and
+    ``axes_lean`` are their correlations.
     """
 
     scale_sd: float = 0.0
@@ -40,6 +42,7 @@ class Instrument:
     lean_sd: float = 0.0
     wave_mm: float = 0.0
     carriage_mm: float = 0.0
+    resized_sd: float = 0.0
     scale_axes: float = 0.0
     scale_lean: float = 0.0
     axes_lean: float = 0.0
@@ -58,7 +61,8 @@ class Instrument:
     def known(self, scale_sd: float) -> "Instrument":
         """Return this instrument with a known error of lengths; the errors of its axes and lean scale with it."""
         share = scale_sd / self.scale_sd
-        return replace(self, scale_sd=scale_sd, axes_sd=share * self.axes_sd, lean_sd=share * self.lean_sd)
+        known = replace(self, axes_sd=share * self.axes_sd, lean_sd=share * self.lean_sd)
+        return replace(known, scale_sd=scale_sd, resized_sd=0.0)
 
     @property
     def is_exact(self) -> bool:
@@ -66,8 +70,9 @@ class Instrument:
 
 
 # Flatbeds state their resolution to one or two parts in a thousand, their two axes by themselves, and their carriages
-# run uneven by micrometres, some in waves of ten times that (physics.md §4).
-FLATBED = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.002, carriage_mm=0.03)
+# run uneven by micrometres, some in waves of ten times that (physics.md §4). A resolution that somebody typed in may be
+# any other: an estimate to one digit.
+FLATBED = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.002, carriage_mm=0.03, resized_sd=0.04)
 # The same where it is not known how the plate lay on the glass: at 45° axes that differ look as if they leaned.
 FLATBED_ANY_TURN = replace(FLATBED, axes_sd=0.0008, lean_sd=0.0008)
 

@@ -32,6 +32,7 @@ from printmend.effects.play import Play
 from printmend.effects.pulley import Pulley
 from printmend.effects.racking import Racking
 from printmend.effects.rail import Rail
+from printmend.effects.resized import Resized
 from printmend.effects.rub import Rub
 from printmend.effects.scale import Scale
 from printmend.effects.shift import Shift
@@ -61,7 +62,7 @@ _ALL: tuple[Effect, ...] = (
     Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Bump(), Rub(),
     Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Crooked(), Distortion(), Racking(), Tilt(), Lag(), LagWear(),
     Loose(), Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Skip(), Warmth(), Wear(), Wander(), Wobble(),
-    Layer(), Origin(), Shift(), Turn(), Stretch(), Carriage(), CarriageWave(), Halves(), Bead(), Shrinkage(),
+    Layer(), Origin(), Shift(), Turn(), Stretch(), Resized(), Carriage(), CarriageWave(), Halves(), Bead(), Shrinkage(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")
 

@@ -154,6 +154,7 @@ def settled(
     known = replace(
         instrument, scale_sd=float(sds[0]), axes_sd=float(sds[1]), lean_sd=float(sds[2]),
         scale_axes=float(together[0, 1]), scale_lean=float(together[0, 2]), axes_lean=float(together[1, 2]),
+        resized_sd=0.0,
     )  # fmt: skip
     return stretch, known, note
 

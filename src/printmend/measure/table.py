@@ -4,9 +4,9 @@ The format is fixed: UTF-8, a header with at least ``x_mm,y_mm,x_measured_mm,y_m
 commanded way-point in the order of motion since homing, the first row the home position, straight moves between
 rows, the measured cells empty where nothing was measured. ``z_mm``, ``z_measured_mm``, ``layer`` and ``sigma_mm`` are
 used where present; ``placed`` is 0 where the measured positions have an origin of their own, as a scan's. ``scale_sd``,
-``axes_sd``, ``lean_sd``, ``wave_mm`` and ``carriage_mm``, the same in every row, say how far the instrument is to be
-trusted (see `Instrument`), and ``scale_axes``, ``scale_lean`` and ``axes_lean`` how these hang together; ``motion_mm2``
-and ``motion_sd_mm2`` how far a moving head strays (see `Motion`); ``printer``,
+``axes_sd``, ``lean_sd``, ``wave_mm``, ``carriage_mm`` and ``resized_sd``, the same in every row, say how far the
+instrument is to be trusted (see `Instrument`), and ``scale_axes``, ``scale_lean`` and ``axes_lean`` how these hang
+together; ``motion_mm2`` and ``motion_sd_mm2`` how far a moving head strays (see `Motion`); ``printer``,
 ``kinematics`` and ``probe`` say whose print it was (see `Origin`). A wall shows one direction
 only: its row has empty measured cells, the direction out of the plastic in ``nx`` and ``ny``, and in ``offset_mm`` how
 far along it the wall lies from where it was commanded. Other columns are ignored.
@@ -33,7 +33,7 @@ REQUIRED = ("x_mm", "y_mm", "x_measured_mm", "y_measured_mm")
 OPTIONAL = ("sigma_mm", "z_mm", "layer", "z_measured_mm")
 PLACED = "placed"
 WALL = ("nx", "ny", "offset_mm")
-INSTRUMENT = ("scale_sd", "axes_sd", "lean_sd", "wave_mm", "carriage_mm")
+INSTRUMENT = ("scale_sd", "axes_sd", "lean_sd", "wave_mm", "carriage_mm", "resized_sd")
 MOTION = ("motion_mm2", "motion_sd_mm2")  # of lines printed at speed: `Motion`
 TOGETHER = ("scale_axes", "scale_lean", "axes_lean")  # correlations of the first three, once one length is known
 ORIGIN = ("printer", "kinematics", "probe")

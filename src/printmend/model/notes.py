@@ -50,7 +50,7 @@ _NOTES: dict[str, Any] = {
     "trace": {"rows": _COUNT, "measured": _COUNT, "residual_before_mm": _SIZE, "residual_after_mm": _SIZE},
     "motors": {"*": {"elastic": {"harmonics": _FADING}}},
     "promise": {
-        "instrument": {"scale_sd": _SIZE, "axes_sd": _SIZE, "lean_sd": _SIZE, "wave_mm": _SIZE, "carriage_mm": _SIZE}
+        "instrument": dict.fromkeys(("scale_sd", "axes_sd", "lean_sd", "wave_mm", "carriage_mm", "resized_sd"), _SIZE)
     },
 }  # fmt: skip
 

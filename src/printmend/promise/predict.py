@@ -32,7 +32,7 @@ UNSHOWN_MM, UNSHOWN_SD = 0.0025, 1.3
 # Length over which an error that differs from place to place stays alike: ringing swings over 1 to 3 mm, a loose nozzle
 # over more.
 CELL_MM = 2.0
-LINEAR = ("scale", "skew", "aspect")  # effects that a scanner's own stretch looks like
+LINEAR = ("scale", "skew", "aspect", "resized")  # effects that a scanner's own stretch looks like
 LASTING = ("scatter", "motion")  # local causes whose errors are alike at neighbouring places, as rounding is not
 NO_ERROR_MM2 = 1e-12  # mean square below which a path shows no error
 LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere within its play

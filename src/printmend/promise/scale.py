@@ -43,6 +43,7 @@ def shown_scales(scene: Scene, parts: Sequence[Part]) -> list[float]:
     values, axes = np.linalg.eigh(scene.instrument.covariance)
     stretch = sum((part.mean_mm for part in parts if part.effect == "stretch"), np.zeros(3))
     common, half, _ = (axes * np.sqrt(np.maximum(values, 0.0))) @ stretch
+    common += sum(part.mean_mm[0] for part in parts if part.effect == "resized") / SCALE_MM
     return [round(float(each), 6) for each in draws.mean(axis=1) + np.array([common + half, common - half])]
 
 
@@ -54,6 +55,8 @@ def seen_scales(scene: Scene, parts: Sequence[Part]) -> dict[str, list[float]]:
     for part in parts:
         if part.effect == "shrinkage":
             draws[part.where] -= part.draws_mm[0] / SCALE_MM
+        elif part.effect == "resized":
+            draws += part.draws_mm[0] / SCALE_MM
         elif part.effect == "stretch":
             common, half, _ = (axes * np.sqrt(np.maximum(values, 0.0))) @ part.draws_mm
             draws += np.stack([common + half, common - half])

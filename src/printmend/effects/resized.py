@@ -1,0 +1,31 @@
+"""A picture of another size than it says: a wrong resolution, a sheet that was fitted to its page. Until a length is
+known, nobody can tell it from a printer whose axes are both off by the same."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import SCALE_MM, Acts, Fate, Of, Places, Scene, Term, Usual
+from printmend.effects.keys import Numbers
+from printmend.effects.prior import share_of
+from printmend.messages import say
+
+
+class Resized(Usual):
+    """One scale for both axes, in mm per 100 mm. In half of the next prints it is there: then it was the printer's."""
+
+    name = "resized"
+    cause = say("cause-resized")  # of an expected error
+    of = Of.SESSION
+    acts = Acts.NOT
+    fate = Fate(anew=0.5)
+    keys = Numbers(("percent",))
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        if sd := scene.instrument.resized_sd:
+            share = share_of(self.name)
+            yield Term(self.name, 0, (), (SCALE_MM * sd,), math.log(share / (1 - share)))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return ((places.bed_mm - scene.middle_mm) / SCALE_MM)[:, :, None]
