@@ -28,4 +28,7 @@ class Resized(Usual):
             yield Term(self.name, 0, (), (SCALE_MM * sd,), math.log(share / (1 - share)))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return ((places.bed_mm - scene.middle_mm) / SCALE_MM)[:, :, None]
+        # where healthy belts would be: beside a scale of the motors, what they really do would stand for all that is
+        # wrong with them
+        nominal_mm = np.asarray(scene.printer.from_motor(places.motor_mm))
+        return ((nominal_mm - scene.middle_mm) / SCALE_MM)[:, :, None]
