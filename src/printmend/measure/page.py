@@ -36,7 +36,7 @@ from printmend.units import MM_PER_INCH
 
 USUAL_DPI = 600.0  # resolution that is taken where neither the owner nor the file states it
 # What a sheet of tags leaves open: the printer that made it, and in a photo the lens.
-SHEET = Instrument(scale_sd=0.0013, axes_sd=0.0007, lean_sd=0.0003, wave_mm=0.002, carriage_mm=0.03, resized_sd=0.04)
+SHEET = Instrument(scale_sd=0.0013, axes_sd=0.0007, lean_sd=0.0003, wave_mm=0.002, carriage_mm=0.015, resized_sd=0.04)
 PHOTO = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.005, resized_sd=0.04)
 # Standard deviations (shares) of a focal length that the file states, and of the usual one of a telephone.
 STATED_FOCAL_SD, USUAL_FOCAL_SD = 0.04, 0.15
