@@ -14,6 +14,7 @@ from printmend.learn.learned import learn_model, report
 from printmend.machine import Frame
 from printmend.measure.distance import scaled_by, settled
 from printmend.measure.measurement import instrument_on_bed
+from printmend.measure.page import scanned_at
 from printmend.measure.paper import PAPER
 from printmend.measure.table import read_trace, write_trace
 from printmend.mend import check_gcode, mend_gcode
@@ -181,7 +182,7 @@ def test_a_carriage_that_jitters_is_no_dented_belt(rng: np.random.Generator) -> 
         ("ender3", CrookedFrame(x_scale=1.01), {("x", "scale")}),  # X alone: Y keeps its length
         (
             "ender3",
-            CrookedFrame(x_scale=1.01, y_scale=0.993),
+            CrookedFrame(x_scale=1.01, y_scale=1.0099),
             {("x", "scale"), ("y", "scale")},
         ),  # alike, a picture may be
         ("corexy", CrookedFrame(skew_deg=0.6), {("frame", "skew")}),  # a crooked frame before two opposite scales
@@ -306,12 +307,12 @@ def test_a_picture_of_another_size_is_not_mended_until_a_length_is_known(rng: np
     """A resolution that was typed in wrongly looks like two axes that are off by the same."""
     points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (400, 2))])
     measured = 1.035 * points + rng.normal(0, 0.005, points.shape)
-    scan = Trace(points, measured, homed=True, placed=False, instrument=FLATBED)
+    scan = Trace(points, measured, homed=True, placed=False, instrument=scanned_at(600.0, stated=300.0))
     model = learn_model(scan, ENDER3)
     assert is_healthy(model)
     promise = expectation(model, scan)
     assert promise is not None
     assert promise.rms_low_mm < 0.01
     assert promise.rms_high_mm > 1.0
-    lengths = learn_model(replace(scan, instrument=FLATBED.known(0.0005)), ENDER3)
-    assert not is_healthy(lengths)
+    for known in (FLATBED.known(0.0005), scanned_at(600.0, stated=600.0)):
+        assert not is_healthy(learn_model(replace(scan, instrument=known), ENDER3))

@@ -35,9 +35,12 @@ from printmend.path import FLATBED, Instrument
 from printmend.units import MM_PER_INCH
 
 USUAL_DPI = 600.0  # resolution that is taken where neither the owner nor the file states it
+# Of the scale of a picture at another resolution than its file states, and of a sheet that may have been fitted to its
+# page (a share): an estimate to one digit.
+RESIZED_SD = 0.04
 # What a sheet of tags leaves open: the printer that made it, and in a photo the lens.
-SHEET = Instrument(scale_sd=0.0013, axes_sd=0.0007, lean_sd=0.0003, wave_mm=0.002, carriage_mm=0.015, resized_sd=0.04)
-PHOTO = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.005, resized_sd=0.04)
+SHEET = Instrument(0.0013, axes_sd=0.0007, lean_sd=0.0003, wave_mm=0.002, carriage_mm=0.015, resized_sd=RESIZED_SD)
+PHOTO = Instrument(0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.005, resized_sd=RESIZED_SD)
 # Standard deviations (shares) of a focal length that the file states, and of the usual one of a telephone.
 STATED_FOCAL_SD, USUAL_FOCAL_SD = 0.04, 0.15
 PAPER_RIM_MM = 3.0  # rim of a sheet of paper that is left out: its edge's shadow is no plastic
@@ -75,6 +78,16 @@ def photo_todo() -> str:
     return say("print-sheet-tags-printmend-probe-sheet")
 
 
+def scanned_at(dpi: float, stated: float | None) -> Instrument:
+    """Return a flatbed at a resolution, which the picture's file ``stated`` if it did."""
+    return FLATBED if dpi == stated else replace(FLATBED, resized_sd=RESIZED_SD)
+
+
+def is_bare_scan(instrument: Instrument) -> bool:
+    """Tell a scan without the sheet of tags."""
+    return replace(instrument, resized_sd=0.0) == FLATBED
+
+
 def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.0) -> Page:
     """Read an image of something ``tall_mm`` high: a scan, or a photo or scan of it on the sheet of tags.
 
@@ -89,7 +102,8 @@ def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.
             return _photographed(image, sheet.lens, inside_mm(sheet), PAPER, sheet_said(sheet), focal_mm, tall_mm)
         refuse_bare_photo(path, tags, camera=camera and dpi is None)
         scale = dpi or stated or USUAL_DPI
-        return Page(image, scale / MM_PER_INCH, FLATBED, f"{scale:g} dpi", unsure=dpi is None and stated is None)
+        instrument, unsure = scanned_at(scale, stated), dpi is None and stated is None
+        return Page(image, scale / MM_PER_INCH, instrument, f"{scale:g} dpi", unsure=unsure)
     lens, error_mm = fit_lens(tags, image.shape)
     if is_flat(tags, error_mm):
         flat, _, px_per_mm = rectify(image, lens, *_window())
