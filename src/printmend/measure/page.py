@@ -79,7 +79,7 @@ def photo_todo() -> str:
 
 
 def scanned_at(dpi: float, stated: float | None) -> Instrument:
-    """Return a flatbed at a resolution, which the picture's file ``stated`` if it did: a PNG in whole pixels a metre."""
+    """Return a flatbed at a resolution, which the picture's file ``stated``: a PNG in whole pixels a metre."""
     agree = stated is not None and abs(dpi / stated - 1) < FLATBED.scale_sd
     return FLATBED if agree else replace(FLATBED, resized_sd=RESIZED_SD)
 
