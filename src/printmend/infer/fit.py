@@ -125,7 +125,8 @@ def fitted(
             weight = weighed(rows, fit.left_mm())
         else:
             weight = rows.weight
-        newer = _searched(scene, places, rows, contacts, weight, fit, blocks)
+        is_first = first is None and fit is None
+        newer = _searched(scene, places, rows, contacts, weight, fit, blocks, by_two=not is_first)
         if fit is not None and _typical_mm(newer) > WORSE * _typical_mm(fit):
             break  # its contacts are no better than the last
         fit, mechanism, parts = replace(newer, turned_rad=turned_rad), newer.mechanism, newer.parts()
@@ -254,8 +255,9 @@ def _typical_mm(fit: Fit) -> float:
 
 def _searched(
     scene: Scene, places: Places, rows: Rows, contacts: Contacts, weight: np.ndarray, last: Fit | None,
-    blocks: tuple[Block, ...],
+    blocks: tuple[Block, ...], *, by_two: bool,
 ) -> Fit:  # fmt: skip
+    """Return the likeliest set for rows; ``by_two`` once the contacts are those of a fit."""
     few, here = narrowed(places, rows)
     dictionary = seen_blocks(blocks, few, here, scene)
     members: Set = tuple(
@@ -271,7 +273,7 @@ def _searched(
         search = search_of(dictionary, rows, weight)
         # From the beginning, too: what came in beside a shape that was too coarse need not come beside a finer one.
         starts = dict.fromkeys([members, *begun])
-        state = max((searched(search, each, sigma_mm, by_two=True) for each in starts), key=lambda each: each.score)
+        state = max((searched(search, each, sigma_mm, by_two=by_two) for each in starts), key=lambda each: each.score)
         search, state = _finer(search, state, few, replace(here, share=rows.share), scene, weight)
         dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
         left_mm = left_of(rows, dictionary, state)

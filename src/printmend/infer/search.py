@@ -311,7 +311,7 @@ def _gains(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.nda
 
 def searched(search: Search, start: Set, sigma_mm: float, *, by_two: bool = False) -> State:
     """Return the likeliest set that steps from ``start`` reach: adding, dropping or exchanging one block at a time, and
-    where none of these is better, ``by_two`` one in the place of two."""
+    where none of these is better, ``by_two`` one in another size in the place of two."""
     state = search.posterior(start, sigma_mm)
     for _ in range(MOST_STEPS):
         beside = search.beside(state)
@@ -358,19 +358,18 @@ def _exchanged(search: Search, state: State, beside: Beside) -> State | None:
 
 
 def _for_two(search: Search, state: State, beside: Beside) -> State | None:
-    """Return a better set with another block, or another size of one, in the place of two members; None for none.
+    """Return a better set with one of two members in another size and the other gone; None for none.
 
     What a wave of one's own takes from a pulley is given back only where both change at once. Members that are likely
     before the rows say anything stay.
     """
     found: list[tuple[float, Set]] = []
-    for pair in itertools.combinations(
-        [(b, v) for b, v in state.members if search.dictionary.blocks[b].log_odds[v] < 0], 2
-    ):
+    free = [(b, v) for b, v in state.members if search.dictionary.blocks[b].log_odds[v] < 0]
+    for pair in itertools.combinations(free, 2):
         others = tuple(member for member in state.members if member not in pair)
         if not any(search.needed((*others, one), one) for one in pair):
             less = beside.without(*pair)
-            choice, gain = less.gains(search.offered(others)).best()
+            choice, gain = less.gains(np.array([b for b, _ in pair])).best()
             found.append((less.score + gain, (*others, choice)))
     score, members = max(found, default=(-np.inf, ()))
     if score <= state.score + LEAST_BETTER:

@@ -31,16 +31,13 @@ from printmend.measure.fiducials import (
 from printmend.measure.image import read_image
 from printmend.measure.paper import FILM_DIAGONAL_MM, PAPER, USUAL_FOCAL_MM, Sheet, find_sheet
 from printmend.messages import say
-from printmend.path import FLATBED, Instrument
+from printmend.path import FLATBED, RESIZED, Instrument
 from printmend.units import MM_PER_INCH
 
 USUAL_DPI = 600.0  # resolution that is taken where neither the owner nor the file states it
-# Of the scale of a picture at another resolution than its file states, and of a sheet that may have been fitted to its
-# page (a share): an estimate to one digit.
-RESIZED_SD = 0.04
-# What a sheet of tags leaves open: the printer that made it, and in a photo the lens.
-SHEET = Instrument(0.0013, axes_sd=0.0007, lean_sd=0.0003, wave_mm=0.002, carriage_mm=0.015, resized_sd=RESIZED_SD)
-PHOTO = Instrument(0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.005, resized_sd=RESIZED_SD)
+# What a sheet of tags leaves open: the printer that made it and may have fitted it to a page, and in a photo the lens.
+SHEET = Instrument(0.0013, axes_sd=0.0007, lean_sd=0.0003, wave_mm=0.002, carriage_mm=0.015, resized_sd=0.04)
+PHOTO = Instrument(0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.005, resized_sd=0.04)
 # Standard deviations (shares) of a focal length that the file states, and of the usual one of a telephone.
 STATED_FOCAL_SD, USUAL_FOCAL_SD = 0.04, 0.15
 PAPER_RIM_MM = 3.0  # rim of a sheet of paper that is left out: its edge's shadow is no plastic
@@ -81,12 +78,12 @@ def photo_todo() -> str:
 def scanned_at(dpi: float, stated: float | None) -> Instrument:
     """Return a flatbed at a resolution, which the picture's file ``stated``: a PNG in whole pixels a metre."""
     agree = stated is not None and abs(dpi / stated - 1) < FLATBED.scale_sd
-    return FLATBED if agree else replace(FLATBED, resized_sd=RESIZED_SD)
+    return FLATBED if agree else RESIZED
 
 
 def is_bare_scan(instrument: Instrument) -> bool:
     """Tell a scan without the sheet of tags."""
-    return replace(instrument, resized_sd=0.0) == FLATBED
+    return instrument in (FLATBED, RESIZED)
 
 
 def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.0) -> Page:
