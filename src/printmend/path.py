@@ -61,13 +61,15 @@ class Instrument:
     def known(self, scale_sd: float) -> "Instrument":
         """Return this instrument with a known error of lengths; the errors of its axes and lean scale with it."""
         share = scale_sd / self.scale_sd
-        known = replace(self, axes_sd=share * self.axes_sd, lean_sd=share * self.lean_sd)
-        return replace(known, scale_sd=scale_sd, resized_sd=0.0)
+        axes_sd, lean_sd = share * self.axes_sd, share * self.lean_sd
+        return replace(self, scale_sd=scale_sd, axes_sd=axes_sd, lean_sd=lean_sd, resized_sd=0.0)
 
     @property
     def is_exact(self) -> bool:
-        return not (self.scale_sd or self.axes_sd or self.lean_sd or self.wave_mm or self.carriage_mm)
+        return self == Instrument()
 
+
+DOUBTS = ("scale_sd", "axes_sd", "lean_sd", "wave_mm", "carriage_mm", "resized_sd")  # of an `Instrument`, none below 0
 
 # Flatbeds state their resolution to one or two parts in a thousand, their two axes by themselves, and their carriages
 # run uneven by micrometres, some in waves of ten times that, 30 µm (physics.md §4).

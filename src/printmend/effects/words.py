@@ -19,8 +19,8 @@ from printmend.effects.effect import Effect, Places, Scene
 from printmend.messages import say, say_own
 
 NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its standard deviations …
-BELOW_SIGMAS, BELOW_SHARE = 2.0, 0.0228  # below the median of a normal law lies this share
 LEAST = {"mm": 0.002, "%": 0.005, "°": 0.001}  # … and than this in its unit: smaller faults move no print
+BELOW_SIGMAS, BELOW_SHARE = 2.0, 0.0228  # this share of a normal law lies so far below its median
 LEAST_SHOWN_MM = 0.005  # a fault whose size is said with two decimals would be said to be 0.00 below this
 SOON_MM = 0.1  # effect on a print above which a part should be looked at
 CARRIES = say("printmend-carries-all")

@@ -112,7 +112,8 @@ def fitted(
     blocks = blocks_of(scene, kept)
     for _ in range(PASSES):
         trace = turned_back(whole, turned_rad, scene)
-        contacts, places, rows = looked(trace, scene, mechanism, most, parts, is_first=first is None and fit is None)
+        is_first = first is None and fit is None
+        contacts, places, rows = looked(trace, scene, mechanism, most, parts, is_first=is_first)
         rows = _with_turn(rows, places, turned_rad, scene)
         if fit is not None and (
             len(rows.mark) < MOST_LOST_SHARE * len(fit.rows.mark)  # with that play hardly a belt would ever touch
@@ -125,7 +126,6 @@ def fitted(
             weight = weighed(rows, fit.left_mm())
         else:
             weight = rows.weight
-        is_first = first is None and fit is None
         newer = _searched(scene, places, rows, contacts, weight, fit, blocks, by_two=not is_first)
         if fit is not None and _typical_mm(newer) > WORSE * _typical_mm(fit):
             break  # its contacts are no better than the last

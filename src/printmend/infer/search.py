@@ -246,23 +246,20 @@ class Beside:
         How likely that was to come out, before the rows and after, is their evidence (Dickey 1971). Each is taken to
         leave the sign of others as certain as it was.
         """
-        owns = self.search.dictionary.own(self.state.members)
+        every = self.search.dictionary.own(self.state.members)
         blocks = [self.search.dictionary.blocks[b] for b, _ in members]
-        own = np.concatenate(
-            [np.arange(owns[at].start, owns[at].stop) for at in map(self.state.members.index, members)]
-        )
+        owns = [every[self.state.members.index(member)] for member in members]
+        own = np.concatenate([np.arange(each.start, each.stop) for each in owns])
         root = np.asarray(np.linalg.qr(self.state.root[:, own], mode="r")).T
         freed = np.linalg.solve(root, self.reach[own])
         pull = np.linalg.solve(root, self.state.mean_mm[own])
         sds_mm = np.concatenate([block.sds_mm[v] for block, (_, v) in zip(blocks, members, strict=True)])
         told = float(np.log(sds_mm / np.abs(np.diag(root))).sum() - pull @ pull / 2)
-        first = 0
-        for block, (_, v) in zip(blocks, members, strict=True):
-            if block.positive:
-                sure = self.state.mean_mm[own[first]] / np.linalg.norm(self.state.root[:, own[first]])
-                told -= float(log_below(sure)) + np.log(2)
+        for block, (_, v), each in zip(blocks, members, owns, strict=True):
             told -= float(block.log_odds[v])
-            first += block.sds_mm.shape[1]
+            if block.positive:
+                sure = self.state.mean_mm[each] / np.linalg.norm(self.state.root[:, each])
+                told -= float(log_below(sure)[0]) + np.log(2)
         information = tuple(
             each + products(freed, group.columns)
             for group, each in zip(self.search.groups, self.information, strict=True)

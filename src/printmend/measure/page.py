@@ -36,8 +36,8 @@ from printmend.units import MM_PER_INCH
 
 USUAL_DPI = 600.0  # resolution that is taken where neither the owner nor the file states it
 # What a sheet of tags leaves open: the printer that made it and may have fitted it to a page, and in a photo the lens.
-SHEET = Instrument(0.0013, axes_sd=0.0007, lean_sd=0.0003, wave_mm=0.002, carriage_mm=0.015, resized_sd=0.04)
-PHOTO = Instrument(0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.005, resized_sd=0.04)
+SHEET = replace(RESIZED, axes_sd=0.0007, lean_sd=0.0003)
+PHOTO = replace(RESIZED, wave_mm=0.005, carriage_mm=0.0)
 # Standard deviations (shares) of a focal length that the file states, and of the usual one of a telephone.
 STATED_FOCAL_SD, USUAL_FOCAL_SD = 0.04, 0.15
 PAPER_RIM_MM = 3.0  # rim of a sheet of paper that is left out: its edge's shadow is no plastic

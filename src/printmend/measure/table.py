@@ -25,7 +25,7 @@ from printmend.errors import TraceError, reason
 from printmend.files import replacing
 from printmend.measure.checks import AXES_TODO, check_origin, wrong_axes
 from printmend.messages import say
-from printmend.path import Instrument, Motion, Origin, Trace
+from printmend.path import DOUBTS, Instrument, Motion, Origin, Trace
 from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
 
@@ -33,11 +33,10 @@ REQUIRED = ("x_mm", "y_mm", "x_measured_mm", "y_measured_mm")
 OPTIONAL = ("sigma_mm", "z_mm", "layer", "z_measured_mm")
 PLACED = "placed"
 WALL = ("nx", "ny", "offset_mm")
-INSTRUMENT = ("scale_sd", "axes_sd", "lean_sd", "wave_mm", "carriage_mm", "resized_sd")
 MOTION = ("motion_mm2", "motion_sd_mm2")  # of lines printed at speed: `Motion`
 TOGETHER = ("scale_axes", "scale_lean", "axes_lean")  # correlations of the first three, once one length is known
 ORIGIN = ("printer", "kinematics", "probe")
-KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *INSTRUMENT, *TOGETHER, *MOTION)
+KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *DOUBTS, *TOGETHER, *MOTION)
 _ROUNDED = -1e-5  # least eigenvalue of correlations that were written with six digits
 _MOST_DOUBT = 0.5  # of an instrument: one that is less sure of a length measures nothing
 MIN_MEASURED = 10  # points of a trace
@@ -127,7 +126,7 @@ def _walls(path: Path, names: list[str], columns: dict[str, np.ndarray]) -> tupl
 
 def _instrument(path: Path, columns: dict[str, np.ndarray]) -> Instrument | None:
     """Return the instrument that the first row describes, None where no column does."""
-    found = {name: float(columns[name][0]) for name in INSTRUMENT if name in columns}
+    found = {name: float(columns[name][0]) for name in DOUBTS if name in columns}
     for name, value in found.items():
         if not 0 <= value <= _MOST_DOUBT:
             raise TraceError(
@@ -173,7 +172,7 @@ def write_trace(path: str | Path, trace: Trace) -> None:
         names.append(PLACED)
         columns.append(np.zeros(len(trace)))
     if trace.instrument is not None:
-        said = [*INSTRUMENT, *(TOGETHER if any(getattr(trace.instrument, name) for name in TOGETHER) else ())]
+        said = [*DOUBTS, *(TOGETHER if any(getattr(trace.instrument, name) for name in TOGETHER) else ())]
         names += said
         columns += [np.full(len(trace), getattr(trace.instrument, name)) for name in said]
     if trace.motion is not None:

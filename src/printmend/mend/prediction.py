@@ -353,7 +353,7 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
         or name in ("planning", "rounding", "motion")
     ):
         return ()
-    by_hand = model.document.get("promise", {}).get("by_hand")  # no scanner, and no `learn` that said more
+    by_hand = model.document.get("promise", {}).get("by_hand")  # there is no scan to settle
     if name == "parameters" or by_hand:
         gaps = [gap for gap in model.findings[1:] if is_one_of(gap, _OF_TURNS)]
         whole = model.document.get("trace", {}).get("measured", 0) >= _WHOLE_MARKS

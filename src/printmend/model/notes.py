@@ -10,6 +10,7 @@ from typing import Any
 
 from printmend.messages import Said, say
 from printmend.model.values import LARGEST, refuse
+from printmend.path import DOUBTS
 
 MAX_FADING = 32  # the highest harmonic of a wave that fades along the axis; what is learned goes up to 5
 
@@ -49,9 +50,7 @@ _NOTES: dict[str, Any] = {
     "z": {"*": str},
     "trace": {"rows": _COUNT, "measured": _COUNT, "residual_before_mm": _SIZE, "residual_after_mm": _SIZE},
     "motors": {"*": {"elastic": {"harmonics": _FADING}}},
-    "promise": {
-        "instrument": dict.fromkeys(("scale_sd", "axes_sd", "lean_sd", "wave_mm", "carriage_mm", "resized_sd"), _SIZE)
-    },
+    "promise": {"instrument": dict.fromkeys(DOUBTS, _SIZE)},
 }  # fmt: skip
 
 

@@ -99,7 +99,7 @@ SAMPLE = np.dtype(
         ("tangent", "f8", 2),  # of the path there, a unit vector
         ("off", "f8"),  # how far to the left of the path the file as it is prints [mm]
         ("side", "f8", 2),  # as in BELTS
-        ("ways", "f8", 2),  # in which each axis of the bed went last before its move, 1 or −1; 0 for none
+        ("ways", "f8", 2),  # those of SAMPLES before its move
         ("layer", "i8"),  # its number among the layers
         ("weight", "f8"),  # the length [mm]
     ],
@@ -111,6 +111,7 @@ SAMPLES = np.dtype(
         ("count", "i8"),  # how many there are
         ("gap", "f8"),  # the distance between two of them [mm]
         ("since", "f8"),  # the length of path since the last one [mm]
+        ("ways", "f8", 2),  # in which each axis of the bed went last, 1 or −1; 0 for none
         ("kept", SAMPLE, KEPT_SAMPLES),
     ],
     align=True,

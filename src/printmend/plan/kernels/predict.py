@@ -78,24 +78,17 @@ def follow_raw(model, state, x, y):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _way(change):
-    return 1.0 if change > 0.0 else -1.0 if change < 0.0 else 0.0
+def _go(samples, axis, change):
+    """Note which way an axis of the bed goes."""
+    if change > 0.0:
+        samples.ways[axis] = 1.0
+    elif change < 0.0:
+        samples.ways[axis] = -1.0
 
 
 @inner(error_model="numpy", _nrt=False)
-def _ways_before(records, i):
-    """Return which way each axis of the bed went last before record i."""
-    x = y = 0.0
-    while i > 0 and (x == 0.0 or y == 0.0):
-        i -= 1
-        r = records[i]
-        x, y = x if x != 0.0 else _way(r.x1 - r.x0), y if y != 0.0 else _way(r.y1 - r.y0)
-    return x, y
-
-
-@inner(error_model="numpy", _nrt=False)
-def keep(samples, state, records, i, curve, s, length, x, y, row):
-    """Keep a place of the extruded path, record i's curve at ``s`` printed at (x, y), if the last kept one is far back.
+def keep(samples, state, curve, s, length, x, y, row):
+    """Keep a place of the extruded path, the curve at ``s`` printed at (x, y), if the last kept one is far enough back.
 
     When there is no room left, every other place is dropped and the distance doubles.
     """
@@ -125,7 +118,7 @@ def keep(samples, state, records, i, curve, s, length, x, y, row):
     sample.place[0], sample.place[1], sample.tangent[0], sample.tangent[1] = wanted_x, wanted_y, tx, ty
     sample.off = (y - wanted_y) * tx - (x - wanted_x) * ty
     sample.side[0], sample.side[1] = state.mended.side[0], state.mended.side[1]
-    sample.ways[0], sample.ways[1] = _ways_before(records, i)
+    sample.ways[0], sample.ways[1] = samples.ways[0], samples.ways[1]
     sample.layer, sample.weight = row, samples.since
     samples.since = 0.0
 
@@ -160,8 +153,10 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
             x, y = x + push_x, y + push_y
             error = with_doubt(state.raw, _nearest(records, count, i, curve, x, y))
             note(layers, row, errors, 0, error, curve.length / looks)
-            keep(samples, state, records, i, curve, s, curve.length / looks, x, y, row)
+            keep(samples, state, curve, s, curve.length / looks, x, y, row)
     follow_raw(model, state, curve.x1, curve.y1)
+    _go(samples, 0, curve.x1 - curve.x0)
+    _go(samples, 1, curve.y1 - curve.y0)
     if moved is not None:
         lift_raw(model, state, counts, curve.z1)
 
