@@ -39,6 +39,7 @@ from printmend.promise.predict import (
     promised,
     shape_of,
 )
+from printmend.promise.words import in_a_line
 from printmend.report.part_view import look_at
 from printmend.studio.scene import as_printed, read_drawing
 from printmend.twin import Twin
@@ -55,6 +56,12 @@ def bent() -> SavedModel:
 def part(tmp_path: Path) -> Path:
     (tmp_path / "part.gcode").write_text(CIRCLE)
     return tmp_path / "part.gcode"
+
+
+def test_a_line_of_causes_says_what_counts_and_calls_effects_as_everywhere() -> None:
+    line = in_a_line({"uneven": 0.004, "parameters": 0.02, "rub": 0.0051, "rounding": 0.0004})
+    assert line == "what the test print left open 0.020; lost motion that changes along an axis 0.005"
+    assert in_a_line({"rounding": 0.0004}) == ""
 
 
 def test_the_promise_is_kept_and_says_what_it_is_made_of(bent: SavedModel, part: Path) -> None:
@@ -378,7 +385,7 @@ def test_most_of_a_doubt_is_told_before_printing(bent: SavedModel) -> None:
     assert advice_of(bent, fine) == ()  # no callipers for three micrometres
 
 
-@pytest.mark.parametrize(("cause", "said"), [("creep", "something that gives way"), ("parameters", "measure mo")])
+@pytest.mark.parametrize(("cause", "said"), [("creep", "a shift that slows down"), ("parameters", "measure mo")])
 def test_a_refusal_names_what_would_have_to_be_put_right(
     cause: str, said: str, bent: SavedModel, tmp_path: Path
 ) -> None:

@@ -54,7 +54,7 @@ from printmend.effects.warmth import Warmth
 from printmend.effects.wear import Wear
 from printmend.effects.wobble import Wobble
 from printmend.errors import ConfigError
-from printmend.messages import say
+from printmend.messages import catalogue, say
 from printmend.plugins import EFFECTS as GROUP
 from printmend.plugins import load_plugin, plugin_names
 
@@ -96,6 +96,12 @@ def registered(name: str) -> str:
     if EFFECTS.setdefault(effect.name, effect) is not effect:
         raise ConfigError(name, wanted=say("effect-name-own"), came=f"{effect.name!r}", todo=say("give-another-name"))
     return effect.name
+
+
+def title_of(name: str) -> str | None:
+    """Return what an owner calls an effect, None for another package's."""
+    own = name.replace("_", "-")
+    return say(f"effect-{own}") if f"effect-{own}" in catalogue() else None
 
 
 def columns_of(name: str, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:

@@ -17,7 +17,6 @@ class Creep(Usual):
     """A shift that comes with one time constant, a share of the print."""
 
     name = "creep"
-    cause = say("cause-creep")  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     fate = Fate(anew=0.3, stays=0.4)

@@ -14,7 +14,6 @@ class Drift(Usual):
     """A shift that grows with the length printed."""
 
     name = "drift"
-    cause = say("cause-even-drift")  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     fate = Fate(anew=0.3, stays=0.4)

@@ -20,7 +20,6 @@ class Halves(Usual):
     """A shift past a border along one bed axis."""
 
     name = "halves"
-    cause = say("cause-halves")  # of an expected error
     of = Of.INSTRUMENT
     acts = Acts.NOT
     fate = GONE

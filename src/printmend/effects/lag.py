@@ -14,7 +14,6 @@ class Lag(Usual):
     """Play of one bed axis of a CoreXY; on other printers it is the belt's."""
 
     name = "lag"
-    cause = say("cause-rail-play")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

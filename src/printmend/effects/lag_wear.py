@@ -14,7 +14,6 @@ class LagWear(Usual):
     """Play of one bed axis of a CoreXY that grows with the length printed; on other printers it is the belt's."""
 
     name = "lag_wear"
-    cause = say("cause-rail-play-grows")  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     fate = STAYS

@@ -14,7 +14,6 @@ class Loose(Usual):
     """Play that is round: the head is behind by half of it, along the last move."""
 
     name = "loose"
-    cause = say("cause-loose")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

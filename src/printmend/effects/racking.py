@@ -17,7 +17,6 @@ class Racking(Usual):
     """Play that changes along the other axis, in mm per 100 mm: of a belt (0, 1), or of a CoreXY's bed axis (2, 3)."""
 
     name = "racking"
-    cause = say("cause-racking")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

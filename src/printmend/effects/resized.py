@@ -9,14 +9,12 @@ import numpy as np
 from printmend.effects.effect import SCALE_MM, Acts, Fate, Of, Places, Scene, Term, Usual
 from printmend.effects.keys import Numbers
 from printmend.effects.prior import share_of
-from printmend.messages import say
 
 
 class Resized(Usual):
     """One scale for both axes, in mm per 100 mm. In half of the next prints it is there: then it was the printer's."""
 
     name = "resized"
-    cause = say("cause-resized")  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     fate = Fate(anew=0.5)

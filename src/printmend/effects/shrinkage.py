@@ -7,7 +7,6 @@ import numpy as np
 from printmend.effects.effect import ALWAYS, SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along
 from printmend.effects.keys import Numbers
 from printmend.effects.words import Found, Told
-from printmend.messages import say
 
 
 class Shrinkage(Usual):
@@ -19,7 +18,6 @@ class Shrinkage(Usual):
 
     name = "shrinkage"
     keys = Numbers(("percent",))
-    cause = say("cause-shrinkage")  # of an expected error
     of = Of.MATERIAL
     acts = Acts.NOT
     from_home = False

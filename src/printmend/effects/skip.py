@@ -18,7 +18,6 @@ class Skip(Usual):
     """A large shift of one belt at one moment, a share of the print. Homing takes it away."""
 
     name = "skip"
-    cause = say("cause-belt-skipped")  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     fate = GONE

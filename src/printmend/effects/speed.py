@@ -16,7 +16,6 @@ class Speed(Usual):
     """Play that grows with the length of the last move, to its whole size at 10 mm."""
 
     name = "speed"
-    cause = say("cause-fast-moves")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

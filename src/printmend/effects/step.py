@@ -23,7 +23,6 @@ class Step(Usual):
     """A shift at one moment, a share of the print."""
 
     name = "step"
-    cause = say("cause-sudden-shift")  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     fate = Fate(anew=0.1, stays=0.4)

@@ -16,7 +16,6 @@ class Tilt(Usual):
     """A shift across one bed axis with its way, and how it grows along that axis, in mm per 100 mm."""
 
     name = "tilt"
-    cause = say("cause-tilt")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

@@ -15,7 +15,6 @@ class TwoMotors(Usual):
     """Harmonics of the turn that change along the other bed axis."""
 
     name = "two_motors"
-    cause = say("cause-two-motors")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

@@ -17,7 +17,6 @@ class UnevenPlay(Usual):
     `Rub` and `Friction` have it."""
 
     name = "uneven_play"
-    cause = say("cause-halves")  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

@@ -17,7 +17,6 @@ class Warmth(Usual):
     """Growth from the middle of the bed along both axes, and shifts of both, with one time constant."""
 
     name = "warmth"
-    cause = say("cause-warming-up")  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     fate = ANEW

@@ -16,7 +16,6 @@ class Wear(Usual):
     """Play of one motor that grows with the length printed."""
 
     name = "wear"
-    cause = say("cause-play-grows")  # of an expected error
     of = Of.SESSION  # that stays: a print is mended for the play with which the last one ended
     acts = Acts.DRIVE
     fate = STAYS

@@ -8,12 +8,12 @@ import math
 from typing import Any, Literal
 
 from printmend.corruption.cause import Cause, named_keys, offered, said, typical_shape
-from printmend.effects import EFFECTS
+from printmend.effects import EFFECTS, title_of
 from printmend.effects.effect import Effect, Term
 from printmend.effects.keys import AXES, limits_of
 from printmend.effects.sample import terms_of
 from printmend.effects.sized import scene_of_printer
-from printmend.messages import catalogue, say
+from printmend.messages import say
 from printmend.printer import Printer
 
 Shape = Literal["round", "eccentric", "oval", "flat", "square"]
@@ -46,11 +46,11 @@ def offered_effects(printer: Printer) -> list[dict[str, Any]]:
 
 
 def _card(effect: Effect) -> dict[str, Any]:
-    name, own = effect.name, effect.name.replace("_", "-")
+    name = effect.name
     terms = offered(effect)
     places = sorted({term.where for term in terms})
     return {
-        "name": name, "title": say(f"effect-{own}") if f"effect-{own}" in catalogue() else said(effect),
+        "name": name, "title": title_of(name) or said(effect),
         "of": say(_OF[effect.of.value]), "on": ["x", "y"] if len(places) > 1 else [],
         "sliders": _sliders(effect, [term for term in terms if term.where == places[0]]) if terms else [],
     }  # fmt: skip

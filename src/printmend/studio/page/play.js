@@ -14,6 +14,7 @@ import { mm, number, said as say, t } from "./words.js";
 
 const STEPS = ["print", "scan", "measure", "learn", "mend"], TOWER = [...STEPS.slice(0, 4), "tower", "mend"];
 const FROM = [-0.22, -0.85, 0.9]; // the plate's holes are seen round, or not
+const headed = (text) => text[0].toUpperCase() + text.slice(1);
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
 function Slider({ label, value, unit, max, min = 0, step, digits, onInput, disabled }) {
@@ -51,13 +52,13 @@ function Effects({ chosen, onChange }) {
   const groups = [...new Set(all.map((one) => one.of))];
   return html`<section class="card stack"><h2>${t("more_faults")}</h2>
     ${chosen.map((row, at) => { const card = all.find((one) => one.name === row.name); return card && html`<div class="stack" key=${`${row.name}-${at}`}>
-      <div class="row between" style=${{ flexWrap: "nowrap" }}><h3>${say(card.title)}</h3><button class="quiet" aria-label=${`${t("remove")}: ${say(card.title)}`} onClick=${() => onChange(chosen.filter((_, i) => i !== at))}>×</button></div>
+      <div class="row between" style=${{ flexWrap: "nowrap" }}><h3>${headed(say(card.title))}</h3><button class="quiet" aria-label=${`${t("remove")}: ${say(card.title)}`} onClick=${() => onChange(chosen.filter((_, i) => i !== at))}>×</button></div>
       ${card.on.length > 0 && html`<div class="segment" role="group" aria-label=${t("at_axis")}>${card.on.map((axis) => html`<button aria-pressed=${row.on === axis} onClick=${() => put(at, { ...row, on: axis })}>${axis.toUpperCase()}</button>`)}</div>`}
       ${card.sliders.map((one) => { const set = (value) => put(at, { ...row, values: { ...row.values, [one.key]: value } }); return one.choices.length
         ? html`<label class="field"><span>${say(one.label)}</span><select value=${row.values[one.key]} onChange=${(event) => set(one.choices[event.target.selectedIndex])}>${one.choices.map((choice) => html`<option value=${choice}>${choice}</option>`)}</select></label>`
         : html`<${Slider} label=${say(one.label)} value=${row.values[one.key]} unit=${one.unit} min=${one.low} max=${one.high} step=${one.step} digits=${one.step < 0.01 ? 3 : one.step < 1 ? 2 : 0} onInput=${set} />`; })}</div>`; })}
     ${chosen.length < 12 && html`<label class="field"><span>${t("add_fault")}</span><select value="" onChange=${add}><option value="">…</option>
-      ${groups.map((of) => html`<optgroup label=${say(of)}>${all.filter((one) => one.of === of).map((one) => html`<option value=${one.name} disabled=${!one.possible}>${say(one.title)}</option>`)}</optgroup>`)}</select></label>`}
+      ${groups.map((of) => html`<optgroup label=${say(of)}>${all.filter((one) => one.of === of).map((one) => html`<option value=${one.name} disabled=${!one.possible}>${headed(say(one.title))}</option>`)}</optgroup>`)}</select></label>`}
   </section>`;
 }
 
