@@ -11,7 +11,7 @@ import math
 PITCH_MM = 0.05  # of the tables, and at least 24 places a wave
 BEND_REACH_MM = 0.05  # curvature is measured over this distance
 RISE_LOOK_MM = 0.05
-TOLERANCE_MM = 0.01
+TOLERANCE_MM = 0.003
 TOOTH_MM, STEPS_A_TURN = 2.0, 4  # of the waves of which a shaper takes a share: a belt tooth, a motor's electrical turn
 SEGMENTS_PER_S = 2000.0  # that Klipper surely plans
 

@@ -34,7 +34,7 @@ LOOK_AHEAD_MM = 8.0  # how far along a line its curvature is looked up at once
 LOOKS_A_CHORD, CLOSEST_LOOK_MM = 10.0, 0.01  # places of a chord that are checked, and the least distance between two
 UNEVEN = 0.03  # share by which a wall's width may vary along a chord: some 1 % RMS
 SHORTEST_EVEN_MM = 0.1  # chords that are to keep a wall's width: a quarter of a line's
-SHORT_EVEN_MM = 0.3  # chords below this follow waves of less than a line's width, which no wall shows
+SHORT_EVEN_MM = 0.3  # a wave whose speed changes by all of it within this is narrower than a line: no wall shows it
 ALONG_AN_AXIS = 0.26  # the tangent of a wall's angle to it, at most
 GENTLY = 0.1  # mm of slack a mm of path: a motor that crosses faster turns the command aside
 LEAST_KEPT = 0.1  # share of a wave that a shaper must keep before the command makes up for the rest
@@ -179,7 +179,7 @@ def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most
     way0, way1 = (to0 - from0) / ((stop - t) * length), (to1 - from1) / ((stop - t) * length)
     m0, m1 = along_curve(model, curve, state, mode0, mode1, t)
     x, y = from_motors(model, m0 - from0, m1 - from1)
-    along_most = max(ALONG_PER_ASIDE * model.head.chord, abs(x * tx + y * ty))
+    along_most = max(SHORTEST_EVEN_MM / 4.0 if even else ALONG_PER_ASIDE * model.head.chord, abs(x * tx + y * ty))
     near = max(aside_most, abs(tx * y - ty * x))
     low, high, slow, fast = -np.inf, np.inf, -np.inf, np.inf
     last = behind = x * tx + y * ty
@@ -258,7 +258,8 @@ def _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest):
             end, m0, m1 = half, h0, h1
     x, y = printed(model, middle(state, 0), middle(state, 1))
     aside, along = aside_and_along(curve, x, y, t)
-    aside, along = max(aside - most, 0.0), max(along - ALONG_PER_ASIDE * most, 0.0)
+    # along a wall a chord may lead by what a shaper will take from it
+    aside, along = max(aside - most, 0.0), np.inf if even else max(along - ALONG_PER_ASIDE * most, 0.0)
     if _score(model, curve, state, mode0, mode1, t, end, m0, m1, aside, along) > MOST_SCORE:
         return t, m0, m1
     return end, m0, m1
@@ -292,8 +293,11 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     step = whole
     if bound > 8.0 * _bulge(model, whole * length) or ((d0 > _FAR_MM or d1 > _FAR_MM) and model.head.bent != 0.0):
         end = t
-        short = SHORT_EVEN_MM if _is_even(model, curve) else SHORT_MM
-        bends = bound * short * short > 64.0 * model.head.chord * whole * whole * length * length  # all are short
+        bend = bound / (whole * whole * length * length)  # a mm, at most
+        if _is_even(model, curve):
+            bends = bend * SHORT_EVEN_MM > 1.0
+        else:
+            bends = bend * SHORT_MM * SHORT_MM > 64.0 * model.head.chord  # all chords are short
         crosses = max(abs(state.crossing[0]), abs(state.crossing[1])) > GENTLY * length
         if curve.arc == 0.0 and not crosses and not bends:
             end, n0, n1 = _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest)
