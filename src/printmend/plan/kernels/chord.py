@@ -70,7 +70,8 @@ def _made_up(model, curve, k, mode, t):
     """Return how far motor k must lead its exact position at t, because an input shaper takes a share of its ripple.
 
     The shaper keeps the share Σ a cos ω t of a wave. The command is the shaper's inverse, bounded where little is kept
-    (Wiener); a wave that is not kept at all is not commanded.
+    (Wiener); a wave that is not kept at all is not commanded. Nor is more than the acceleration lets the motor do: the
+    firmware would slow the line.
     """
     h = model.head
     if mode == 0 or not h.ripple[k] > 0.0:
@@ -86,7 +87,11 @@ def _made_up(model, curve, k, mode, t):
     for i in range(PULSES):
         kept += h.pulse[k, i] * np.cos(rate * h.pulse_s[k, i])
     kept, least = max(kept, 0.0), LEAST_KEPT * LEAST_KEPT
-    return (kept * (1.0 + least) / (kept * kept + least) - 1.0) * wave
+    told = kept * (1.0 + least) / (kept * kept + least) * wave
+    if h.accel > 0.0:
+        most = h.accel / (rate * rate)
+        told = min(max(told, -most), most)
+    return told - wave
 
 
 # These kernels take many parameters: the curve, the motors and their modes, and what may be spared.

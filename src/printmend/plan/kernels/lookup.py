@@ -45,6 +45,7 @@ HEAD = np.dtype(
         ("chords", "f8", ROLES),  # the same of lines of each role, of travels the last
         ("even", "f8"),  # 1 or 0: the line in hand is a wall that keeps its width, because it shows
         ("speed", "f8"),  # of the line in hand [mm/s]
+        ("accel", "f8"),  # of the line in hand [mm/s²], 0 where it is unknown
         # of the wave of each motor of which an input shaper takes a share: its length [mm], 0 for none, and the
         # shaper's pulses: when they come [s], from their middle, and their shares
         ("ripple", "f8", 2),

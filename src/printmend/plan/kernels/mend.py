@@ -348,7 +348,7 @@ def mend(
         extruding = r.flags & FLAG_EXTRUDING != 0
         role = (r.flags >> ROLE_SHIFT) & ROLE_MASK if extruding else TRAVEL
         model.head.chord, model.head.even = model.head.chords[role], role == ROLE_OUTER
-        model.head.speed = r.feed / 60.0
+        model.head.speed, model.head.accel = r.feed / 60.0, r.accel
         counts.moves += 1
         counts.roles |= 1 << role
         if extruding and known:
