@@ -12,8 +12,8 @@ With ``--walls`` a box is mended, whose walls go along the axes. There a ripple 
 a line is. Klipper's planner drives the printer (`make hosts`), with pressure advance; the width's RMS deviation [%] is
 that of the box on a sound printer, of the box as it is, and of the mended one (klippy_bead.py). With ``--shaper`` an
 input shaper is on, too: one of 40 Hz takes half of what mends a tooth at 50 mm/s, which is 25 Hz. With ``--live`` the
-live transform mends, which knows the shaper, in place of a mended file. Walls are printed at each ``--speed`` [mm/s].
-With ``--part --live`` the part is printed in the planner, too. With ``--csv`` each printer's figures are written there;
+live transform, which knows the shaper, mends to 0.003 mm in place of a mended file. Walls are printed at each
+``--speed`` [mm/s]. With ``--part --live`` the part is printed in the planner, too. With ``--csv`` each printer's figures are written there;
 ``--rows`` keeps them, and a run that was stopped goes on.
 """
 
@@ -165,7 +165,7 @@ def judged(given: argparse.Namespace, case: Case) -> Row:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_model(path := folder / "printer.mend.json", model)
-        live = f"[printmend]\nmodel: {path}\nphase_x: 0\nphase_y: 0\n" if given.live else ""
+        live = f"[printmend]\nmodel: {path}\nphase_x: 0\nphase_y: 0\ntolerance: 0.003\n" if given.live else ""
         if given.part and kind:
             row |= places(folder, model, broken, live, part_gcode(rng))
         for speed in (given.speed or [50.0]) if given.walls and kind else ():

@@ -8,6 +8,7 @@ model: ~/printer_data/config/printer.mend.json
 #if_forged: hold      (or print) a file that was changed after it was mended
 #phase_x: 17          the motor's phase at zero when the test print was made: PRINTMEND_PHASE SAVE=1 notes it
 #phase_y: 3
+#tolerance: 0.01     how near the path is kept [mm]; 0.003 for fine patterns on walls
 
 Moves wait here until the path that they belong to is whole. Then they are planned as `printmend mend` plans a file, by
 the same kernels (live/), and handed on. Whoever asks the tool head for its time or its place has them handed on first.
@@ -123,6 +124,8 @@ class Printmend:
         self.printer = config.get_printer()
         config.getfloat("segment", None)  # of earlier versions: pieces are now as long as the model lets them be
         self.fits, self.folder = Printer(config), os.path.dirname(os.path.expanduser(config.get("model")))
+        usual = planner.tables.TOLERANCE_MM
+        self.tolerance = config.getfloat("tolerance", usual, minval=0.002, maxval=0.2)  # as `mend --tolerance`
         choices = {"hold": "hold", "print": "print"}
         self.chosen = {state: config.getchoice("if_" + state, choices, "hold") for state in KINDS}
         self.ledger, self.file = provenance.Ledger(os.path.join(self.folder, ".printmend")), ""
@@ -154,7 +157,7 @@ class Printmend:
             path += ".mend.json"
         document = read_model(path)
         self.fits.check(document)
-        self.planner, self.parts, self.path = planner.Planner(document), parts_of(document), path
+        self.planner, self.parts, self.path = planner.Planner(document, self.tolerance), parts_of(document), path
         self.model = provenance.read_model(path)
         with contextlib.suppress(OSError):  # a folder that cannot be written: files of this model are foreign one day
             self.ledger.remember(self.model)

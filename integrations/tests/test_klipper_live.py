@@ -455,6 +455,7 @@ def test_a_model_that_was_replaced_while_klipper_runs_is_said(chain, tmp_path: P
     chain.fits, chain.folder, chain.chosen = LIVE.Printer.__new__(LIVE.Printer), str(tmp_path), {"foreign": "hold"}
     chain.fits.check = lambda document: None
     chain.ledger, chain.file = LIVE.provenance.Ledger(str(tmp_path / ".printmend")), ""
+    chain.tolerance = 0.01
     chain._load(model.name)
     chain.cmd_PRINTMEND_STATUS(klipper)
     before, after = read_model(model).digest, exact_model(sample("play", np.random.default_rng(9)).lower(ENDER3))

@@ -58,13 +58,13 @@ class Pieces:
 class Planner:
     """What is known of the belts of one machine, and the moves that wait."""
 
-    def __init__(self, document):
+    def __init__(self, document, tolerance_mm=tables.TOLERANCE_MM):
         self.kernels, self.mend = kernels.planner()
         load = self.kernels.load
         self.look, self.belts = (load("printmend.plan.kernels." + name) for name in ("lookup", "state"))
         self.height, self.layout = (load("printmend.plan.kernels." + name) for name in ("height", "layout"))
         self.text = load("printmend.gcode.kernels.layout")
-        self.model, self.ripples = tables.model_of(document, self.kernels)
+        self.model, self.ripples = tables.model_of(document, self.kernels, tolerance_mm)
         self.model.head.crossing = document["printer"].get("limits", {}).get("crossing_mm_s2", 0.0)
         self.pulses = ((), ())
         self.state, self.counts = self.layout.STATE.one(), self.layout.COUNTS.one()

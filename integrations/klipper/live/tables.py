@@ -11,7 +11,7 @@ import math
 PITCH_MM = 0.05  # of the tables, and at least 24 places a wave
 BEND_REACH_MM = 0.05  # curvature is measured over this distance
 RISE_LOOK_MM = 0.05
-TOLERANCE_MM = 0.003
+TOLERANCE_MM = 0.01
 TOOTH_MM, STEPS_A_TURN = 2.0, 4  # of the waves of which a shaper takes a share: a belt tooth, a motor's electrical turn
 SEGMENTS_PER_S = 2000.0  # that Klipper surely plans
 
@@ -201,7 +201,7 @@ def powers(wave, x, reach, middle):
     return value + (x - inside) * sum(k * a * inside ** (k - 1) for k, a in enumerate(c) if k)
 
 
-def model_of(document, kernels):
+def model_of(document, kernels, tolerance_mm):
     """Return a document's machine as the kernels' ``Model``, and the length of each motor's ripple.
 
     Its place of the end stops is what the document says."""
@@ -222,8 +222,8 @@ def model_of(document, kernels):
     tables, sharpest = [], 0.0
     for motor, drive in enumerate(drives):
         sharpest = max(sharpest, _put_drive(head, tables, motor, drive, look.BEND_BLOCK))
-    head.chord = TOLERANCE_MM / 2
-    look.set_chords(look.Model(head, tables), TOLERANCE_MM, 0.0)
+    head.chord = tolerance_mm / 2
+    look.set_chords(look.Model(head, tables), tolerance_mm, 0.0)
     head.frame_bend = _frame_bend(look, head)
     head.sample = min(max(math.sqrt(2.0 * head.chord / max(sharpest, 1e-12)), 0.02), 2.0)
     head.look, head.period = 2.0, 1.0 / (60.0 * SEGMENTS_PER_S)
