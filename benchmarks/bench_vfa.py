@@ -13,8 +13,8 @@ a line is. Klipper's planner drives the printer (`make hosts`), with pressure ad
 that of the box on a sound printer, of the box as it is, and of the mended one (klippy_bead.py). With ``--shaper`` an
 input shaper is on, too: one of 40 Hz takes half of what mends a tooth at 50 mm/s, which is 25 Hz. With ``--live`` the
 live transform, which knows the shaper, mends to 0.003 mm in place of a mended file. Walls are printed at each
-``--speed`` [mm/s]. With ``--part --live`` the part is printed in the planner, too. With ``--csv`` each printer's figures are written there;
-``--rows`` keeps them, and a run that was stopped goes on.
+``--speed`` [mm/s]. With ``--part --live`` the part is printed in the planner, too. With ``--csv`` each printer's
+figures are written there; ``--rows`` keeps them, and a run that was stopped goes on.
 """
 
 import argparse
