@@ -88,7 +88,7 @@ def _made_up(model, curve, k, mode, t):
         kept += h.pulse[k, i] * np.cos(rate * h.pulse_s[k, i])
     kept, least = max(kept, 0.0), LEAST_KEPT * LEAST_KEPT
     told = kept * (1.0 + least) / (kept * kept + least) * wave
-    if h.accel > 0.0:
+    if h.accel > 0.0 and rate > 0.0:
         most = h.accel / (rate * rate)
         told = min(max(told, -most), most)
     return told - wave
