@@ -1,7 +1,8 @@
 """Build and slice the body that ships with printmend: `.venv/bin/python tools/make_demo_body.py`.
 
 Needs PrusaSlicer. Writes src/printmend/demo/timing_pulley.gcode without the slicer's dump of its settings,
-which are in lab/src/printmend_lab/body/profiles/ender5_abs.ini.
+which are in lab/src/printmend_lab/body/profiles/ender5_abs.ini. The file that ships was made when this profile had
+seams at the nearest corner and walls of varied width: made again, it differs.
 """
 
 from pathlib import Path

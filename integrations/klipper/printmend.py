@@ -8,7 +8,7 @@ model: ~/printer_data/config/printer.mend.json
 #if_forged: hold      (or print) a file that was changed after it was mended
 #phase_x: 17          the motor's phase at zero when the test print was made: PRINTMEND_PHASE SAVE=1 notes it
 #phase_y: 3
-#tolerance: 0.01     how near the path is kept [mm]; 0.003 for fine patterns on walls
+#tolerance: 0.01      how near the path is kept [mm]; 0.003 for fine patterns on walls
 
 Moves wait here until the path that they belong to is whole. Then they are planned as `printmend mend` plans a file, by
 the same kernels (live/), and handed on. Whoever asks the tool head for its time or its place has them handed on first.

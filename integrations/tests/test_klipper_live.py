@@ -100,22 +100,28 @@ def test_walls_keep_their_width_where_no_comment_names_them(tmp_path: Path) -> N
     assert off["live"] < 0.5 * off["unnamed"]
 
 
-@pytest.mark.parametrize(("period_mm", "speed_mm_s"), [(2.0, 50), (0.8, 20)])
-def test_walls_keep_their_width_with_an_input_shaper(period_mm: float, speed_mm_s: int, tmp_path: Path) -> None:
-    """Both are 25 Hz, of which a shaper of 40 Hz keeps half: twice as much is commanded."""
+@pytest.mark.parametrize("tolerance_mm", [0.01, 0.003])
+@pytest.mark.parametrize(("period_mm", "speed_mm_s"), [(2.0, 50), (0.8, 20), (0.8, 60)])
+def test_walls_keep_their_width_with_an_input_shaper(
+    period_mm: float, speed_mm_s: int, tolerance_mm: float, tmp_path: Path
+) -> None:
+    """Two are 25 Hz, of which a shaper of 40 Hz keeps half: twice as much is commanded. The third would need more than
+    the acceleration: what it allows is commanded, and the walls are not slowed."""
     ripple = Ripple((0.1,), (period_mm / 0.2,), (1.0,))  # 0.02 mm
     corruption = Corruption((Drive(ripple), Drive(replace(ripple, phase_rad=(2.5,)))))
     write_model(path := tmp_path / "printer.mend.json", exact_model(corruption.lower(ENDER3)))
     walls = "".join(f"G1 X{x} Y{y} E2\n" for x, y in ((160, 100), (160, 160), (100, 160), (100, 100)))
     text = f"G28\nG90\nM83\nG1 Z0.2 F600\nG1 X100 Y100 F6000\nG1 F{60 * speed_mm_s}\n{walls}".encode()
     original, true = plan(text, ENDER3, tmp_path / "a"), TruePrinter.of(corruption_toml(corruption), ENDER3)
-    extras = f"{SHAPED}[printmend]\nmodel: {path}\nphase_x: 0\nphase_y: 0\n"
+    extras = f"{SHAPED}[printmend]\nmodel: {path}\nphase_x: 0\nphase_y: 0\ntolerance: {tolerance_mm}\n"
     live = plan(ADVANCED + text, ENDER3, tmp_path / "b", around=original, extras=extras)
     plain = plan(ADVANCED + text, ENDER3, tmp_path / "c", around=original, extras=SHAPED)
     wanted = wanted_path(original)
     before, after = (wall_deviation(one, Track(one, ENDER3, true), wanted) for one in (plain, live))
     assert before > 0.03
-    assert after < 0.01
+    assert after < (0.01 if speed_mm_s / period_mm < 30 else 1.2 * before)
+    ends = [max(times[-1] for times, _ in one.steps.values()) for one in (plain, live)]
+    assert ends[1] < 1.05 * ends[0]
 
 
 @pytest.mark.parametrize("shift_mm", RIPPLES)
