@@ -153,8 +153,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--case", type=int, action="append", help="numbers of the looks; all without")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        for number in options.case or range(len(CASES)):
+    for number in options.case or range(len(CASES)):
+        with tempfile.TemporaryDirectory() as folder:
             print(f"{number}. {judge(CASES[number], options.seed + number, Path(folder))}", flush=True)
 
 
