@@ -2,7 +2,7 @@
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -315,6 +315,39 @@ def test_what_is_given_is_summed_out(rng: np.random.Generator) -> None:
     whole = [search.posterior(((0, 0), (1, 0), *each), 0.8, rounds=0) for each in ((), ((2, 0),))]
     assert more[1].score - more[0].score == pytest.approx(whole[1].score - whole[0].score, rel=1e-9)
     np.testing.assert_allclose(more[1].mean_mm, whole[1].mean_mm[4:], rtol=1e-9)
+
+
+def test_errors_of_millimetres_are_weighed_beside_noise_of_micrometres(rng: np.random.Generator) -> None:
+    """A picture of another size than it says is all but the same as two scales: sets score as rows and priors, laid one
+    under the other and triangulated, have it."""
+    x, y = (
+        np.stack([rng.uniform(-1.0, 1.0, 300), np.zeros(300)]),
+        np.stack([np.zeros(300), rng.uniform(-1.0, 1.0, 300)]),
+    )
+    nearly = (x + y) * (1 + 1e-5 * rng.standard_normal((2, 300)))
+    columns = np.stack([each.ravel() for each in (x, y, nearly, np.sin(8 * x), np.sin(8.1 * x))], axis=1)
+    sds = (20.0, 20.0, 4.0, 1.0, 1.0)
+    blocks = tuple(
+        Block(name, where, (), slice(b, b + 1), np.array([[sd]]), np.zeros(1))
+        for b, (name, where, sd) in enumerate(
+            zip(("scale", "scale", "resized", "idler", "idler"), (0, 1, 0, 0, 1), sds, strict=True)
+        )
+    )
+    error, one, sigma = columns @ [9.4, 0.0, 0.0, 0.4, 0.0] + 1e-3 * rng.standard_normal(600), np.ones(600), 2e-3
+    search = search_of(Dictionary(blocks, columns), Rows(np.arange(600), np.ones((600, 2)), error, one, one), one)
+
+    def laid_out(members: Sequence[int]) -> float:
+        rows = np.vstack([np.column_stack([columns[:, members], error]) / sigma,
+                          np.eye(len(members), len(members) + 1) / np.array(sds)[members, None]])  # fmt: skip
+        root = np.abs(np.diag(np.linalg.qr(rows, mode="r")))
+        return float(-600 * np.log(sigma) - root[-1] ** 2 / 2 - np.log(root[:-1] * np.array(sds)[members]).sum())
+
+    for members in ([0, 3], [0, 1, 3], [0, 1, 2, 3], [0, 2, 3], [0, 1, 2, 3, 4]):
+        state = search.posterior(tuple((b, 0) for b in members), sigma, rounds=0)
+        assert state.score == pytest.approx(laid_out(members), abs=0.01), members
+    given = search.given(((0, 0), (1, 0)), sigma)
+    two = [given.posterior(tuple((b, 0) for b in members), sigma, rounds=0).score for members in ([3], [2, 3])]
+    assert two[1] - two[0] == pytest.approx(laid_out([0, 1, 2, 3]) - laid_out([0, 1, 3]), abs=0.01)
 
 
 def test_what_changes_play_comes_only_with_play_and_keeps_it(rng: np.random.Generator) -> None:

@@ -217,10 +217,13 @@ class Gram:
         few = np.arange(len(self.slope)) if few is None else few
         inner, cross = self.between(old, old), self.between(old, few).T
         left = self.slope[old] - inner @ mean
-        root = np.linalg.cholesky(sigma_mm**2 * np.eye(ways.shape[1]) + ways.T @ inner @ ways)
-        half, pull = np.linalg.solve(root, (cross @ ways).T), np.linalg.solve(root, ways.T @ left)
-        square = self.square - mean @ (self.slope[old] + left) - pull @ pull
-        few_slope = self.slope[few] - cross @ mean - half.T @ pull
+        told, wanted = sigma_mm**2 * np.eye(ways.shape[1]) + ways.T @ inner @ ways, ways.T @ left
+        root = np.linalg.cholesky(told)
+        half, values = np.linalg.solve(root, (cross @ ways).T), np.linalg.solve(told, wanted)
+        values += np.linalg.solve(told, wanted - told @ values)  # rounding of errors of mm beside noise of um
+        square = self.square - mean @ (self.slope[old] + left) - values @ (2 * wanted - told @ values)
+        few_slope = self.slope[few] - cross @ (mean + ways @ values)
+        pull = root.T @ values
         out = half if self.out is None else np.vstack([self.out[:, few], half])
         return replace(self, at=self._of(few), slope=few_slope, square=float(square), out=out), root, pull
 

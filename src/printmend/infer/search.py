@@ -86,8 +86,9 @@ class Search:
             variance = newer
             factor = np.linalg.cholesky(np.eye(len(sd)) + scaled / variance)
             inverse = inverse_of(factor)
-            covariance = inverse.T @ inverse
-            mean = covariance @ scaled_slope / variance
+            covariance, pull = inverse.T @ inverse, scaled_slope / variance
+            mean = covariance @ pull
+            mean += covariance @ (pull - mean - scaled @ mean / variance)
             if at == rounds:
                 break
             left = self.gram.square - 2 * mean @ scaled_slope + mean @ scaled @ mean + np.sum(scaled * covariance)
@@ -95,7 +96,8 @@ class Search:
             if abs(newer - variance) < SETTLED_SHARE * variance:
                 break
         log_det = 2 * np.log(np.diag(factor)).sum()
-        quadratic = (self.gram.square - scaled_slope @ mean) / variance
+        # the least that any sizes leave: rounding of the mean counts by its square alone
+        quadratic = self.gram.square / variance - mean @ (2 * pull - mean - scaled @ mean / variance)
         evidence = -0.5 * (self.gram.count * np.log(variance) + log_det + quadratic)
         positive = self._positive[columns]
         spread = np.sqrt(np.diag(covariance)[positive])
