@@ -109,7 +109,7 @@ ENDLESS: dict[str, Spoil] = {
 @pytest.mark.parametrize("spoil", ENDLESS.values(), ids=ENDLESS)
 def test_learning_ends_whatever_the_rows_are(spoil: Spoil, rng: np.random.Generator) -> None:
     """What it ends with is a refusal, or a machine that moves nothing far beyond what the rows did."""
-    points_mm = zigzag(400)
+    points_mm = zigzag(200)
     measured_mm = spoil(broken().follow(points_mm) + rng.normal(0, 0.03, points_mm.shape), rng)
     try:
         model = learn_model(Trace(points_mm, measured_mm, homed=True), PRINTER, rng=rng)
