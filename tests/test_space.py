@@ -209,8 +209,7 @@ def test_play_that_no_hop_crosses_is_known_from_where_the_nut_rested(ender5: Pri
     assert height.rest_share == 0.5
 
 
-@pytest.mark.parametrize("noise_mm", [0.0, 0.05])
-@pytest.mark.parametrize("backlash_mm", [0.12, 0.28, 0.33])
+@pytest.mark.parametrize(("backlash_mm", "noise_mm"), [(0.12, 0.05), (0.28, 0.0), (0.33, 0.05)])
 def test_a_tower_that_began_at_the_end_stop_tells_its_backlash(
     noise_mm: float, backlash_mm: float, ender5: Printer
 ) -> None:
