@@ -101,7 +101,6 @@ def test_a_table_may_have_most_of_its_rows_on_one_line(spoil: str | None, rng: n
 
 ENDLESS: dict[str, Spoil] = {
     "a random walk": lambda mm, rng: mm + np.cumsum(rng.normal(0, 0.05, mm.shape), axis=0),
-    "rows off by one": lambda mm, rng: np.vstack([mm[:1], mm[:-1]]),
     "18 teeth": lambda mm, rng: mm[0] + (mm - mm[0]) * 20 / 18,
 }
 

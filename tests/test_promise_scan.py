@@ -64,18 +64,6 @@ def test_no_scanner_mends_a_healthy_printer(healthy: SavedModel, part: Path) -> 
         assert 100 * np.mean(model.document["promise"]["shown"]) == pytest.approx(common, abs=0.02)
 
 
-def test_a_scanners_stretch_is_no_uneven_belt() -> None:
-    """Beside the smallest wave of its carriage, which no one turn of the plate tells from a belt's."""
-    trace = measured(HEALTHY, 0.005, 3)
-    seen = scanned(trace, np.diag([0.002, 0.0013]))
-    wave_mm = 0.012
-    wave = wave_mm * np.sin(2 * np.pi * seen.commanded_mm[:, 1:] / 85) * [0.0, 1.0]
-    model = learn_model(replace(seen, measured_mm=seen.measured_mm + wave), ENDER3)
-    middle = np.linspace(60, 160, 200)
-    off = [table.branches_mm(middle)[0] - middle for table in model.mechanism.transmissions]
-    assert max(np.ptp(each) for each in off) < 3 * wave_mm
-
-
 def test_a_lens_that_bends_no_more_than_a_photo_does_is_mended_by_no_more() -> None:
     """No effect stands for a lens: what one bends is taken for bent guides, of the same few hundredths at the edges."""
     seen = scanned(measured(HEALTHY, 0.002, 3, 400), np.zeros((2, 2)), PAPER)
@@ -86,12 +74,6 @@ def test_a_lens_that_bends_no_more_than_a_photo_does_is_mended_by_no_more() -> N
     assert np.ptp(moved, axis=0).max() < 0.025
     bent = learn_model(replace(seen, measured_mm=seen.measured_mm + 20 * bend_mm), ENDER3)
     assert not is_healthy(bent)
-
-
-def test_an_axis_that_never_moved_says_nothing() -> None:
-    still = measured(HEALTHY, 0.002, 3)
-    still = replace(still, commanded_mm=still.commanded_mm * [1, 0], measured_mm=still.measured_mm * [1, 0])
-    assert is_healthy(learn_model(replace(still, instrument=PAPER, placed=False), ENDER3))
 
 
 def test_a_scale_that_no_scanner_has_is_mended(part: Path) -> None:
