@@ -96,13 +96,6 @@ def test_unlike_axes_of_a_corexy_are_named(rng: np.random.Generator) -> None:
     scales = [fault for fault in model.document["diagnosis"] if fault["kind"] == "scale"]
     assert [fault["part"] for fault in scales] == ["a", "b"]
     assert [fault["value"] for fault in scales] == pytest.approx([-0.1, -0.1], abs=4 * scales[0]["sd"] + 1e-3)
-    leaning = measured + (points[:, 1:] - printer.home_mm[1]) * [np.tan(np.radians(0.5)), 0.0]
-    (skew,) = (
-        fault
-        for fault in learn_model(Trace(points, leaning, homed=True), printer).document["diagnosis"]
-        if fault["kind"] == "skew"
-    )
-    assert skew["value"] == pytest.approx(0.5, abs=4 * skew["sd"])  # two unlike pulleys lean as well
 
 
 def test_a_crooked_frame_shifts_no_motor(rng: np.random.Generator) -> None:

@@ -75,7 +75,7 @@ ODD: dict[str, Callable[[], tuple[Printer, Trace]]] = {
     "a long bed": lambda: (p := shaped(ENDER3, max_mm=1000.0), measured(drawn("ripple"), p, stairs(120, 6.0, 994.0))),
     "screws": screw_driven,
     "a name": lambda: (named(), measured(BENT, named(), stairs(60))),
-    "all of it, large": lambda: (ENDER3, enlarged(measured(drawn("everything"), ENDER3, stairs(120)), 2.0)),
+    "a large frame": lambda: (COREXY, enlarged(measured(drawn("frame"), COREXY, stairs(120)), 1.5)),
     "a scan": lambda: (ENDER3, replace(measured(BENT, ENDER3, stairs(120)), placed=False, instrument=FLATBED)),
 }
 
