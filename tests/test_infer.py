@@ -155,7 +155,7 @@ def test_a_loose_nozzle_is_no_play_of_belts(preset: str, rng: np.random.Generato
     path = np.vstack([printer.home_mm, rng.uniform(20, 200, (300, 2))])
     at, places = path[0], np.empty_like(path)
     for row, (start, end) in enumerate(itertools.pairwise([path[0], *path])):
-        for wanted in np.linspace(start, end, 400):
+        for wanted in np.linspace(start, end, 100):
             away = at - wanted
             at = wanted + away * min(1.0, play_mm / 2 / max(float(np.hypot(*away)), 1e-9))
         places[row] = at
@@ -171,19 +171,16 @@ def test_noise_alone_makes_no_machine(preset: str) -> None:
     printer = read_printer(preset)
     scene, (path, dots) = scene_for(printer), path_of(printer)
     dots[0] = False
-    for seed in range(4):
+    for seed in range(2):
         trace = measured(path, dots, scene, [], NOISE_MM, np.random.default_rng(seed))
         posterior = posterior_of(fitted(trace, scene), np.random.default_rng(0))
         assert not any(part.acts_mm.any() for part in posterior.parts)
 
 
-@pytest.mark.parametrize("span_mm", [0.5, 2.0])
-def test_an_axis_that_moved_little_is_learned_from_home(
-    span_mm: float, ender5: Printer, rng: np.random.Generator
-) -> None:
+def test_an_axis_that_moved_little_is_learned_from_home(ender5: Printer, rng: np.random.Generator) -> None:
     """Play may hide so short a way, but not the way from the end stops to it."""
     twin = Twin.of(fault("pulley", np.random.default_rng(5), "damaged"), ender5)
-    x, y = rng.uniform(90, 90 + span_mm, 60), rng.uniform(70, 150, 60)
+    x, y = rng.uniform(90, 90.5, 60), rng.uniform(70, 150, 60)
     way = np.vstack([ender5.home_mm[:2], np.stack([x, y], axis=1)])
     printed = twin.follow(way)
     seen_mm = printed + rng.normal(0, 0.02, printed.shape)

@@ -107,8 +107,10 @@ def test_json_is_for_programs(tmp_path: Path) -> None:
 
 
 def test_the_saved_machine_is_the_learned_one(tmp_path: Path, rng: np.random.Generator) -> None:
-    twin = Twin.of(sample("everything", np.random.default_rng(3)), ENDER3)
+    drives = (Drive(pulley=EccentricBore(0.9, 1.0), belt=Play(0.6)), Drive(pulley=Ellipse(7.0, 5.9)))
+    twin = Twin.of(Corruption(drives, CrookedFrame(skew_deg=1.0, x_wave_mm=0.3, x_wave_period_mm=120.0)), ENDER3)
     marks = twin.follow(PLAN.waypoints_mm)[PLAN.rows]
+    marks += np.random.default_rng(5).normal(0, 0.01, marks.shape)
     trace = replace(PLAN.trace(marks), placed=True)  # else the end stops say where it is
     model = learn_model(trace, ENDER3, rng=np.random.default_rng(0))
     write_model(tmp_path / "m.json", model)
@@ -119,7 +121,7 @@ def test_the_saved_machine_is_the_learned_one(tmp_path: Path, rng: np.random.Gen
     np.testing.assert_allclose(learned.frame.coefficients_mm, saved.frame.coefficients_mm, atol=1e-8)
     way = np.vstack([[ENDER3.home_mm], rng.uniform(30, 190, (300, 2))])
     off_mm = (Twin(saved).follow(way) - twin.follow(way))[1:]
-    assert np.sqrt(np.square(off_mm).sum(axis=1).mean()) < 0.05  # of 5.7 mm that marks are off
+    assert np.sqrt(np.square(off_mm).sum(axis=1).mean()) < 0.05  # of millimetres that marks are off
 
 
 def test_a_scan_learns_its_place_from_the_end_stops() -> None:
@@ -138,6 +140,7 @@ def test_a_table_says_its_place_itself_even_where_home_was_not_measured() -> Non
     twin = Twin.of(fault, ENDER3)
     aside = np.array([0.3, -0.2])  # of the end stops: nothing but the table can tell
     marks = twin.follow(PLAN.waypoints_mm)[PLAN.rows] + aside
+    marks += np.random.default_rng(5).normal(0, 0.005, marks.shape)
     model = learn_model(replace(PLAN.trace(marks), placed=True), ENDER3, rng=np.random.default_rng(0))
     motor = np.linspace(30, 190, 9)
     for axis in range(2):
@@ -145,19 +148,17 @@ def test_a_table_says_its_place_itself_even_where_home_was_not_measured() -> Non
         np.testing.assert_allclose(np.array(learnt), np.array(true) + aside[axis], atol=0.01)
 
 
-@pytest.mark.parametrize(("axis", "word"), [(0, "X"), (1, "Y")])
-def test_says_what_the_trace_could_not_tell(tmp_path: Path, axis: int, word: str) -> None:
+def test_says_what_the_trace_could_not_tell(tmp_path: Path) -> None:
     way = np.tile([110.0, 110.0], (200, 1))
-    way[:, axis] = np.concatenate([[0.0], np.linspace(5, 215, 199)])
-    way[:, 1 - axis] = 110 + 8 * np.sin(np.arange(200))
+    way[:, 1] = np.concatenate([[0.0], np.linspace(5, 215, 199)])
+    way[:, 0] = 110 + 8 * np.sin(np.arange(200))
     way[0] = 0.0
     printed = Twin.of(HEALTHY, ENDER3).follow(way)
     trace = tmp_path / "trace.csv"
     write_trace(trace, Trace(way, printed))
     output = run("learn", trace, "--printer", "ender3", "-o", tmp_path / "m.json").output
-    other = "Y" if word == "X" else "X"
-    assert f"{word} was measured moving forwards only" in output
-    assert f"{other} was seen on" in output
+    assert "Y was measured moving forwards only" in output
+    assert "X was seen on" in output
     assert "printmend probe" in output
 
 

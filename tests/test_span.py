@@ -23,8 +23,7 @@ def script() -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("noise_mm", [0.0, 0.05])
-@pytest.mark.parametrize("span_mm", [1.0, 5.8])
+@pytest.mark.parametrize(("span_mm", "noise_mm"), [(1.0, 0.05), (5.8, 0.0)])
 def test_what_was_seen_is_foreseen_however_short_it_was(script: ModuleType, span_mm: float, noise_mm: float) -> None:
     naive, *learned = script.missed_mm(["naive", "printmend", "greybox"], "pulley", span_mm, noise_mm, (1, 0)).values()
     assert naive > 0.2

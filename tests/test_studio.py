@@ -309,6 +309,7 @@ def _learned_flat(bent: Corruption, printer: Printer) -> SavedModel:
     plan = design_probe(printer)
     measured = np.full(plan.waypoints_mm.shape, np.nan)
     measured[plan.rows] = Twin.of(replace(bent, screw=None), printer).follow(plan.waypoints_mm)[plan.rows]
+    measured += np.random.default_rng(1).normal(0, 0.01, measured.shape)
     return learn_model(Trace(plan.waypoints_mm, measured, homed=True), printer)
 
 

@@ -47,7 +47,6 @@ def fit_space(
         raise TraceError("trace", wanted="commanded and measured heights", came="a trace of two axes", todo="use `fit`")
     if name == "naive":
         return SpaceModel(fit(name, trace, printer, rng=rng))
-    height = fit_height(trace.z_mm, trace.z_measured_mm, printer)
     taken_mm, pushes = _pushed(trace, _pushes(trace, printer, FEW), printer), None
     for _ in range(_MOST_ROUNDS):
         planar = fit(name, _without_push(trace, taken_mm), printer, rng=rng)
@@ -61,6 +60,7 @@ def fit_space(
         if np.abs(change_mm - change_mm.mean(axis=0)).max() < _SETTLED_PUSH_MM:
             break
     assert pushes is not None
+    height = fit_height(trace.z_mm, trace.z_measured_mm, printer)
     return SpaceModel(planar, _screw(height, pushes, printer))
 
 

@@ -77,7 +77,7 @@ def drawn_sizes(few: Few, rng: np.random.Generator, *, sweeps: int = SWEEPS) -> 
             offered = np.concatenate([there[at][:, None], offered], axis=1)
             mine = np.flatnonzero((offered != offered[:, :1]).any(axis=1))  # others have no choice
             offered = offered[mine]
-            weight = _evidence(beside[mine, None] + slot.kernels[offered], few.error_mm, slot.positive[offered])
+            weight = _evidence_each(beside[mine], slot, offered, few.error_mm)
             noisy = weight + rng.gumbel(size=weight.shape)  # the largest is one drawn by its weight
             there[at, mine] = offered[np.arange(len(mine)), np.argmax(noisy, axis=1)]
             whole = beside + slot.kernels[there[at]]
@@ -99,6 +99,15 @@ def _sum(slots: Sequence[_Slot], there: np.ndarray) -> np.ndarray:
     return np.asarray(sum(slot.kernels[there[at]] for at, slot in enumerate(slots)))
 
 
+def _evidence_each(beside: np.ndarray, slot: _Slot, offered: np.ndarray, error_mm: np.ndarray) -> np.ndarray:
+    """Return the log evidence [N, A] of the states ``offered`` [N, A] to N draws, each weighed once a draw."""
+    first = np.argmax(offered[:, :, None] == offered[:, None, :], axis=2)
+    draw, place = np.nonzero(first == np.arange(offered.shape[1]))
+    state, weight = offered[draw, place], np.empty(offered.shape)
+    weight[draw, place] = _evidence(beside[draw] + slot.kernels[state], error_mm, slot.positive[state])
+    return np.take_along_axis(weight, first, axis=1)
+
+
 def _evidence(covariance: np.ndarray, error_mm: np.ndarray, positive: np.ndarray) -> np.ndarray:
     """Return the log evidence [...] of the errors [K] under covariances [..., K, K], but for a constant.
 
@@ -110,7 +119,8 @@ def _evidence(covariance: np.ndarray, error_mm: np.ndarray, positive: np.ndarray
     white = np.linalg.solve(factor, both)
     log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
     (square, pull), own = np.einsum("...k,...kj->j...", white[..., 0], white), np.square(white[..., 1]).sum(axis=-1)
-    half = np.where(own > 0, log_below(pull / np.sqrt(np.maximum(1 - own, TINY_MM2))) + np.log(2), 0.0)
+    half, is_half = np.zeros(own.shape), own > 0
+    half[is_half] = log_below(pull[is_half] / np.sqrt(np.maximum(1 - own[is_half], TINY_MM2))) + np.log(2)
     return np.asarray(half - 0.5 * square - log_det)
 
 
