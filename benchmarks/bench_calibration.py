@@ -20,7 +20,7 @@ from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
-from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.bench.case import drawn_body
 from printmend_lab.greybox import Greybox
 from printmend_lab.published import layer_trace
 from printmend_lab.sampling import sample

@@ -27,16 +27,15 @@ from klippy_cases import arguments, cases, drawn, text_of
 from klippy_run import FAST, Planned, RefusedByPlanner, plan
 from printmend.clock import Limits, klipper, limits_of, start_clock
 from printmend.errors import PrintmendError
-from printmend.gcode.arcs import straightened
 from printmend.gcode.container import open_gcode
 from printmend.gcode.kernels import PIECE
-from printmend.gcode.read import Program, read_gcode, starting_state
+from printmend.gcode.read import Program, read_gcode, starting_state, straightened
 from printmend.gcode.write import Planned as Part
 from printmend.gcode.write import follow
 from printmend.mend import mend_gcode
 from printmend.model import exact_model
 from printmend.printer import Printer, read_printer
-from printmend.studio.pace import slicer_s
+from printmend.studio.scene import slicer_s
 
 _LEAST_S = 1.0  # of a file that is asked about
 _SAME_SHARE = 0.01  # by which two lengths of one path may differ: travels to home, chords of arcs

@@ -18,8 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from printmend.errors import PrintmendError, RefusedError
-from printmend.gcode.arcs import straightened
-from printmend.gcode.read import Moves, read_gcode
+from printmend.gcode.read import Moves, read_gcode, straightened
 from printmend.mend import mend_gcode
 from printmend.mend.against import judged
 from printmend.model import exact_model

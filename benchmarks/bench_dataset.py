@@ -11,8 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from printmend_lab.dataset.parquet import read_about, read_body, read_print
-from printmend_lab.dataset.places import BODIES, body_file, print_file, read_lines
+from printmend_lab.dataset.parquet import BODIES, body_file, print_file, read_about, read_body, read_lines, read_print
 
 SECONDS = 1.0  # of reading, each kind
 

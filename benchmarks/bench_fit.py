@@ -15,7 +15,7 @@ from benchmarks.runner import write_results
 from tests import foreign_part as foreign
 
 from printmend.gcode.read import read_gcode
-from printmend.measure.distance import choose_widths
+from printmend.measure.callipers import choose_widths
 from printmend.measure.walls import read_walls
 from printmend.mend.filament import learn_in, parse_travel, update_in
 from printmend.mend.fit import fits, measured_part
@@ -24,7 +24,7 @@ from printmend.path import Instrument, Trace
 from printmend.printer import read_printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.filament import UNTOLD, known_filaments
-from printmend.promise.scale import axis_scales
+from printmend.promise.words import axis_scales
 
 ABOUT = (
     "What `fit` says of parts with known holes, feet and widths, in scans of a foreign renderer [mm; shrinkage in %]"

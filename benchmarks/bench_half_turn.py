@@ -25,7 +25,7 @@ from printmend.metrics import rmse
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
-from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.bench.case import drawn_body
 from printmend_lab.control.registry import controller
 from printmend_lab.prior import PriorLearner
 from printmend_lab.prior.mixture import mixture, parse_weights

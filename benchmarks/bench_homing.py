@@ -27,7 +27,7 @@ from printmend.gcode.read import read_gcode
 from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism, homed_again
 from printmend.mend import check_gcode, mend_gcode
-from printmend.mend.phase import learn_phase
+from printmend.mend.update import learn_phase
 from printmend.model import SavedModel
 from printmend.printer import Homing, Printer, read_printer
 from printmend.probe import PHASE_MARKS, design_probe, phase_size_mm

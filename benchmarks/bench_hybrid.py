@@ -19,7 +19,7 @@ from printmend.machine import Mechanism, Transmission, healthy_mechanism
 from printmend.metrics import rmse
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
-from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.bench.case import drawn_body
 from printmend_lab.control.registry import controller
 from printmend_lab.published import layer_trace
 from printmend_lab.sampling import sample

@@ -36,8 +36,7 @@ from klippy_least import TOLERANCE_MM, crossings, least_moves_times
 from klippy_run import FAST, RefusedByPlanner, plan
 from printmend.corruption import Corruption, corruption_toml
 from printmend.errors import PrintmendError
-from printmend.gcode.arcs import straightened
-from printmend.gcode.read import read_gcode
+from printmend.gcode.read import read_gcode, straightened
 from printmend.machine import Mechanism
 from printmend.model import exact_model, write_model
 from printmend.printer import MotionLimits, Printer, read_printer

@@ -22,7 +22,7 @@ from printmend.machine.printing import print_from_home
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from printmend_lab.bench.print_shapes import SHAPES, path_print
+from printmend_lab.bench.prints import SHAPES, path_print
 from printmend_lab.body import body_of, demo_body_gcode
 from printmend_lab.meta.tasks import draw_drive
 from printmend_lab.published import layer_trace

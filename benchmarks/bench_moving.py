@@ -28,7 +28,7 @@ from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
 from printmend.printer import read_printer
 from printmend.probe import design_probe
-from printmend.probe.lines import with_moving
+from printmend.probe.layout import with_moving
 from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD
 from printmend.twin import Twin
 from printmend.twin.scanner import DEFAULT, render_scan

@@ -28,7 +28,7 @@ from printmend.mend.part import measure_part
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
-from printmend.probe.lines import with_net
+from printmend.probe.layout import with_net
 from printmend.probe.paper import design_sheets, on_paper, papers_of
 from printmend.probe.pen import with_pen
 from printmend.probe.probe import gcode_of

@@ -28,8 +28,8 @@ from printmend.learn import fit
 from printmend.metrics import rmse
 from printmend.protocols import WorldModel
 from printmend.twin import Twin
+from printmend_lab.bench.case import row
 from printmend_lab.bench.prints import draw_print_cases, measured_print, set_up
-from printmend_lab.bench.rows import row
 from printmend_lab.control.check import tables_of
 from printmend_lab.control.registry import controller
 from printmend_lab.path import Layer

@@ -24,15 +24,13 @@ from scipy.stats import chi2
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, scene_of
 from printmend.effects.effect import LONG_MOVE_MM, Places
 from printmend.effects.sized import Sized
-from printmend.infer.first import begun
-from printmend.infer.fit import fitted
-from printmend.infer.machine import machine_of
-from printmend.infer.part import DRAWS, Part
+from printmend.infer.fit import begun, fitted
+from printmend.infer.machine import DRAWS, Part, machine_of
 from printmend.infer.posterior import posterior_of
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend_lab.simulate import drawn_parts, measured
+from printmend_lab.sampling import drawn_parts, measured
 
 sys.path.insert(0, str(Path(__file__).parent))
 from runner import parsed, parser_of, rows_of

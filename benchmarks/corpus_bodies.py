@@ -18,8 +18,7 @@ from printmend.errors import PrintmendError
 from printmend.gcode.read import read_gcode
 from printmend.printer import read_printer
 from printmend_lab.body import body_of, load_body
-from printmend_lab.body.layers import layers_of, strokes_of
-from printmend_lab.body.load import is_mesh
+from printmend_lab.body.layers import is_mesh, layers_of, strokes_of
 from printmend_lab.body.slicer import slice_to
 from printmend_lab.dataset.bodies import body_files, digest
 

@@ -21,8 +21,7 @@ import numpy as np
 from bench_corpus import around
 from klippy_cases import arguments, cases, drawn, text_of
 from printmend.errors import PrintmendError
-from printmend.gcode.arcs import straightened
-from printmend.gcode.read import Moves, read_gcode
+from printmend.gcode.read import Moves, read_gcode, straightened
 from printmend.machine import Mechanism, Transmission
 from printmend.printer import read_printer
 

@@ -19,12 +19,11 @@ from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from printmend_lab.peers.bilateral import Table, fitted_table
-from printmend_lab.peers.boucwen import Shape, moved
+from printmend_lab.peers.classical import Table, fitted_table
+from printmend_lab.peers.hysteresis import PrandtlIshlinskii, Shape, moved
 from printmend_lab.peers.ilc import GAIN, iterate
 from printmend_lab.peers.narx import picked
 from printmend_lab.peers.network import fitted_network, inputs, remembered
-from printmend_lab.peers.prandtl import PrandtlIshlinskii
 from printmend_lab.peers.process import fitted_process, predicted
 from printmend_lab.peers.rows import MotorRows
 

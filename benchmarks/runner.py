@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from printmend.cli.output import progress
+from printmend.cli.terminal import progress
 from printmend.files import replacing
 from printmend_lab.executor import WorkerDied, executor
 

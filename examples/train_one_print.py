@@ -25,7 +25,7 @@ from printmend.twin import Twin
 from printmend_lab.control.optimal import Optimal
 from printmend_lab.env import OnePrintVectorEnv, learning_agent, one_naive_agent, open_loop_agent, score_agent
 from printmend_lab.env.agents import probing_controls
-from printmend_lab.env.scenes import draw_scene
+from printmend_lab.env.fleet import draw_scene
 
 PROBE_TICKS, TICKS, NOISE_MM = 600, 500, 0.05  # as in the registered environments
 C_MAX = 3

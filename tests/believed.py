@@ -3,7 +3,7 @@
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Scene
-from printmend.infer.part import DRAWS, Part
+from printmend.infer.machine import DRAWS, Part
 from printmend.printer import read_printer
 
 SIGMA_MM = 0.004

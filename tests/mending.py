@@ -6,8 +6,7 @@ from functools import cache
 import numpy as np
 
 from printmend.corruption import Corruption, Drive
-from printmend.corruption.pulley import EccentricBore
-from printmend.corruption.transmission import Play
+from printmend.corruption.transmission import EccentricBore, Play
 from printmend.gcode.kernels import ROLE_UNKNOWN
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.write import rewrite

@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.machine import PlayTables
 from printmend.protocols import WorldModel
-from printmend_lab.control.window import Window
+from printmend_lab.control.coupled import Window
 from printmend_lab.path import Plan
 
 

@@ -10,8 +10,7 @@ from click.testing import CliRunner
 
 from printmend.errors import InputError
 from printmend.printer import Printer, read_printer
-from printmend_lab.bench.case import Result
-from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.bench.case import OPTIMUM, Result, drawn_body, evaluate, row, row_parts
 from printmend_lab.bench.families import (
     FAMILIES,
     ROWS,
@@ -25,8 +24,6 @@ from printmend_lab.bench.families import (
     family_markdown,
     family_tables,
 )
-from printmend_lab.bench.rows import OPTIMUM, row, row_parts
-from printmend_lab.bench.trial import evaluate
 from printmend_lab.sampling import families as corruption_families
 
 CASE = drawn_case("families", "play", "damaged", 0.5, 0, 7)

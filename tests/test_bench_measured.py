@@ -12,17 +12,21 @@ from scipy.io import savemat
 
 from printmend.errors import InputError, TraceError
 from printmend.protocols import WorldModel
-from printmend_lab.bench.measured import forms
-from printmend_lab.bench.measured.axis import bench_of
-from printmend_lab.bench.measured.measured import (
+from printmend_lab.bench import measured as forms
+from printmend_lab.bench.measured import (
+    SOURCES,
     MeasuredRow,
+    MeasuredSet,
     MeasuredStand,
+    Track,
+    bench_of,
     content_digest,
+    less_free,
     measured_cases,
     measured_table,
+    source,
+    span,
 )
-from printmend_lab.bench.measured.sources import SOURCES, source
-from printmend_lab.bench.measured.tracks import MeasuredSet, Track, less_free, span
 from printmend_lab.cli.bench import command
 
 # Of the words of every split, fixed before any learner was judged: a change makes another benchmark.

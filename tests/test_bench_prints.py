@@ -8,11 +8,17 @@ from click.testing import CliRunner
 
 from printmend.errors import InputError
 from printmend.printer import Printer
-from printmend_lab.bench.case import Result
+from printmend_lab.bench.case import OPTIMUM, Result
 from printmend_lab.bench.families import body_of, drawn_case
-from printmend_lab.bench.print_shapes import SHAPES, body_program, layer_mm, path_print
-from printmend_lab.bench.prints import draw_print_cases, print_lines, read_row
-from printmend_lab.bench.rows import OPTIMUM
+from printmend_lab.bench.prints import (
+    SHAPES,
+    body_program,
+    draw_print_cases,
+    layer_mm,
+    path_print,
+    print_lines,
+    read_row,
+)
 from printmend_lab.cli.bench import command
 
 CASE = drawn_case("prints", "pulley-play", "damaged", 1.0, 0, 11)

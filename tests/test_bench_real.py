@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.errors import InputError, TraceError
-from printmend_lab.bench.real.real import real_cases, real_table, scatter_mm2
-from printmend_lab.bench.real.traverse import COLUMNS, Traverse, detrended, middles_mm, read_traverses
+from printmend_lab.bench.real import real_cases, real_table, scatter_mm2
+from printmend_lab.bench.traverse import COLUMNS, Traverse, detrended, middles_mm, read_traverses
 
 TURN_MM, LAG_MM, MIDDLE_MM = 42.3, 0.8, 85.0
 

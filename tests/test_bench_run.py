@@ -10,13 +10,9 @@ import pytest
 import trimesh
 
 from printmend.errors import ConfigError, InputError
-from printmend_lab.bench.case import Case, Result
-from printmend_lab.bench.layers import covering_layer
+from printmend_lab.bench.case import PAPER_ROWS, Case, Result, covering_layer, evaluate, read_results, row, run
 from printmend_lab.bench.report import body_table, failure_texts, text_table
-from printmend_lab.bench.rows import PAPER_ROWS, row
-from printmend_lab.bench.run import read_results, run
 from printmend_lab.bench.table1 import cells, draw_cases, lines, set_up, table1
-from printmend_lab.bench.trial import evaluate
 from printmend_lab.executor import Processes, Serial, WorkerDied, program_version
 from printmend_lab.path import Body, Layer
 from tests.bodies import write_vase

@@ -12,11 +12,11 @@ from printmend.printer import Printer
 from printmend.protocols import State
 from printmend_lab.conformance.learners import LearnerCandidate, is_planned_for
 from printmend_lab.control.beam import Beam
+from printmend_lab.control.check import agrees, increments_by_advance
 from printmend_lab.control.greedy import Greedy
-from printmend_lab.control.increments import agrees, increments_by_advance
 from printmend_lab.control.optimal import Optimal
 from printmend_lab.env import random_layer
-from printmend_lab.env.scenes import draw_scene
+from printmend_lab.env.fleet import draw_scene
 from printmend_lab.path import Layer
 from printmend_lab.sampling import sample
 

@@ -12,9 +12,9 @@ from printmend.machine import PlayTables, lattice_tables, run_motors
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend_lab.control import coupled, optimal
+from printmend_lab.control.coupled import window
 from printmend_lab.control.kernels import coupled as kernels
 from printmend_lab.control.registry import controller
-from printmend_lab.control.window import window
 from printmend_lab.path import Plan
 from printmend_lab.sampling import sample
 from tests import naive_control

@@ -18,12 +18,12 @@ from printmend.corruption import (
     WrongRadius,
     parse_corruption,
 )
-from printmend.corruption.jump import places_mm
+from printmend.corruption.transmission import places_mm
 from printmend.errors import ConfigError, InputError
 from printmend.machine import Mechanism
 from printmend.printer import Printer
 from printmend.twin import Twin
-from printmend_lab.body.space import space_path
+from printmend_lab.body.layers import space_path
 from printmend_lab.path import Body
 from printmend_lab.sampling import sample
 from tests.shapes import ring_layer

@@ -25,15 +25,24 @@ from printmend.files import replacing
 from printmend.metrics import rmse
 from printmend.printer import read_printer
 from printmend.twin import Twin
+from printmend_lab.bench.case import evaluate
 from printmend_lab.bench.table1 import dataset_cases
-from printmend_lab.bench.trial import evaluate
-from printmend_lab.body.mesh import read_solid
-from printmend_lab.body.solid import stl_bytes
+from printmend_lab.body.mesh import read_solid, stl_bytes
 from printmend_lab.dataset import build as builder
 from printmend_lab.dataset.build import Recipe, build_dataset
 from printmend_lab.dataset.join import joined, names
-from printmend_lab.dataset.parquet import BODY_COLUMNS, PRINT_COLUMNS, digest_of, read_about, read_body, read_print
-from printmend_lab.dataset.places import body_file, corruption_file, print_file, read_lines
+from printmend_lab.dataset.parquet import (
+    BODY_COLUMNS,
+    PRINT_COLUMNS,
+    body_file,
+    corruption_file,
+    digest_of,
+    print_file,
+    read_about,
+    read_body,
+    read_lines,
+    read_print,
+)
 from printmend_lab.dataset.verify import contents, fetch_dataset, verify_dataset
 from printmend_lab.executor import Serial
 from tests.bodies import write_vase

@@ -9,8 +9,7 @@ from scipy.io import loadmat, savemat
 from printmend.errors import InputError, TraceError
 from printmend.twin import Twin
 from printmend_lab.dataset.bodies import body_files, thinned
-from printmend_lab.dataset.export import export_reference
-from printmend_lab.dataset.reference import COLUMNS, read_reference, write_reference
+from printmend_lab.dataset.reference import COLUMNS, export_reference, read_reference, write_reference
 from tests.bodies import circle_body, write_vase
 
 

@@ -5,8 +5,7 @@ import pytest
 
 from printmend.errors import RefusedError
 from printmend.export.supported import export_supported
-from printmend.infer.machine import machine_of
-from printmend.infer.part import DRAWS, Part
+from printmend.infer.machine import DRAWS, Part, machine_of
 from printmend.model import SavedModel, saved_model
 from printmend.promise.belief import belief_section, parse_belief
 from tests.believed import SCENES, part

@@ -25,7 +25,7 @@ from printmend.path import Instrument, Trace
 from printmend.printer import Printer, read_printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.filament import UNTOLD, known_filaments, parse_entries
-from printmend.promise.scale import axis_scales
+from printmend.promise.words import axis_scales
 from printmend.report.examination import examine
 from printmend.twin import Twin
 

@@ -22,13 +22,12 @@ from printmend.corruption import Corruption
 from printmend.errors import ConfigError, GcodeError, ScanError
 from printmend.fit import SLICERS, Estimate, outline_of, settings_for, write_profiles
 from printmend.fit.estimate import Side
-from printmend.fit.profile import how_to_import
-from printmend.fit.setting import Wanted, wanted
+from printmend.fit.setting import Wanted, how_to_import, wanted
 from printmend.fit.words import after_size_mm
 from printmend.gcode.container import open_gcode
 from printmend.gcode.read import read_gcode
 from printmend.gcode.sliced import sliced
-from printmend.measure.distance import choose_widths
+from printmend.measure.callipers import choose_widths
 from printmend.measure.silhouette import Silhouette, find_edges
 from printmend.measure.walls import read_walls
 from printmend.mend.fit import fits, measured_part
@@ -37,7 +36,7 @@ from printmend.mend.part import measure_part
 from printmend.messages import GERMAN, translated
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from printmend.twin.beads import print_beads
+from printmend.twin.scanner import print_beads
 from tests import foreign_part as foreign
 
 PRINTER = read_printer("ender3")

@@ -17,8 +17,8 @@ from printmend.errors import GcodeError
 from printmend.gcode import bgcode
 from printmend.gcode import kernels as k
 from printmend.gcode.container import CHUNK_BYTES, MAX_LINE_BYTES, _without_moves, open_gcode
-from printmend.gcode.mark import find_mark, marked
 from printmend.gcode.read import read_gcode
+from printmend.gcode.sliced import find_mark, marked
 
 BGCODES = (
     ("martinfrances107__gcode-nom/benchy2-mk4s.bgcode", None),

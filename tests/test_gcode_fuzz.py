@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from printmend.errors import GcodeError
-from printmend.gcode.arcs import straightened
 from printmend.gcode.container import open_gcode
-from printmend.gcode.read import Moves, read_gcode
+from printmend.gcode.read import Moves, read_gcode, straightened
 from tests.test_gcode_rewrite import Bend, keep, rewritten
 
 TOKENS = (

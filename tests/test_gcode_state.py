@@ -4,10 +4,18 @@ import numpy as np
 import pytest
 
 from printmend.gcode import kernels as k
-from printmend.gcode.arcs import arc_points, straightened
 from printmend.gcode.container import open_gcode
 from printmend.gcode.machine import Flavour, detect_flavour, initial_state
-from printmend.gcode.read import _says_e_first, e_warning, interpret_text, moves_of, read_gcode, starting_state
+from printmend.gcode.read import (
+    _says_e_first,
+    arc_points,
+    e_warning,
+    interpret_text,
+    moves_of,
+    read_gcode,
+    starting_state,
+    straightened,
+)
 from printmend.printer import read_printer
 
 
@@ -305,8 +313,8 @@ def test_places_that_the_firmware_chooses(line: str, flavour: Flavour, known: bo
 
 def test_a_mended_file_is_read_as_the_file_was(tmp_path):
     """M82 within G91: what E means is guessed from the numbers, and cutting lines changes the numbers."""
-    from printmend.gcode.mark import marked
     from printmend.gcode.read import guessed_e_rule
+    from printmend.gcode.sliced import marked
 
     path, again = tmp_path / "part.gcode", tmp_path / "mended.gcode"
     path.write_text("G28\nG91\nM82\n" + "".join(f"G1 X{1 + i % 3} E{i}\n" for i in range(15)))

@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.corruption.jump import MissedSteps, ToothSkips
+from printmend.corruption.transmission import MissedSteps, ToothSkips
 from printmend.machine import Transmission, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.bench.case import drawn_body
 from printmend_lab.greybox import Greybox, motor_rows
-from printmend_lab.greybox.drive.kernels.jumps import cheapest_levels
-from printmend_lab.greybox.drive.ladder import Jump, lasting
+from printmend_lab.greybox.drive.jumps import Jump, lasting
+from printmend_lab.greybox.drive.kernels import cheapest_levels
 from printmend_lab.published import layer_trace
 from printmend_lab.sampling import sample
 from tests.naive_greybox import cheapest_history

@@ -7,9 +7,7 @@ import pytest
 
 from printmend_lab.greybox.drive import CROSS, Contacts, Design, Rows, Structure, contacts, normal_equations
 from printmend_lab.greybox.drive.fit import lower_inverse
-from printmend_lab.greybox.drive.kernels.columns import turning_rows
-from printmend_lab.greybox.drive.kernels.evidence import settle
-from printmend_lab.greybox.drive.kernels.periodogram import lengths_left
+from printmend_lab.greybox.drive.kernels import lengths_left, settle, turning_rows
 from tests.naive_greybox import column_matrix, follow_play, length_left, settled_prior
 
 DESIGN = Design(3, 2, CROSS, (20, 40), (1, 2, 3, 6), (1, 3), (1, 2), 4, (20.0, 190.0))

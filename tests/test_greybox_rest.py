@@ -11,7 +11,7 @@ from printmend.metrics import rmse
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.bench.case import drawn_body
 from printmend_lab.control.registry import controller
 from printmend_lab.greybox import Greybox
 from printmend_lab.published import layer_trace

@@ -12,7 +12,7 @@ from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
-from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.bench.case import drawn_body
 from printmend_lab.greybox import Greybox, GreyboxModel
 from printmend_lab.published import layer_trace
 from printmend_lab.sampling import sample

@@ -25,7 +25,7 @@ from printmend.printer.convert import printer_text
 from printmend.printer.klipper import parse_klipper
 from printmend.printer.toml import parse_printer
 from printmend.promise.belief import Belief, belief_section, parse_belief
-from printmend.promise.homing import after_homing
+from printmend.promise.predict import after_homing
 from printmend.twin import Twin
 from tests.believed import SCENES
 from tests.test_greybox_learning import stairs

@@ -32,7 +32,7 @@ from printmend.measure.table import read_trace
 from printmend.model import read_model, write_model
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
-from printmend_lab.bench.run import read_results
+from printmend_lab.bench.case import read_results
 from printmend_lab.body.mesh import read_solid
 from tests.mending import BENT, SQUARE, START, exactly
 from tests.mortal import heed_ctrl_c

@@ -15,12 +15,12 @@ from printmend.printer import read_printer
 from printmend.twin import Twin
 from printmend_lab.greybox import Greybox
 from printmend_lab.hybrid import Hybrid, HybridModel, learned_gains, with_residuals
-from printmend_lab.hybrid.continued import continued
 from printmend_lab.hybrid.residual import (
     Kind,
     Points,
     chosen_kind,
     column_variances,
+    continued,
     fit_residual,
     is_sure,
     points_in_contact,

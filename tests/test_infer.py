@@ -10,17 +10,16 @@ import pytest
 from scipy import special
 
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, places_of, scene_of
+from printmend.effects.effect import drawn_places, drawn_sizes
 from printmend.effects.idler import OWN_SHARE
 from printmend.effects.prior import share_of
-from printmend.effects.sample import drawn_places, drawn_sizes
 from printmend.effects.sized import Sized, frame_of
 from printmend.effects.words import Found
 from printmend.infer.fit import fitted, home_sd_of, weighed
 from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, seen
-from printmend.infer.machine import machine_of
-from printmend.infer.normal import inverse_of, log_below
-from printmend.infer.part import DRAWS
+from printmend.infer.machine import DRAWS, machine_of
 from printmend.infer.posterior import drawn_sets, posterior_of
+from printmend.infer.scatter import inverse_of, log_below
 from printmend.infer.search import search_of, searched
 from printmend.learn.learned import learn, learn_model
 from printmend.machine import healthy_mechanism, print_from_home
@@ -28,8 +27,7 @@ from printmend.model.model import LEAST_WAVE_MM
 from printmend.path import RESIZED, Trace
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
-from printmend_lab.sampling import fault
-from printmend_lab.simulate import drawn_parts, measured
+from printmend_lab.sampling import drawn_parts, fault, measured
 
 NOISE_MM = 0.02
 

@@ -9,10 +9,9 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.effects import EFFECTS, Scene, places_of, scene_of
 from printmend.effects.uneven import COUNT
 from printmend.infer.fit import Fit, fitted
-from printmend.infer.known import directions, rebased, turned
-from printmend.infer.part import DRAWS, Part
+from printmend.infer.machine import DRAWS, Part
 from printmend.infer.posterior import Posterior, posterior_of
-from printmend.infer.update import Renewed, both_seen, renewed
+from printmend.infer.update import Renewed, both_seen, directions, rebased, renewed, turned
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin

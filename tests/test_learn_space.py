@@ -10,17 +10,14 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive
-from printmend.corruption.frame import CrookedFrame
-from printmend.corruption.pulley import EccentricBore
-from printmend.corruption.screw import Screw
-from printmend.corruption.transmission import Play
-from printmend.diagnosis.screw import find_lift
+from printmend.corruption.frame import CrookedFrame, Screw
+from printmend.corruption.transmission import EccentricBore, Play
+from printmend.diagnosis.named import find_lift
 from printmend.effects import scene_of
 from printmend.effects.sized import pushed_mm
 from printmend.errors import TraceError
-from printmend.infer.first import among
-from printmend.infer.fit import fitted
-from printmend.infer.part import DRAWS
+from printmend.infer.fit import among, fitted
+from printmend.infer.machine import DRAWS
 from printmend.infer.posterior import posterior_of
 from printmend.learn.learned import Learned, learn, learn_model, report
 from printmend.measure import read_trace
@@ -31,8 +28,7 @@ from printmend.mend.update import update
 from printmend.model import SavedModel, screw_of, write_model
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.report.examination import examine, summary
-from printmend.report.examination_file import write_examination
+from printmend.report.examination import examine, summary, write_examination
 from printmend.twin import Twin
 
 ENDER3 = read_printer("ender3")

@@ -13,8 +13,8 @@ from printmend.effects.effect import SCALE_MM
 from printmend.errors import ModelError, RefusedError, TraceError
 from printmend.export.supported import export_supported
 from printmend.infer.distances import choose_distances, machines_by_hand
-from printmend.infer.few import Few, drawn_sizes
 from printmend.infer.gram import Block
+from printmend.infer.posterior import Few, drawn_sizes
 from printmend.learn.by_hand import estimates_by_hand, model_by_hand
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.measure import write_plan

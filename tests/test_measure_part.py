@@ -13,11 +13,11 @@ from shapely.geometry import Point, box
 from printmend.cli.probe import command
 from printmend.cli.twin import command as twin
 from printmend.errors import GcodeError, RefusedError, ScanError, TraceError
-from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode
+from printmend.gcode.sliced import is_test_print
 from printmend.learn.learned import learn_model
 from printmend.measure import read_trace, write_trace
-from printmend.measure.distance import choose_widths, scaled_by_widths
+from printmend.measure.callipers import choose_widths, scaled_by_widths
 from printmend.measure.image import read_image
 from printmend.measure.ruler import find_rulers
 from printmend.measure.walls import read_walls

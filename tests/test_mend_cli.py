@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.corruption import HEALTHY, Corruption, Drive, Play
-from printmend.corruption.pulley import WrongRadius
+from printmend.corruption.transmission import WrongRadius
 from printmend.errors import GcodeError, InputError, ModelError, RefusedError, UnwritableError
 from printmend.gcode.read import read_gcode
 from printmend.measure.table import read_trace

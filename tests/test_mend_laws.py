@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from printmend.corruption import HEALTHY, Corruption, Drive, WrongRadius
-from printmend.corruption.pulley import EccentricBore
-from printmend.corruption.transmission import Play, Ripple
+from printmend.corruption.transmission import EccentricBore, Play, Ripple
 from printmend.mend import mend_gcode
 from printmend.mend.against import judged
 from printmend.model import exact_model

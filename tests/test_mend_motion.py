@@ -348,8 +348,7 @@ def test_a_travel_crosses_its_slack_once() -> None:
 def test_a_slow_firmware_gets_fewer_moves() -> None:
     """120 mm/s and 100 moves a second: no piece of a line is shorter than 1.2 mm, but for the gain."""
     from printmend.gcode.write import rewrite
-    from printmend.plan.fineness import Fineness
-    from printmend.plan.inverse import start
+    from printmend.plan.inverse import Fineness, start
 
     text = START + b"G1 X150 Y110 E5 F7200\n"
     for firmware in (None, "marlin8"):

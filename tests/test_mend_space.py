@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from printmend.corruption import HEALTHY, Corruption, Drive
-from printmend.corruption.pulley import EccentricBore
-from printmend.corruption.screw import Screw
-from printmend.corruption.transmission import Play
+from printmend.corruption.frame import Screw
+from printmend.corruption.transmission import EccentricBore, Play
 from printmend.errors import ModelError, RefusedError
 from printmend.machine import Mechanism
 from printmend.mend import check_gcode, mend_gcode

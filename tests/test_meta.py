@@ -9,7 +9,7 @@ from printmend.corruption import Corruption
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from printmend_lab.bench.print_shapes import SHAPES, path_print
+from printmend_lab.bench.prints import SHAPES, path_print
 from printmend_lab.meta import MetaLearner, kernels
 from printmend_lab.meta.bayes import FEATURES, OUTPUTS, forward, posterior
 from printmend_lab.meta.columns import GROUPS, columns, groups

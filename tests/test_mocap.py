@@ -7,9 +7,8 @@ import pytest
 from scipy.io import savemat
 
 from printmend.errors import TraceError
-from printmend_lab.bench.measured.forms import read_pulleys
-from printmend_lab.bench.real.mocap import cut, read_captures, read_runs
-from printmend_lab.bench.real.traverse import detrended
+from printmend_lab.bench.measured import read_pulleys
+from printmend_lab.bench.traverse import cut, detrended, read_captures, read_runs
 
 TURN_MM, SPEED_MM, LENGTH_MM = 40.0, 0.05, 180.0
 

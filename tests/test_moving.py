@@ -15,7 +15,7 @@ from printmend.measure.plan import ProbePlan
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import Motion
 from printmend.probe import cost, design_probe, probe_gcode
-from printmend.probe.lines import with_moving
+from printmend.probe.layout import with_moving
 from printmend.promise.belief import belief_of
 from printmend.promise.predict import UNSHOWN_MM, unshown_mm
 from printmend.twin import Twin

@@ -11,10 +11,10 @@ from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import diagnose, faults_of, misfits_of
 from printmend.effects import EFFECTS, Acts, Scene
 from printmend.effects.words import Message
-from printmend.infer.part import DRAWS
+from printmend.infer.machine import DRAWS
 from printmend.machine import healthy_mechanism
 from printmend.messages import ENGLISH, GERMAN, messages_of, restored, together, translated
-from printmend.model.notes import NOTE, WARNING
+from printmend.model.model import NOTE, WARNING
 from printmend.printer import read_printer
 from tests.believed import SCENES, part
 

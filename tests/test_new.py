@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.errors import InputError
-from printmend_lab.bench.submission import write_result
+from printmend_lab.bench.suites import write_result
 from printmend_lab.conformance import kind_of
 from printmend_lab.conformance.begin import begin_package
 from printmend_lab.conformance.controllers import CHECKS as CONTROLLER_CHECKS

@@ -13,8 +13,7 @@ import printmend_lab.env  # noqa: F401 - registers the environments
 from printmend.cli.main import group
 from printmend.errors import ConfigError, InputError
 from printmend_lab.env.agents import one_naive_agent
-from printmend_lab.offline import Episode, record, write_lerobot, write_minari
-from printmend_lab.offline.episodes import environment
+from printmend_lab.offline import Episode, environment, record, write_lerobot, write_minari
 
 TICKS, PROBE = 30, 20
 

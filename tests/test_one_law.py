@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.corruption.screw import Screw
+from printmend.corruption.frame import Screw
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import Mechanism
 from printmend.machine.kernels import run

@@ -23,7 +23,7 @@ from printmend_lab.env import (
     random_layer,
     score_agent,
 )
-from printmend_lab.env.scenes import LEAST_GAIN_STEPS, draw_scene
+from printmend_lab.env.fleet import LEAST_GAIN_STEPS, draw_scene
 
 SMALL = {"ticks": 60, "probe_ticks": 40}
 

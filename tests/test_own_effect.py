@@ -15,7 +15,7 @@ from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import faults_of, misfits_of
 from printmend.effects import EFFECTS
 from printmend.errors import ConfigError
-from printmend.infer.part import DRAWS, Part
+from printmend.infer.machine import DRAWS, Part
 from printmend.infer.posterior import posterior_of
 from printmend.measure.table import read_trace
 from printmend.model import saved_model

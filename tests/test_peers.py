@@ -15,12 +15,19 @@ from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend_lab.conformance.learners import OTHER, TRAINING
-from printmend_lab.peers.boucwen import BoucWen, Shape, boucwen_element, moved
-from printmend_lab.peers.branches import followed, transmission
-from printmend_lab.peers.memory import MemoryModel
-from printmend_lab.peers.memory import followed as followed_element
-from printmend_lab.peers.operators import lags, play
-from printmend_lab.peers.prandtl import PrandtlIshlinskii, fitted_operator, prandtl_element
+from printmend_lab.peers.hysteresis import (
+    BoucWen,
+    PrandtlIshlinskii,
+    Shape,
+    boucwen_element,
+    fitted_operator,
+    lags,
+    moved,
+    play,
+    prandtl_element,
+)
+from printmend_lab.peers.memory import MemoryModel, followed_drive, transmission
+from printmend_lab.peers.memory import followed_drive as followed_element
 from printmend_lab.peers.rows import MotorRows, block_errors_mm2, chosen, least_squares, motor_rows, ways
 from printmend_lab.published import layer_trace
 
@@ -145,7 +152,7 @@ def test_play_operators_are_clips(rng: np.random.Generator) -> None:
 def test_branches_are_followed_as_operators_are(rng: np.random.Generator) -> None:
     motor = zigzag(rng)
     rows = rows_of(motor, motor)
-    error = followed(lambda m: (np.full(len(m), -0.4), np.full(len(m), 0.4)), rows)
+    error = followed_drive(lambda m: (np.full(len(m), -0.4), np.full(len(m), 0.4)), rows)
     np.testing.assert_allclose(error, lags(rows, np.array([0.4]))[:, 0], atol=1e-12)
 
 

@@ -18,7 +18,7 @@ from printmend.machine import Mechanism, homed_again
 from printmend.measure import write_trace
 from printmend.measure.plan import ProbePlan
 from printmend.mend import check_gcode, mend_gcode
-from printmend.mend.phase import learn_phase, refitted
+from printmend.mend.update import learn_phase, refitted
 from printmend.model import SavedModel, read_model, write_model
 from printmend.model.model import exact_model, saved_model
 from printmend.path import Trace

@@ -12,10 +12,7 @@ from printmend import plugins
 from printmend.effects import EFFECTS
 from printmend.errors import ConfigError
 from printmend.learn import learner
-from printmend_lab.bench.case import Case, Result
-from printmend_lab.bench.rows import row
-from printmend_lab.bench.run import run
-from printmend_lab.bench.trial import evaluate
+from printmend_lab.bench.case import Case, Result, evaluate, row, run
 from printmend_lab.cli.bench import command as bench
 from printmend_lab.cli.conformance import command as conformance
 from printmend_lab.control.registry import controller
@@ -34,7 +31,7 @@ from printmend.corruption import Corruption, Drive, Play
 from printmend.effects import Acts, Of
 from printmend.effects.effect import STAYS, along
 from printmend.effects.prior import alternatives
-from printmend.learn.naive import NaiveModel
+from printmend.learn.mechanism_model import NaiveModel
 from printmend_lab.path import Plan
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from printmend.errors import ModelError
 from printmend.gcode.sliced import Described
-from printmend.mend.meant import refuse_contradiction
+from printmend.mend.mend import refuse_contradiction
 from printmend.printer import preset_names, read_printer
-from printmend.printer.known import bare_name, printers_named
+from printmend.printer.printer import bare_name, printers_named
 from printmend.printer.toml import preset_text
 
 FOREIGN = (

@@ -10,9 +10,9 @@ from printmend.learn.learned import learn_model
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.bench.case import drawn_body
 from printmend_lab.greybox import Greybox, GreyboxModel
-from printmend_lab.greybox.pulley.shapes import ANGLES, HARMONICS, draw, kinds, series, turned
+from printmend_lab.greybox.pulley.outline import ANGLES, HARMONICS, draw, kinds, series, turned
 from printmend_lab.prior import PriorLearner
 from printmend_lab.prior.mixture import ENTRIES, Component, Mixture, parse_weights, shape_posterior, shipped
 from printmend_lab.prior.training import COMPONENTS, train

@@ -12,8 +12,8 @@ from printmend.measure.marks import read_marks
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import DESIGNS, cost, design_probe, expected_error_mm, turns_covered
-from printmend.probe.information import belief_after, fall_of, information, prior_belief, still_unknown
 from printmend.probe.part_layer import longest_layer_mm
+from printmend.probe.tiles import belief_after, fall_of, information, prior_belief, still_unknown
 from printmend.twin import Twin
 
 MARKS = 160

@@ -10,8 +10,8 @@ from printmend.cli.main import group
 from printmend.cli.probe import command
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.errors import ConfigError, ScanError
-from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode
+from printmend.gcode.sliced import is_test_print
 from printmend.learn.learned import learn_model
 from printmend.measure import read_plan
 from printmend.measure.image import write_image

@@ -15,7 +15,7 @@ from printmend.errors import ModelError, RefusedError
 from printmend.export.firmware import remainder
 from printmend.export.supported import export_supported
 from printmend.gcode.container import open_gcode
-from printmend.infer.part import DRAWS
+from printmend.infer.machine import DRAWS
 from printmend.learn.learned import learn_model
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode

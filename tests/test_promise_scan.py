@@ -12,10 +12,10 @@ from printmend.errors import RefusedError, TraceError
 from printmend.export.supported import export_supported
 from printmend.learn.learned import learn_model, report
 from printmend.machine import Frame
-from printmend.measure.distance import scaled_by, settled
+from printmend.measure.callipers import scaled_by, settled
+from printmend.measure.fiducials import PAPER
+from printmend.measure.image import scanned_at
 from printmend.measure.measurement import instrument_on_bed
-from printmend.measure.page import scanned_at
-from printmend.measure.paper import PAPER
 from printmend.measure.table import read_trace, write_trace
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
@@ -23,14 +23,14 @@ from printmend.mend.mend import is_healthy
 from printmend.mend.prediction import advice_of
 from printmend.mend.verify import expectation
 from printmend.model import SavedModel
-from printmend.model.notes import refusals
+from printmend.model.model import refusals
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.predict import (
     Promise,
 )
-from printmend.promise.scale import in_words, scale_words
+from printmend.promise.words import scale_in_words, scale_words
 from printmend.twin import Twin
 from tests.promised import CIRCLE, ENDER3, HEALTHY, measured, scanned
 from tests.test_greybox_learning import stairs
@@ -111,7 +111,7 @@ def test_learn_says_what_scale_a_scan_leaves_open() -> None:
     (said,) = scale_words(model)
     assert re.search(r"the print is \+0\.4\d % in X and \+0\.4\d % in Y too large .* Mending corrects none of it", said)
     assert said in report(model)
-    assert "Mending corrects +0.50 % in X and -0.00 % in Y, which may be wrong by 0.2 mm" in in_words(
+    assert "Mending corrects +0.50 % in X and -0.00 % in Y, which may be wrong by 0.2 mm" in scale_in_words(
         np.array([0.005, 0.001]), np.array([0.005, -1e-6]), 0.002
     )
     healthy = learn_model(scanned(measured(HEALTHY, 0.01, 3), np.zeros((2, 2))), ENDER3)

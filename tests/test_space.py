@@ -8,18 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from printmend.corruption import HEALTHY, Corruption
-from printmend.corruption.screw import Screw
+from printmend.corruption.frame import Screw
 from printmend.errors import InputError, TraceError
 from printmend.infer.screw import _touched, fit_height
-from printmend.learn.mechanism_model import MechanismModel
-from printmend.learn.naive import NaiveModel
+from printmend.learn.mechanism_model import MechanismModel, NaiveModel
 from printmend.machine import Mechanism, lattice_screw
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
-from printmend_lab.bench.drawn_body import drawn_tower
+from printmend_lab.bench.case import drawn_tower, evaluate
 from printmend_lab.bench.families import corruption_of, drawn_case
-from printmend_lab.bench.trial import evaluate
-from printmend_lab.body.space import SpacePath, space_path
+from printmend_lab.body.layers import SpacePath, space_path
 from printmend_lab.control.registry import controller
 from printmend_lab.control.space import plan_space
 from printmend_lab.hybrid import HybridModel

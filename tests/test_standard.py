@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from printmend.corruption import HEALTHY, Corruption, CrookedFrame, Drive, EccentricBore, Play
-from printmend.diagnosis.standard import circle, positioning
+from printmend.diagnosis.portrait import circle, positioning
 from printmend.printer import read_printer
 
 ENDER3 = read_printer("ender3")

@@ -31,11 +31,11 @@ from printmend.effects import EFFECTS, Of
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import InputError
 from printmend.gcode.container import open_gcode
-from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode, starting_state
+from printmend.gcode.sliced import is_test_print
 from printmend.gcode.write import follow
-from printmend.infer.part import DRAWS
-from printmend.learn import order as ordering
+from printmend.infer.machine import DRAWS
+from printmend.learn import rows as ordering
 from printmend.learn import rows as row_words
 from printmend.learn.learned import learn_model, todo
 from printmend.machine import Mechanism
@@ -50,16 +50,13 @@ from printmend.plan import start
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe, expected_error_mm
 from printmend.promise import words as promise_words
-from printmend.promise.scale import in_words
+from printmend.promise.words import scale_in_words
 from printmend.studio import kernels, serve, work
 from printmend.studio import scene as studio_scene
 from printmend.studio.api import plain_name
 from printmend.studio.app import PAGE, create_app
 from printmend.studio.host import Host, checked_address, find_host
 from printmend.studio.jobs import Jobs
-from printmend.studio.next_print import next_print
-from printmend.studio.pace import busiest, slicer_s
-from printmend.studio.places import Places
 from printmend.studio.play import Faults, preview
 from printmend.studio.scene import (
     MOST_POINTS,
@@ -68,14 +65,17 @@ from printmend.studio.scene import (
     Tap,
     as_mended,
     as_printed,
+    busiest,
     coarse,
     lay_points,
     read_drawing,
     read_motion,
+    slicer_s,
     write_mended,
     write_wanted,
 )
-from printmend.studio.store import Store
+from printmend.studio.store import Places, Store
+from printmend.studio.work import next_print
 from printmend.twin import Twin
 from tests import naive_studio
 from tests.believed import SCENES, part
@@ -671,7 +671,7 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
             assert " wuchs von " in (_german(grew) or ""), grew
             assert " schrumpfte von " in (_german(shrank) or ""), shrank
     for acts in (0.0, 0.01):
-        assert _german(in_words(np.full(2, 0.01), np.full(2, acts), 0.002))
+        assert _german(scale_in_words(np.full(2, 0.01), np.full(2, acts), 0.002))
 
 
 def _check_effects() -> None:

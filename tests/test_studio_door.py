@@ -30,15 +30,14 @@ from printmend.errors import InputError
 from printmend.messages import GERMAN, restored, translated
 from printmend.model import exact_model, write_model
 from printmend.printer import read_printer
-from printmend.studio import guard, quota
+from printmend.studio import guard
 from printmend.studio import serve as serving
+from printmend.studio import store as quota
 from printmend.studio.app import create_app
 from printmend.studio.devices import Devices
 from printmend.studio.jobs import Jobs
-from printmend.studio.places import ADDRESS, Places
-from printmend.studio.serve import serve
-from printmend.studio.service import service, write_service
-from printmend.studio.store import Store
+from printmend.studio.serve import serve, service, write_service
+from printmend.studio.store import ADDRESS, Places, Store
 
 HERE = "http://127.0.0.1:8765"
 PART = "G28\nG90\nM83\nG1 Z0.2 F3000\nG1 X60 Y60\n" + "G1 X110 Y60 E2\nG1 Y100 E2\nG1 X60 E2\nG1 Y60 E2\n" * 3

@@ -12,8 +12,17 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.errors import ConfigError, InputError
 from printmend_lab.bench import suites
-from printmend_lab.bench.submission import check_submission, leaderboard, write_result
-from printmend_lab.bench.suites import SUITES, Suite, checksum, frozen_cases, metrics, run_suite
+from printmend_lab.bench.suites import (
+    SUITES,
+    Suite,
+    check_submission,
+    checksum,
+    frozen_cases,
+    leaderboard,
+    metrics,
+    run_suite,
+    write_result,
+)
 from tests.test_bench_measured import write_encoder
 from tests.test_mocap import write_clone
 

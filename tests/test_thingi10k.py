@@ -12,11 +12,10 @@ import trimesh
 
 from printmend.errors import InputError, MeshError
 from printmend_lab.body.mesh import read_solid
-from printmend_lab.dataset import thingi10k
-from printmend_lab.dataset.bodies import body_files
+from printmend_lab.dataset import bodies as thingi10k
+from printmend_lab.dataset.bodies import body_files, licence_beside
 from printmend_lab.dataset.build import Recipe, build_dataset
-from printmend_lab.dataset.places import read_lines
-from printmend_lab.dataset.thingi10k import licence_beside
+from printmend_lab.dataset.parquet import read_lines
 from printmend_lab.executor import Serial
 from tests.bodies import write_vase
 

@@ -9,9 +9,9 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.errors import InputError
-from printmend.gcode import mark
+from printmend.gcode import sliced
+from printmend.mend.many import JOURNAL, Watch
 from printmend.mend.mend import mend_gcode
-from printmend.mend.watch import JOURNAL, Watch
 from printmend.model import read_model, write_model
 from printmend.provenance import sealed_test_print
 from tests.mending import BENT, PLAY, SQUARE, exactly
@@ -105,7 +105,7 @@ def test_a_test_print_is_copied_as_it_is_and_mended_by_hand_alone(job: Watch) ->
     done = CliRunner().invoke(group, ["mend", str(probe), "-m", str(job.model_path), "-o", str(check)])
     assert done.exit_code == 0, done.output
     assert b"; printmend probe: " in check.read_bytes()
-    assert not mark.is_test_print(check)
+    assert not sliced.is_test_print(check)
     assert "mended with this model already" in CliRunner().invoke(group, arguments).stdout  # as whoever asked wants it
     assert (job.target / "check.gcode").read_bytes() == check.read_bytes()
     probe.write_bytes(sealed_test_print(b"; printmend probe: 2 dots\n" + SQUARE))

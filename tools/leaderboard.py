@@ -6,7 +6,7 @@
 from pathlib import Path
 
 from printmend.files import replacing
-from printmend_lab.bench.submission import leaderboard
+from printmend_lab.bench.suites import leaderboard
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from printmend.files import replacing
 from printmend.printer import read_printer
-from printmend_lab.body.pulley import timing_pulley
+from printmend_lab.body.generated import timing_pulley
 from printmend_lab.body.slicer import slice_solid
 
 TARGET = Path(__file__).resolve().parents[1] / "src" / "printmend" / "demo" / "timing_pulley.gcode"

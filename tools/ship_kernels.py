@@ -155,9 +155,9 @@ def print_and_play(_: str) -> None:
 
     from printmend.gcode.kernels.meatpack import unpack
     from printmend.printer import read_printer
-    from printmend_lab.body.load import body_of
+    from printmend_lab.body.layers import body_of
     from printmend_lab.env import PrintVectorEnv, algorithm1_agent
-    from printmend_lab.greybox.drive.kernels.jumps import cheapest_levels
+    from printmend_lab.greybox.drive.kernels import cheapest_levels
 
     body_of(b"G90\nM83\nG1 X90 Y90 Z0.2 E1\n" + b"G2 X90 Y90 I20 J0 E5\n" * 3, read_printer("ender5"), name="circles")
     unpack(np.frombuffer(bytes(4), np.uint8), np.empty(16, np.uint8))

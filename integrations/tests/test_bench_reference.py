@@ -7,10 +7,9 @@ import pytest
 from tests import naive_reference
 from tests.bodies import circle_body, write_vase
 
+from printmend_lab.bench.case import evaluate
 from printmend_lab.bench.table1 import reference_cases, table1
-from printmend_lab.bench.trial import evaluate
-from printmend_lab.dataset.export import export_reference
-from printmend_lab.dataset.reference import write_reference
+from printmend_lab.dataset.reference import export_reference, write_reference
 
 
 @pytest.fixture(scope="module")

@@ -30,9 +30,9 @@ from printmend.errors import ScanError
 from printmend.learn import learner
 from printmend.learn.learned import learn_model
 from printmend.measure import read_plan, write_trace
+from printmend.measure.fiducials import find_sheet
 from printmend.measure.image import read_image
 from printmend.measure.measurement import measure_scans
-from printmend.measure.paper import find_sheet
 from printmend.mend.history import read_history, trends_of
 from printmend.mend.mend import mend_gcode
 from printmend.mend.part import measure_part
@@ -41,10 +41,8 @@ from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.protocols import WorldModel
 from printmend.twin import Twin
+from printmend_lab.bench.case import OPTIMUM, evaluate, read_results
 from printmend_lab.bench.families import drawn_case
-from printmend_lab.bench.rows import OPTIMUM
-from printmend_lab.bench.run import read_results
-from printmend_lab.bench.trial import evaluate
 from printmend_lab.sampling import sample
 
 PRINTER = read_printer("ender3")
@@ -198,7 +196,7 @@ from pathlib import Path
 from starlette.testclient import TestClient
 from printmend.cluster import Cluster
 from printmend.studio.app import create_app
-from printmend.studio.places import Places
+from printmend.studio.store import Places
 if __name__ == "__main__":
     with Cluster.at("local:1").client() as dask, dask.get_executor(pure=False) as pool:
         app = create_app(Places.below(Path(sys.argv[1])), cluster=pool)
@@ -265,7 +263,7 @@ import sys
 from pathlib import Path
 from printmend import cluster
 from printmend_lab.bench.case import Case
-from printmend_lab.bench.run import run
+from printmend_lab.bench.case import run
 from printmend.cli.main import group
 from printmend.errors import InputError
 from printmend_lab.executor import WorkerDied, executor

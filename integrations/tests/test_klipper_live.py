@@ -18,9 +18,8 @@ from printmend.corruption import Corruption, Drive, corruption_toml
 from printmend.corruption.transmission import Ripple
 from printmend.machine import Frame, healthy_mechanism
 from printmend.mend import mend_gcode
-from printmend.model.branches import Branches, Wave
+from printmend.model.branches import Branches, ScrewSeries, Wave
 from printmend.model.model import exact_model, read_model, saved_model, with_screw, write_model
-from printmend.model.screw import ScrewSeries
 from printmend.plan.inverse import lookup
 from printmend.plan.kernels import height
 from printmend.plan.kernels import lookup as kernels

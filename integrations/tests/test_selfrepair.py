@@ -12,9 +12,9 @@ from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore
 from printmend.gcode.read import read_gcode
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from printmend_lab.demo import pulley_part, selfrepair
-from printmend_lab.demo.pulley_part import RADIUS_MM, pulley_gcode
-from printmend_lab.demo.selfrepair import printed_pulley
+from printmend_lab.demo import selfrepair
+from printmend_lab.demo import selfrepair as pulley_part
+from printmend_lab.demo.selfrepair import RADIUS_MM, printed_pulley, pulley_gcode
 
 PRINTER = read_printer("ender5")
 

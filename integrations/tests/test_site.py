@@ -16,7 +16,7 @@ from studio_server import CHROMIUM, Watched, chromium, until
 from printmend.machine import Mechanism
 from printmend.mend import mend_gcode
 from printmend.model import exact_model
-from printmend.studio import plate
+from printmend.studio import play as plate
 from printmend.studio.play import Faults, Side, faults_of, play_printer, shown
 from printmend.studio.scene import Tap, as_mended, as_printed, read_drawing
 

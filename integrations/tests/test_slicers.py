@@ -20,8 +20,8 @@ from printmend.gcode.read import read_gcode
 from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
 from printmend_lab.body import demo_body_gcode
+from printmend_lab.body.generated import timing_pulley
 from printmend_lab.body.layers import strokes_of
-from printmend_lab.body.pulley import timing_pulley
 from printmend_lab.body.slicer import slice_solid
 
 HOOK = INTEGRATIONS / "slicers/printmend_post.py"

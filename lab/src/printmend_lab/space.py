@@ -13,12 +13,11 @@ import numpy as np
 from printmend.effects import scene_of
 from printmend.effects.sized import Sized, pushed_mm, scene_of_printer
 from printmend.errors import TraceError
-from printmend.infer.first import FEW, among
-from printmend.infer.fit import fitted
+from printmend.infer.fit import FEW, among, fitted
 from printmend.infer.screw import Height, fit_height
 from printmend.learn.registry import ORACLE, fit
 from printmend.machine import GainMechanism, Mechanism, PlayTables, ScrewDrive, run_motors, z_grid_mm
-from printmend.model.screw import ScrewSeries
+from printmend.model.branches import ScrewSeries
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import WorldModel

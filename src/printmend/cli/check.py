@@ -23,7 +23,7 @@ def command(source: Path, model_path: Path, filament: str | None, against: Path 
     """Predict how far PART.gcode will be off on this printer, as it is and mended. Writes nothing."""
     import json
 
-    from printmend.cli.output import file_progress
+    from printmend.cli.terminal import file_progress
     from printmend.mend import check_gcode
 
     model = read_model_in(model_path, filament)

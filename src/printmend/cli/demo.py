@@ -59,7 +59,7 @@ def _show_chain(
     """Break a twin, print and measure a probe on it, learn, mend a part, print it; report the result."""
     import numpy as np
 
-    from printmend.cli.output import progress
+    from printmend.cli.terminal import progress
     from printmend.corruption import corruption_of
     from printmend.demo import scan as chain
     from printmend.demo.contour import demo_corruption

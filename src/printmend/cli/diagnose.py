@@ -22,7 +22,7 @@ def command(trace: Path, printer_name: str, report: Path, part: Path | None, fil
     """Say what is wrong with a printer and how sure that is, what to replace or tighten, and what mending corrects."""
     import numpy as np
 
-    from printmend.cli.output import spare
+    from printmend.cli.terminal import spare
     from printmend.extras import require
     from printmend.filament import check_name as check_filament
     from printmend.measure import read_trace
@@ -31,7 +31,7 @@ def command(trace: Path, printer_name: str, report: Path, part: Path | None, fil
 
     check_name(report)
     require("printmend diagnose", "matplotlib", *(["reportlab"] if report.suffix.lower() == ".pdf" else []))
-    from printmend.report.examination_file import write_examination
+    from printmend.report.examination import write_examination
 
     spare((report,), (trace, part))
     printer = read_printer(printer_name)

@@ -32,7 +32,7 @@ def command(
     Nothing is sent. Numbers and pixels are packed; names, places, dates, notes and the metadata of pictures are not.
     manifest.json in it says what each file is.
     """
-    from printmend.cli.output import spare
+    from printmend.cli.terminal import spare
     from printmend.extras import require
     from printmend.mend.donation import donation, write_donation
 

@@ -44,12 +44,12 @@ def command(
     SCAN shows the part's underside, as for `measure --gcode`. The slicer corrects line width, holes and shrinkage;
     mending corrects the machine.
     """
-    from printmend.cli.output import spare
+    from printmend.cli.terminal import spare
     from printmend.extras import require
     from printmend.filament import check_name
     from printmend.fit import write_profiles
-    from printmend.fit.profile import how_to_import
-    from printmend.measure.distance import is_asking
+    from printmend.fit.setting import how_to_import
+    from printmend.measure.callipers import is_asking
     from printmend.mend.fit import LOW, fits, measured_part
     from printmend.mend.update import same_machine
     from printmend.model import read_model

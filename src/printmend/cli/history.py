@@ -22,7 +22,7 @@ def command(model_path: Path, picture: Path | None, refitted: tuple[str, ...], a
 
     The history lies beside the model, printer.mend.history.jsonl: `learn`, `learn --update` and `verify` add to it.
     """
-    from printmend.cli.output import spare
+    from printmend.cli.terminal import spare
     from printmend.extras import require
     from printmend.mend.history import history_of, read_history, rows_of, trends_of
 
@@ -31,7 +31,7 @@ def command(model_path: Path, picture: Path | None, refitted: tuple[str, ...], a
     spare((picture,), (model_path, history_of(model_path)))
     if refitted:
         from printmend.mend.history import remember
-        from printmend.mend.phase import refitted as worked_on
+        from printmend.mend.update import refitted as worked_on
         from printmend.model.model import read_model, write_model
 
         model = worked_on(read_model(model_path), refitted)

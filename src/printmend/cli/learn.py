@@ -60,7 +60,7 @@ def command(
     """
     import numpy as np
 
-    from printmend.cli.output import spare
+    from printmend.cli.terminal import spare
     from printmend.errors import of_file
     from printmend.filament import check_name
     from printmend.learn.learned import report
@@ -68,8 +68,7 @@ def command(
     from printmend.mend.filament import filament_words, learn_in, parse_travel, printed_in, update_in
     from printmend.mend.history import ageing_of, remember_learned
     from printmend.mend.mend import is_healthy
-    from printmend.model.model import read_model, write_model
-    from printmend.model.notes import refusals
+    from printmend.model.model import read_model, refusals, write_model
     from printmend.printer import read_printer
 
     if old is not None and moved is not None:
@@ -101,8 +100,7 @@ def command(
         with of_file(trace):
             model = learn_in(read_trace(trace, printer), printer, filament, rules, model=learner, rng=rng)
     else:
-        from printmend.mend.phase import learn_phase
-        from printmend.mend.update import same_machine
+        from printmend.mend.update import learn_phase, same_machine
 
         past = read_model(old)
         if printer_name is not None:

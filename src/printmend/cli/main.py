@@ -137,7 +137,7 @@ def group(ctx: click.Context) -> None:
     """Print straight on a broken 3-D printer: learn its fault from one print, rewrite the G-code."""
     name = ctx.invoked_subcommand
     if name is not None and home_of(name) is not None:
-        from printmend.cli.settings import settings_of
+        from printmend.cli.terminal import settings_of
 
         settings = settings_of(lambda: [*homes(), *LAB], lambda: ctx.command.get_command(ctx, name), name)  # type: ignore[attr-defined]
         ctx.default_map = {name: settings}

@@ -60,7 +60,7 @@ def command(
     --first-layer`): its outlines are matched with the path that the file commands. A photo of it on the reference sheet
     serves as well.
     """
-    from printmend.cli.output import spare
+    from printmend.cli.terminal import spare
     from printmend.extras import require
     from printmend.filament import check_name
 
@@ -142,7 +142,7 @@ def _measure_layer(
 
 def _told(notes: Sequence[str]) -> list[str]:
     """Say the notes of a measurement; return those that ask for something, to be said last, where they are read."""
-    from printmend.measure.distance import is_asking
+    from printmend.measure.callipers import is_asking
 
     for note in notes:
         if not is_asking(note):

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING
 import click
 
 from printmend.cli.model import ModelType, read_model_in
-from printmend.cli.output import tell
-from printmend.cli.terminal import Finite, Percent, echo, language
+from printmend.cli.terminal import Finite, Percent, echo, language, tell
 from printmend.messages import say
 
 if TYPE_CHECKING:
     from printmend.model import SavedModel
-    from printmend.plan.fineness import Fineness
+    from printmend.plan.inverse import Fineness
 
 
 # Its many parameters are its options.
@@ -62,7 +61,7 @@ def command(
               3  the prediction is not better, or the print would take longer than it may; nothing written
     If one of several files fails, the others are written all the same. The exit code is the worst: 1, then 2, then 3.
     """
-    from printmend.plan.fineness import Fineness
+    from printmend.plan.inverse import Fineness
 
     fineness = Fineness(tolerance_mm, firmware, slower, crossing_mm_s2)
     if len(sources) > 1 or sources[0].is_dir() or as_json:
@@ -80,7 +79,7 @@ def _mend_one(
     report: Path | None, force: bool, fineness: "Fineness", quiet: bool,
 ) -> None:  # fmt: skip
     """Mend one file and say what came of it."""
-    from printmend.cli.output import file_progress, output_path, spare
+    from printmend.cli.terminal import file_progress, output_path, spare
     from printmend.mend import mend_gcode
     from printmend.mend.many import refuse_overwriting
     from printmend.report.part import check_report_name, write_report

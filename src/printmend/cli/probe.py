@@ -89,7 +89,7 @@ def command(
         return
     import numpy as np
 
-    from printmend.cli.output import spare
+    from printmend.cli.terminal import spare
     from printmend.extras import require
     from printmend.gcode.read import read_gcode
     from printmend.measure.table import read_trace
@@ -103,12 +103,12 @@ def command(
         turns_covered,
         write_probe,
     )
+    from printmend.probe.gcode import homed_start, start_from
+    from printmend.probe.layout import with_moving, with_net
     from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, leaflet_of, pen_and_paper, weight, write_leaflet
-    from printmend.probe.lines import with_moving, with_net
     from printmend.probe.paper import design_sheets, on_paper, paper_for, papers_of
     from printmend.probe.pen import with_pen
     from printmend.probe.probe import gcode_of, keep_plan
-    from printmend.probe.start import homed_start, start_from
 
     if printer_name is None and sheet is None:
         raise click.UsageError(say("terminal-usage-probe-printer"))
@@ -129,7 +129,7 @@ def command(
     spare((*made, sheet), (part_path, after, start_path, Path(printer_name or "-")))
     if sheet is not None:
         from printmend.measure.fiducials import window_mm
-        from printmend.probe.tags import write_sheet
+        from printmend.probe.leaflet import write_sheet
 
         write_sheet(sheet, language=language())
         echo(say("print-at-full-size", sheet))
@@ -210,7 +210,7 @@ def _unseen(printer: "Printer", plan: "ProbePlan") -> str:
 
 
 def _write_first_layer(part: Path, output: Path, printer_name: str | None) -> None:
-    from printmend.cli.output import spare
+    from printmend.cli.terminal import spare
     from printmend.files import replacing
     from printmend.gcode.read import read_gcode
     from printmend.printer import read_printer

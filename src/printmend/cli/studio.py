@@ -48,8 +48,8 @@ def command(
         "scipy", "sqlalchemy", "uvicorn", *(["distributed"] if cluster else []),
     )  # fmt: skip
     from printmend.studio.devices import Devices
-    from printmend.studio.places import Places
     from printmend.studio.serve import let_in, serve
+    from printmend.studio.store import Places
 
     places = Places.usual() if folder is None else Places.below(folder)
     if open_still := places.make():
@@ -82,7 +82,7 @@ def install_service(ctx: click.Context, only: bool) -> None:
 
     It gets the options that stand before `install-service`. Nothing is started: the commands for that are shown.
     """
-    from printmend.studio.service import service, write_service
+    from printmend.studio.serve import service, write_service
 
     assert ctx.parent is not None
     made = service(_options(ctx.parent))

@@ -1,18 +1,105 @@
-"""What a command says and understands in the terminal: the language, numbers as typed, and mistakes as messages.
+"""What a command says and understands in the terminal: language, default options, outputs, progress bars, mistakes.
 
 The language is that of --lang, or of the user's locale. Click has its own messages in English only.
 """
 
+import contextlib
+import json
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping
+import sys
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from printmend.cli.model import ModelType
+from printmend.errors import ConfigError, InputError
+from printmend.files import check_place
 from printmend.messages import ENGLISH, GERMAN, Said, help_words, say, together, translated
+
+if TYPE_CHECKING:
+    from printmend.mend.many import FileOutcome
+
+# Read a user's default options from TOML; the command line overrides them.
+#
+# [mend] model = "e3-07" jobs = 4
+#
+# A section is a command, a key one of its long options. The user's file is config.toml in the user's folder of
+# printmend, a project's is printmend.toml in the current folder. The command line comes first, then the project, then
+# the user.
+
+PROJECT = Path("printmend.toml")
+
+
+def user_file() -> Path:
+    """Return where the user's settings are."""
+    return Path(click.get_app_dir("printmend")) / "config.toml"
+
+
+def settings_of(
+    names: Callable[[], list[str]], command: Callable[[], click.Command | None], name: str
+) -> dict[str, Any]:
+    """Return the values that the settings give to the parameters of the command ``name``.
+
+    ``names`` returns all commands. Raises `ConfigError` for a section that is no command, or a key that is no option.
+    """
+    values: dict[str, Any] = {}
+    for path in (user_file(), PROJECT):
+        for key, value in _section(path, names, name).items():
+            found = command()
+            options = {} if found is None else _options(found)
+            if key not in options:
+                raise ConfigError(
+                    path, wanted=say("options", name, ', '.join(sorted(options))), came=say("in", repr(key), name),
+                    todo=say("correct-remove"),
+                )  # fmt: skip
+            _check(path, f"{key} in [{name}]", options[key], value)
+            values[options[key].name or ""] = value
+    return values
+
+
+def _section(path: Path, names: Callable[[], list[str]], name: str) -> dict[str, Any]:
+    """Return a section of a settings file; nothing where there is no such file."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, RecursionError) as error:
+        raise ConfigError(path, wanted=say("settings-toml"), came=str(error), todo=say("correct")) from None
+    for section, values in table.items():
+        if section not in names() or not isinstance(values, dict):
+            raise ConfigError(
+                path, wanted=say("sections-commands-like-mend"), came=repr(section), todo=say("correct-remove")
+            )
+    return dict(table.get(name, {}))
+
+
+def _check(path: Path, place: str, option: click.Option, value: Any) -> None:
+    """Raise `ConfigError` for what the option would refuse, in the file's words; models are looked up when needed."""
+    if isinstance(option.type, ModelType | click.Path):
+        return
+    try:
+        option.type_cast_value(click.Context(click.Command(None)), value)
+    except click.BadParameter as error:
+        wanted = say("usage-wrong-value", place, value_words(option.type) or error.message)
+        raise ConfigError(path, wanted=wanted, came=repr(value), todo=say("correct")) from None
+
+
+def _options(command: click.Command) -> dict[str, click.Option]:
+    """Return a command's options by their long names."""
+    return {
+        word.removeprefix("--"): option
+        for option in command.params
+        if isinstance(option, click.Option)
+        for word in option.opts
+        if word.startswith("--")
+    }
+
 
 LANGUAGES = (ENGLISH, GERMAN)
 
@@ -148,3 +235,111 @@ def _with_guess(words: str, possibilities: object) -> str:
     if not isinstance(possibilities, list | tuple) or not possibilities:
         return words
     return say("usage-guess", words, together(", ", possibilities))
+
+
+# What a command writes and shows: outputs that spare its inputs, progress bars, and the outcome of each file.
+
+_LARGE_BYTES = 20_000_000  # below that it is done before a bar could be read
+
+
+def spare(outputs: tuple[Path | None, ...], inputs: tuple[Path | None, ...]) -> None:
+    """Raise `InputError` where an output is one of the inputs, or another output, or has no folder; None and `-` are no
+    files."""
+    wanted = [path for path in outputs if path is not None and str(path) != "-"]
+    for i, path in enumerate(wanted):
+        check_place(path)
+        for other in (*wanted[:i], *(item for item in inputs if item is not None and str(item) != "-")):
+            if _same(path, other):
+                raise InputError(
+                    path, wanted=say("file-own-write"), came=say("command-reads-writes-already"),
+                    todo=say("choose-another-name"),
+                )  # fmt: skip
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Say whether two paths are one file."""
+    try:
+        return os.path.samefile(one, other)
+    except (OSError, ValueError):
+        return os.path.abspath(one) == os.path.abspath(other)
+
+
+def output_path(source: Path, output: Path | None, *, in_place: bool) -> Path | None:
+    """Return where the mended file goes; None is the standard output."""
+    if in_place:
+        if output is not None or str(source) == "-":
+            raise click.UsageError(say("terminal-usage-in-place"))
+        return source
+    if output is not None:
+        if str(output) == "-":
+            return None
+        return output / source.name if output.is_dir() else output
+    if str(source) == "-":
+        return None
+    from printmend.mend.many import mended_path
+
+    return mended_path(source)
+
+
+@contextlib.contextmanager
+def file_progress(source: Path) -> Iterator[Callable[[int], None] | None]:
+    """Yield a function that is told of bytes read, and draws a bar on a terminal; None for small files and pipes.
+
+    A program that starts this one sets PRINTMEND_PROGRESS=1: it reads `37 %` and so on, a line each, from the standard
+    error.
+    """
+    size = source.stat().st_size if source.is_file() else 0
+    if size and os.environ.get("PRINTMEND_PROGRESS") == "1":
+        yield _percent_lines(size)
+        return
+    if size < _LARGE_BYTES or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(source.name, total=size)
+        yield lambda count: bar.update(task, advance=count)
+
+
+def _percent_lines(size: int) -> Callable[[int], None]:
+    """Return a progress that says each new percentage in a line."""
+    read = said = 0
+
+    def tick(count: int) -> None:
+        nonlocal read, said
+        read += count
+        percent = min(100, 100 * read // size)  # what is packed in a container is longer than it
+        if percent > said:
+            said = percent
+            click.echo(f"{percent} %", err=True)
+
+    return tick
+
+
+@contextlib.contextmanager
+def progress(what: str, total: int) -> Iterator[Callable[[str], None]]:
+    """Yield a function that advances a bar by one and shows the name it is given; nothing is drawn when piped."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, TextColumn("{task.fields[name]}"), console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=total, name="")
+
+        def tick(name: str) -> None:
+            bar.update(task, advance=1, name=spoken(name)[:40])
+
+        yield tick
+
+
+def tell(outcome: "FileOutcome", *, as_json: bool, quiet: bool) -> None:
+    """Say what became of a file, on stderr where it was not mended; ``quiet`` leaves out what went well."""
+    if as_json:
+        click.echo(json.dumps(outcome.json(), ensure_ascii=False))
+    elif outcome.code:
+        echo(together("", ["printmend: ", outcome.words]), err=True)
+    elif not quiet:
+        echo(outcome.words)

@@ -69,7 +69,7 @@ def command(
     """Print FILE.gcode on a twin with this fault, measure what came out, write it as a trace.csv."""
     import numpy as np
 
-    from printmend.cli.output import spare
+    from printmend.cli.terminal import spare
     from printmend.corruption import corruption_of
     from printmend.extras import require
     from printmend.gcode.container import HINT_BYTES
@@ -131,8 +131,7 @@ def _side(
     """Return the scan of a part's first layer, seen from below, or of its last, seen from above."""
     import numpy as np
 
-    from printmend.twin.beads import print_beads
-    from printmend.twin.scanner import DEGRADATIONS, render_layer
+    from printmend.twin.scanner import DEGRADATIONS, print_beads, render_layer
 
     first = print_beads(program, twin)
     layers = len(np.unique(program.moves.layer[program.moves.extruding & (program.moves.layer >= 0)]))

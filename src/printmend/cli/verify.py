@@ -40,7 +40,7 @@ def command(
     3, a measurement too coarse to tell with 0. With --filament, mend the check print with it if the model knows it, and
     without it if not.
     """
-    from printmend.cli.output import spare
+    from printmend.cli.terminal import spare
     from printmend.errors import RefusedError, of_file
     from printmend.extras import require
     from printmend.filament import check_name

@@ -6,8 +6,7 @@ from pathlib import Path
 import click
 
 from printmend.cli.model import ModelType
-from printmend.cli.output import tell
-from printmend.cli.terminal import Finite, echo
+from printmend.cli.terminal import Finite, echo, tell
 from printmend.messages import say, together
 
 
@@ -35,7 +34,7 @@ def command(
     must show the printer as it is. A file that this model mended is copied, too. A restart goes on where it was: a file
     is mended once, and again when it has changed.
     """
-    from printmend.mend.watch import Watch, watch
+    from printmend.mend.many import Watch, watch
 
     try:
         job = Watch(

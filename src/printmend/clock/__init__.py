@@ -4,8 +4,19 @@
 the file is planned and then say how long it takes.
 """
 
-from printmend.clock.clock import Clock, Duration, Stopwatch, file_seconds, span_words, start_clock, start_stopwatch
-from printmend.clock.limits import FIRMWARES, Limits, klipper, limits_of
+from printmend.clock.clock import (
+    FIRMWARES,
+    Clock,
+    Duration,
+    Limits,
+    Stopwatch,
+    file_seconds,
+    klipper,
+    limits_of,
+    span_words,
+    start_clock,
+    start_stopwatch,
+)
 from printmend.clock.told import told_as_a_whole, with_times
 
 __all__ = [

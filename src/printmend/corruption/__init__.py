@@ -3,22 +3,29 @@
 from printmend.corruption.cause import Cause, cause_of
 from printmend.corruption.corruption import HEALTHY, Corruption, Drive, Fault
 from printmend.corruption.event import EVENTS, Beads
-from printmend.corruption.frame import CrookedFrame
-from printmend.corruption.jump import MissedSteps, ToothSkips
-from printmend.corruption.pulley import (
+from printmend.corruption.frame import CrookedFrame, Screw
+from printmend.corruption.toml import corruption_of, corruption_toml, parse_corruption, read_corruption
+from printmend.corruption.transmission import (
     EccentricBore,
+    ElasticBelt,
     Ellipse,
     FlatSpot,
     FourierHull,
+    Friction,
+    GainTable,
+    LooseBelt,
+    MissedSteps,
+    Play,
     Polygon,
     PublishedHull,
+    Ripple,
+    SetScrew,
     TabulatedHull,
+    ToothSkips,
+    Warp,
     WrongRadius,
     published_names,
 )
-from printmend.corruption.screw import Screw
-from printmend.corruption.toml import corruption_of, corruption_toml, parse_corruption, read_corruption
-from printmend.corruption.transmission import ElasticBelt, Friction, GainTable, LooseBelt, Play, Ripple, SetScrew, Warp
 
 __all__ = [
     "EVENTS",

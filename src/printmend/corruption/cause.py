@@ -20,10 +20,9 @@ import numpy as np
 
 from printmend.corruption.event import EVENTS, Made
 from printmend.effects import EFFECTS, Acts, Scene
-from printmend.effects.effect import Effect, Term
-from printmend.effects.keys import AXES, Keys, keys_of, limits_of
-from printmend.effects.sample import drawn_term, terms_of
+from printmend.effects.effect import Effect, Term, drawn_term, terms_of
 from printmend.effects.sized import Sized, belts_mm, scene_of_printer
+from printmend.effects.words import AXES, Keys, keys_of, limits_of
 from printmend.errors import ConfigError
 from printmend.filament import check_name
 from printmend.machine import healthy_transmission

@@ -7,11 +7,19 @@ import numpy as np
 
 from printmend.corruption.cause import Cause
 from printmend.corruption.event import Beads, Made
-from printmend.corruption.frame import CrookedFrame
-from printmend.corruption.jump import Jumps, MissedSteps, ToothSkips
-from printmend.corruption.pulley import Pulley
-from printmend.corruption.screw import Screw
-from printmend.corruption.transmission import Belt, Friction, GainTable, Ripple, SetScrew, Warp
+from printmend.corruption.frame import CrookedFrame, Screw
+from printmend.corruption.transmission import (
+    Belt,
+    Friction,
+    GainTable,
+    Jumps,
+    MissedSteps,
+    Pulley,
+    Ripple,
+    SetScrew,
+    ToothSkips,
+    Warp,
+)
 from printmend.effects.sized import Sized, with_effects
 from printmend.errors import ConfigError
 from printmend.machine import Frame, GainMechanism, Mechanism, Transmission, healthy_transmission, homed_again

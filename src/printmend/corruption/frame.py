@@ -1,4 +1,4 @@
-"""A crooked frame: skew, axis scale, rails that are not straight (physics.md eq. 14)."""
+"""A crooked frame (physics.md eq. 14), and a bad Z screw, which pushes layers about (eq. 15)."""
 
 import math
 from dataclasses import dataclass, replace
@@ -6,11 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from printmend.corruption.check import in_range
+from printmend.corruption.transmission import in_range, refuse
 from printmend.effects.bent import POWERS
 from printmend.effects.effect import SCALE_MM
 from printmend.effects.sized import Sized, frame_of, scene_of_printer
-from printmend.machine import Frame
+from printmend.machine import Frame, ScrewDrive, Transmission, z_grid_mm
+from printmend.messages import say
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
@@ -76,3 +77,54 @@ class CrookedFrame:
         sizes = np.zeros((2, len(POWERS)))
         sizes[[0, 1], [POWERS.index((0, 2)), POWERS.index((2, 0))]] = self.x_bow_mm, self.y_bow_mm
         return Sized("bent", 0, (), sizes.ravel())
+
+
+# A bad Z screw: wrong lead, periodic error, backlash, wobble that pushes layers about (physics.md eq. 15).
+
+
+@dataclass(frozen=True)
+class Screw:
+    """z = (1 + ``lead_error``) m + a sin(θ + φ) with θ = 2πm/lead; (dx, dy) = κe (cos, sin)(θ + ψ).
+
+    m is the commanded height, the lead the printer's ``z.mm_per_turn``. ``backlash_mm`` is play of the nut, half of
+    it to either side; it matters where Z goes up and down (Z-hops).
+    """
+
+    lead_error: float = 0.0
+    periodic_mm: float = 0.0
+    periodic_phase_rad: float = 0.0
+    wobble_mm: float = 0.0
+    wobble_phase_rad: float = 0.0
+    backlash_mm: float = 0.0
+    kind: ClassVar[str] = "screw"
+
+    def __post_init__(self) -> None:
+        in_range(
+            self,
+            lead_error=(-0.5, 1.0),
+            periodic_mm=(0.0, 10.0),
+            periodic_phase_rad=(-1e3, 1e3),
+            wobble_mm=(0.0, 10.0),
+            wobble_phase_rad=(-1e3, 1e3),
+            backlash_mm=(0.0, 10.0),
+        )
+
+    def lower(self, printer: Printer) -> ScrewDrive:
+        """Return Z as arrays. Raise `ConfigError` where the periodic error would turn the axis back."""
+        axis = printer.z
+        if self.periodic_mm * TURN_RAD / axis.mm_per_turn > 1 + self.lead_error:
+            limit_mm = (1 + self.lead_error) * axis.mm_per_turn / TURN_RAD
+            refuse(
+                self, say("periodic-mm-up-lead-mm", f"{limit_mm:.3g}", f"{axis.mm_per_turn:g}"), f"{self.periodic_mm}"
+            )
+        motor_mm, first_mm, pitch_mm = z_grid_mm(printer)
+        angle = motor_mm * (TURN_RAD / axis.mm_per_turn)
+        height = motor_mm + self.lead_error * motor_mm
+        if self.periodic_mm > 0:
+            height = height + self.periodic_mm * np.sin(angle + self.periodic_phase_rad)
+        half_mm = self.backlash_mm / 2
+        phase = angle + self.wobble_phase_rad
+        return ScrewDrive(
+            Transmission(first_mm, pitch_mm, height - half_mm, height + half_mm),
+            self.wobble_mm * np.stack([np.cos(phase), np.sin(phase)], axis=1),
+        )

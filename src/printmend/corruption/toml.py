@@ -29,11 +29,18 @@ import tomli_w
 
 from printmend.corruption.cause import Cause, cause_from, cause_of
 from printmend.corruption.corruption import Corruption, Drive
-from printmend.corruption.frame import CrookedFrame
-from printmend.corruption.jump import MissedSteps, ToothSkips
-from printmend.corruption.pulley import PULLEYS
-from printmend.corruption.screw import Screw
-from printmend.corruption.transmission import BELTS, Friction, GainTable, Ripple, SetScrew, Warp
+from printmend.corruption.frame import CrookedFrame, Screw
+from printmend.corruption.transmission import (
+    BELTS,
+    PULLEYS,
+    Friction,
+    GainTable,
+    MissedSteps,
+    Ripple,
+    SetScrew,
+    ToothSkips,
+    Warp,
+)
 from printmend.errors import ConfigError
 from printmend.files import read_text
 from printmend.messages import say, together

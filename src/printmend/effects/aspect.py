@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Fault, Found, amount
+from printmend.effects.words import Fault, Found, Numbers, amount
 from printmend.messages import say
 
 SHARES = np.array([0.5, -0.5])  # of it that X and Y have

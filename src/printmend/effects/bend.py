@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, along_motor_mm, motor_name
+from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, Numbers, along_motor_mm, motor_name
 from printmend.messages import say
 
 

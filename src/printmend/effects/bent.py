@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along
-from printmend.effects.keys import AXES, Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found
+from printmend.effects.words import AXES, LEAST_SHOWN_MM, Fault, Found, Numbers
 from printmend.messages import say
 
 POWERS = ((2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))

@@ -5,11 +5,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
-from printmend.effects.keys import Waves
 from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.pulley import first, harmonic_faults, is_loose
-from printmend.effects.words import Fault, Found, amount, motor_name, those_of
+from printmend.effects.words import Fault, Found, Waves, amount, motor_name, those_of
 from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 17.0)

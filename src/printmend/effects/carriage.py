@@ -6,9 +6,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, along
-from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives, share_of
-from printmend.effects.words import LEAST_SHOWN_MM, Found, Told
+from printmend.effects.words import LEAST_SHOWN_MM, Found, Told, Whole
 from printmend.messages import say
 
 # Cosines over the picture, of a random process whose power falls with the square of the frequency, and of how many

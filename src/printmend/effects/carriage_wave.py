@@ -17,9 +17,8 @@ from printmend.effects.effect import (
     periods_mm,
     waves,
 )
-from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Told
+from printmend.effects.words import Found, Told, Waves
 from printmend.messages import say
 
 SHORTEST_MM, LONGEST_MM = 10.0, 150.0  # of a period

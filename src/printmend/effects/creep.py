@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, Usual, about, carrier
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Told, carrier_name
+from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
 
 TIMES = (0.06, 0.1, 0.16, 0.25, 0.4, 0.7)

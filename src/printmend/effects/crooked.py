@@ -5,10 +5,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
-from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
 from printmend.effects.uneven import COUNT, LENGTHS_MM, mirrored, spectrum
-from printmend.effects.words import LEAST_SHOWN_MM, PLACES, Care, Fault, Found
+from printmend.effects.words import LEAST_SHOWN_MM, PLACES, Care, Fault, Found, Whole
 from printmend.messages import say
 
 

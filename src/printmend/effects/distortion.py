@@ -5,12 +5,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.crooked import plane_waves
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
-from printmend.effects.keys import Whole
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along, drawn_places
 from printmend.effects.prior import alternatives
-from printmend.effects.sample import drawn_places
 from printmend.effects.uneven import mirrored, spectrum
-from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found
+from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Whole
 from printmend.messages import say
 
 COUNT = 7  # cosines along either axis: over 200 mm the shortest is 57 mm long

@@ -5,10 +5,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
-from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.pulley import LEAST_EFFECT_MM, wave_sizes
-from printmend.effects.words import NAMED_SIGMAS, Fault, Found, amount, motor_name
+from printmend.effects.words import NAMED_SIGMAS, Fault, Found, Waves, amount, motor_name
 from printmend.messages import say
 
 HARMONICS = np.array([1.0, 3.0, 5.0])

@@ -5,10 +5,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
-from printmend.effects.keys import Numbers
 from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Fault, Found, amount, motor_name, those_of
+from printmend.effects.words import Fault, Found, Numbers, amount, motor_name, those_of
 from printmend.messages import say
 
 

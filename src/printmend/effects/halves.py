@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, about, along
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import LEAST_SHOWN_MM, Found, Told
+from printmend.effects.words import LEAST_SHOWN_MM, Found, Numbers, Told
 from printmend.messages import say, together
 
 BORDERS = 25  # places of a border that are tried

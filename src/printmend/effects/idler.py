@@ -17,11 +17,10 @@ from printmend.effects.effect import (
     periods_mm,
     waves,
 )
-from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
 from printmend.effects.pulley import LEAST_EFFECT_MM
 from printmend.effects.teeth import TOOTH_MM
-from printmend.effects.words import Fault, Found, amount, motor_name
+from printmend.effects.words import Fault, Found, Waves, amount, motor_name
 from printmend.messages import say
 
 SHORTEST_MM, LONGEST_MM = 12.0, 150.0  # of a period: no idler is smaller, no bed shows larger ones

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from printmend.effects.effect import MOST_LAYERS, OTHERWISE, Acts, Of, Places, Scene, Term, Usual, along
-from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Whole
 
 
 class Layer(Usual):

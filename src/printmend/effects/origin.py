@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from printmend.effects.effect import ALWAYS, GONE, Acts, Of, Places, Scene, Term, Usual, along
-from printmend.effects.keys import Numbers
+from printmend.effects.words import Numbers
 
 FAR_MM = 30.0  # how far off an origin may be; the trace's was put near the bed's beforehand
 

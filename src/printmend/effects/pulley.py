@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
-from printmend.effects.keys import Waves
 from printmend.effects.prior import NEAR_SHARE, alternatives, turning_share
-from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, amount, motor_name, those_of
+from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Waves, amount, motor_name, those_of
 from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 33.0)  # number of harmonics: corners need so many

@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along, onto_bed
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Told, span_mm
+from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
 
 ACROSS_SHARE = 2.0  # a gantry racks across if that error is so many times the one along

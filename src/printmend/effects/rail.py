@@ -17,9 +17,8 @@ from printmend.effects.effect import (
     periods_mm,
     waves,
 )
-from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Fault, Found, is_first, those_of
+from printmend.effects.words import Fault, Found, Waves, is_first, those_of
 from printmend.messages import say, together
 
 SHORTEST_MM, LONGEST_MM = 25.0, 300.0

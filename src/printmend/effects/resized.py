@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, Acts, Fate, Of, Places, Scene, Term, Usual
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import share_of
+from printmend.effects.words import Numbers
 
 
 class Resized(Usual):

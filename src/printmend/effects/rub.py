@@ -5,10 +5,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
-from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
 from printmend.effects.uneven import cosines, spectrum
-from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, along_motor_mm, motor_name
+from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Whole, along_motor_mm, motor_name
 from printmend.messages import say
 
 COUNT = 24  # cosines: over 200 mm the shortest is 17 mm long

@@ -5,8 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import ALWAYS, SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along
-from printmend.effects.keys import Numbers
-from printmend.effects.words import Found, Told
+from printmend.effects.words import Found, Numbers, Told
 
 
 class Shrinkage(Usual):

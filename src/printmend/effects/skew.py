@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Fault, Found, amount, is_first, those_of
+from printmend.effects.words import Fault, Found, Numbers, amount, is_first, those_of
 from printmend.messages import say
 
 

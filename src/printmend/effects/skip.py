@@ -5,10 +5,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, about, onto_bed
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import shared
 from printmend.effects.step import APART, breaks
-from printmend.effects.words import Found, Told, motor_name
+from printmend.effects.words import Found, Numbers, Told, motor_name
 from printmend.messages import say
 
 MILD = (1.0, 0.35)  # shares of the usual size to try: an electrical turn is less than a tooth

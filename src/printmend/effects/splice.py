@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, about, onto_bed
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import SOON_MM, Care, Fault, Found, amount, motor_name
+from printmend.effects.words import SOON_MM, Care, Fault, Found, Numbers, amount, motor_name
 from printmend.messages import say
 
 STEP_MM = 5.0  # distance of the places that are tried

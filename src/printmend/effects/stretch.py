@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from printmend.effects.effect import ALWAYS, GONE, Acts, Effect, Of, Places, Scene, Term, Usual
-from printmend.effects.keys import Given
+from printmend.effects.words import Given
 
 if TYPE_CHECKING:
     from printmend.effects.sized import Sized

@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
-from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Care, Fault, Found, amount, motor_name
+from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_name
 from printmend.messages import say
 
 TOOTH_MM = 2.0  # of a GT2 belt, which printers have: a pulley has a whole number of them

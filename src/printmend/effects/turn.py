@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import FAR_MM, GONE, SCALE_MM, Acts, Of, Places, Scene, Term, Usual
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Told
+from printmend.effects.words import Found, Numbers, Told
 from printmend.messages import say
 
 ALWAYS = 0.999  # the turn of a sheet on a scanner is unknown

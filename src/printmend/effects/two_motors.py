@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
-from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives, turning_share
-from printmend.effects.words import Found, Told, carrier_name, span_mm
+from printmend.effects.words import Found, Told, Waves, carrier_name, span_mm
 from printmend.messages import say
 
 

@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, held, onto_bed
-from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
-from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, along_motor_mm, motor_name
+from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, Whole, along_motor_mm, motor_name
 from printmend.messages import say
 
 COUNT = 40  # cosines: over 200 mm the shortest is 10 mm long

@@ -6,9 +6,8 @@ import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, about, onto_bed
 from printmend.effects.halves import borders_mm
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Told, carrier_name
+from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
 
 

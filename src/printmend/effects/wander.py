@@ -5,10 +5,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import OTHERWISE, Acts, Of, Places, Scene, Term, Usual, along
-from printmend.effects.keys import Whole
 from printmend.effects.prior import alternatives
 from printmend.effects.uneven import LENGTHS_MM, spectrum
-from printmend.effects.words import Found, Told
+from printmend.effects.words import Found, Told, Whole
 from printmend.messages import say
 
 COUNT = 24  # of the cosines: over a long way smooth processes are finer than these

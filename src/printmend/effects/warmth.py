@@ -5,9 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import ANEW, SCALE_MM, Acts, Of, Places, Scene, Term, Usual, about, along
-from printmend.effects.keys import Numbers
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Found, Told, span_mm
+from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
 
 TIMES = (0.1, 0.25, 0.7)  # shares of the print

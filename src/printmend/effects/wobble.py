@@ -5,10 +5,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along, waves
-from printmend.effects.keys import Waves
 from printmend.effects.prior import alternatives
 from printmend.effects.pulley import wave_sizes
-from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, amount, is_first, those_of
+from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Waves, amount, is_first, those_of
 from printmend.messages import say, together
 
 HARMONICS = np.array([1.0, 2.0])

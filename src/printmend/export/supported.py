@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Places
-from printmend.effects.effect import SCALE_MM
-from printmend.effects.sample import drawn_places
+from printmend.effects.effect import SCALE_MM, drawn_places
 from printmend.errors import RefusedError
 from printmend.export.firmware import EXPORTS, NO_BACKLASH, Export, Simple, simple_part
-from printmend.infer.part import DRAWS
+from printmend.infer.machine import DRAWS
 from printmend.messages import is_one_of, say, together
 from printmend.model import SavedModel
-from printmend.model.notes import refusals
+from printmend.model.model import refusals
 from printmend.promise.belief import Belief, parse_belief
 from printmend.promise.filament import UNTOLD
 from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD

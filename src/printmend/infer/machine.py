@@ -1,7 +1,7 @@
-"""The machine that a set of effects makes, each with its sizes: two drives and a frame."""
+"""The machine that a set of effects makes: its parts, each an effect with its sizes, as two drives and a frame."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,40 @@ from printmend.effects.pulley import HARMONICS
 from printmend.effects.sized import Sized, belts_mm, frame_of
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.model.branches import Branches, Wave, rising
+
+# One effect of a machine with its sizes after a measurement.
+
+DRAWS = 96  # machines that are drawn
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One effect at one place with one shape, and the belief about its sizes.
+
+    ``acts_mm`` [P] are the sizes that the model has: their mean in the likeliest set, 0 where that has none.
+    ``draws_mm`` [P, D] are those of the drawn machines; ``chance`` is the share of them that have it.
+    """
+
+    effect: str
+    where: int
+    shape: tuple[float, ...]
+    acts_mm: np.ndarray
+    draws_mm: np.ndarray
+
+    @property
+    def chance(self) -> float:
+        return float(self.draws_mm.any(axis=0).mean())
+
+    @property
+    def mean_mm(self) -> np.ndarray:
+        return np.asarray(self.draws_mm.mean(axis=1))
+
+    @property
+    def sd_mm(self) -> np.ndarray:
+        return np.asarray(self.draws_mm.std(axis=1))
+
+    def acting(self) -> Sized:
+        return Sized(self.effect, self.where, self.shape, self.acts_mm)
 
 
 def machine_of(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:

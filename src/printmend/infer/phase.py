@@ -13,9 +13,8 @@ from printmend.effects import Scene
 from printmend.effects.homing import shifted, waves_of
 from printmend.infer.fit import looked
 from printmend.infer.gram import dictionary_of, seen
-from printmend.infer.known import Key, key_of, rebased
-from printmend.infer.machine import machine_of
-from printmend.infer.part import Part
+from printmend.infer.machine import Part, machine_of
+from printmend.infer.update import Key, key_of, rebased
 from printmend.machine import Mechanism
 from printmend.path import Trace
 

@@ -20,7 +20,7 @@ from printmend.infer.search import LEAST_SIGMA_MM, Set, State, search_of
 from printmend.machine.kernels import run
 from printmend.messages import say
 from printmend.metrics.robust import scale_of, weights_of
-from printmend.model.screw import HARMONICS, waves_of
+from printmend.model.branches import HARMONICS, waves_of
 from printmend.printer import Printer
 
 TERMS = ("lead", "periodic", "backlash")

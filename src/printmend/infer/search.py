@@ -16,7 +16,7 @@ import numpy as np
 from printmend.effects import EFFECTS
 from printmend.infer import kernels
 from printmend.infer.gram import Block, Dictionary, Gram, Rows, gram_of, laid_side_by_side, products
-from printmend.infer.normal import inverse_of, log_below
+from printmend.infer.scatter import inverse_of, log_below
 
 LEAST_SIGMA_MM = 2e-3  # of any instrument; tables and G-code are written to half of it
 LEAST_BETTER = 1e-6  # of the score: what rounding leaves

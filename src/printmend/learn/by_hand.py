@@ -12,8 +12,7 @@ from printmend.effects.effect import SCALE_MM
 from printmend.effects.pulley import HARMONICS
 from printmend.errors import TraceError
 from printmend.infer.distances import machines_by_hand, printer_of
-from printmend.infer.machine import machine_of
-from printmend.infer.part import DRAWS, Part
+from printmend.infer.machine import DRAWS, Part, machine_of
 from printmend.measure.callipers import Distances
 from printmend.messages import say
 from printmend.model import SavedModel, saved_model

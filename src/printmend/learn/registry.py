@@ -18,7 +18,7 @@ from printmend.protocols import Learner, WorldModel
 
 ORACLE = "oracle"
 _MODULES = {
-    "naive": "printmend.learn.naive",
+    "naive": "printmend.learn.mechanism_model",
 }
 
 

@@ -5,8 +5,6 @@ puts it on the full-step lattice, `print_path` prints way-points in mm. The laws
 `printmend.machine.kernels`.
 """
 
-from printmend.machine.bed import BedMap
-from printmend.machine.homed import homed_again
 from printmend.machine.lattice import (
     LatticeMotor,
     LatticeScrew,
@@ -18,6 +16,7 @@ from printmend.machine.lattice import (
     run_screw,
 )
 from printmend.machine.mechanism import (
+    BedMap,
     Frame,
     GainMechanism,
     Mechanism,
@@ -25,6 +24,7 @@ from printmend.machine.mechanism import (
     Transmission,
     healthy_mechanism,
     healthy_transmission,
+    homed_again,
     z_grid_mm,
 )
 from printmend.machine.printing import (

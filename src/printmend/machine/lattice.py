@@ -9,10 +9,9 @@ from functools import lru_cache
 import numpy as np
 
 from printmend.errors import InputError
-from printmend.machine.bed import BedMap
 from printmend.machine.kernels import run
 from printmend.machine.kernels.lattice import Lattice
-from printmend.machine.mechanism import Mechanism, ScrewDrive, Transmission
+from printmend.machine.mechanism import BedMap, Mechanism, ScrewDrive, Transmission
 from printmend.messages import say
 from printmend.path import frozen
 from printmend.printer import Printer

@@ -15,7 +15,7 @@ from printmend.errors import TraceError
 from printmend.messages import say
 from printmend.path import Origin, Trace
 from printmend.printer import Printer, preset_names, read_printer
-from printmend.printer.known import bare_name
+from printmend.printer.printer import bare_name
 
 
 def check_origin(subject: str | Path, origin: Origin | None, printer: Printer) -> None:

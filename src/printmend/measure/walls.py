@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 
 from printmend.errors import GcodeError
-from printmend.gcode.arcs import straightened
-from printmend.gcode.read import Moves, Program
+from printmend.gcode.read import Moves, Program, straightened
 from printmend.messages import say, say_count
 from printmend.path import Trace
 from printmend.printer import Printer

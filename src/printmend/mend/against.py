@@ -9,8 +9,7 @@ import shapely
 
 from printmend.clock import file_seconds
 from printmend.errors import GcodeError
-from printmend.gcode.arcs import straightened
-from printmend.gcode.read import Moves, read_gcode
+from printmend.gcode.read import Moves, read_gcode, straightened
 from printmend.machine import Mechanism, print_from_home
 from printmend.mend.mend import check_gcode
 from printmend.mend.prediction import Heights, Prediction

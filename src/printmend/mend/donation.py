@@ -26,7 +26,7 @@ from printmend.mend.history import history_of, read_history
 from printmend.messages import say, say_count
 from printmend.model.model import model_text, parse_model, read_model
 from printmend.printer import preset_names, read_printer
-from printmend.printer.known import printers_named
+from printmend.printer.printer import printers_named
 
 FORMAT, VERSION = "printmend donation", 1
 MOST_BYTES = 400_000_000  # of a donation's files together; a scan of A4 at 600 dpi has some 50 million

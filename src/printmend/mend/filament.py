@@ -15,7 +15,7 @@ from printmend.diagnosis.named import diagnose, words_of_z
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError
 from printmend.filament import CLAIM_SD, UNNAMED, Entry, Split, material_of, split
-from printmend.infer.part import DRAWS, Part
+from printmend.infer.machine import DRAWS, Part
 from printmend.learn.learned import AUTO, SEARCH, learn_model
 from printmend.machine import Frame, Mechanism
 from printmend.measure.checks import digest_of
@@ -24,7 +24,7 @@ from printmend.mend.update import Updated, update
 from printmend.mend.verify import Verdict, made, verify
 from printmend.messages import is_one_of, say, together
 from printmend.model import Branches, SavedModel, branches_of, saved_model, screw_of, with_screw
-from printmend.model.values import numbers
+from printmend.model.branches import numbers
 from printmend.path import Instrument, Trace
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, belief_section
@@ -36,7 +36,7 @@ from printmend.promise.filament import (
     known_filaments,
     parse_entries,
 )
-from printmend.promise.scale import axis_scales, instrument_of
+from printmend.promise.words import axis_scales, instrument_of
 
 PLAIN = 0.025  # share: a machine's scale error beyond this is no filament's, for none of the table shrinks by as much
 SURE_SDS = 2.0  # … and this many, where a print without filament shows it

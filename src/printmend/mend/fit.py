@@ -32,7 +32,7 @@ from printmend.model import SavedModel
 from printmend.printer import Printer
 from printmend.promise.belief import parse_belief
 from printmend.promise.filament import known_filaments
-from printmend.promise.scale import axis_scales
+from printmend.promise.words import axis_scales
 from printmend.twin import Twin
 
 LEAST_TALL_MM = 8.0  # height of a part, from which on its foot lies in the dark while its top is scanned

@@ -24,7 +24,7 @@ from printmend.messages import Tell, say, together
 from printmend.model.model import SavedModel
 
 if TYPE_CHECKING:
-    from printmend.draw.history import Wear
+    from printmend.draw.figure import Wear
 
 YEAR_S = 365.25 * 86400.0
 MONTH_S = YEAR_S / 12
@@ -390,8 +390,7 @@ def _month(time_s: float) -> str:
 
 def draw_history(path: Path, trends: Sequence[Trend], tell: Tell = str) -> None:
     """Draw the worst faults over time into a PNG; ``tell`` puts the words into a language."""
-    from printmend.draw.figure import PALETTE, new_figure, save
-    from printmend.draw.history import draw_wear
+    from printmend.draw.figure import PALETTE, draw_wear, new_figure, save
 
     shown = trends[:MOST_DRAWN]
     figure, axes = new_figure(max(len(shown), 1), width_in=4.6, height_in=3.8)
@@ -406,7 +405,7 @@ def draw_history(path: Path, trends: Sequence[Trend], tell: Tell = str) -> None:
 
 def _drawn(trend: Trend) -> "Wear":
     """Return what the picture of a fault shows: the sizes that matter where it has passed one, or will."""
-    from printmend.draw.history import Wear
+    from printmend.draw.figure import Wear
 
     last, line, reached = trend.sizes[-1].time_s, None, None
     farthest = last + DRAWN_YEARS * YEAR_S

@@ -1,4 +1,4 @@
-"""Mend a G-code file, or only say what mending would do."""
+"""Mend a G-code file, or only say what mending would do: is it meant for this printer, and how long will it take?"""
 
 import shutil
 import sys
@@ -9,25 +9,243 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
-from printmend.clock import Duration, told_as_a_whole, with_times
+import numpy as np
+
+from printmend.clock import Duration, Stopwatch, limits_of, start_stopwatch, told_as_a_whole, with_times
 from printmend.effects import EFFECTS
-from printmend.errors import GcodeError, RefusedError
+from printmend.errors import GcodeError, ModelError, RefusedError
 from printmend.files import replacing
+from printmend.gcode import kernels as k
 from printmend.gcode.container import GcodeFile, Part, Text, open_gcode
-from printmend.gcode.mark import find_mark, find_test_print, marked
-from printmend.gcode.read import guessed_e_rule
-from printmend.gcode.sliced import described, sliced
-from printmend.gcode.write import Plan, TimePlace, rewrite
-from printmend.mend.meant import refuse_contradiction, refuse_other_printer
+from printmend.gcode.read import MachineState, e_warning, guessed_e_rule, starting_state
+from printmend.gcode.sliced import Corners, Described, described, find_mark, find_test_print, marked, sliced
+from printmend.gcode.write import Plan, TimePlace, follow, rewrite
 from printmend.mend.prediction import Prediction, prediction_of, with_doubt
-from printmend.mend.program import Progress, Read, begun, counted, plan_file
-from printmend.mend.slower import eased, few_moves_words
-from printmend.messages import say
-from printmend.model.model import SavedModel
-from printmend.model.notes import PHASE_TODO, REFITTED, refusals, said_of
+from printmend.messages import say, together
+from printmend.model.model import PHASE_TODO, REFITTED, SavedModel, refusals, said_of
 from printmend.plan import Fineness, Planner, is_identity, start
+from printmend.printer import Printer
+from printmend.printer.printer import printers_named
 from printmend.promise.words import in_words
 from printmend.provenance import sealed
+
+# Take the programs of a file through the planner: their starting state, their observers, and their notes.
+
+_DOTS_WORDS = say("only-lines-counted")
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Read:
+    """How a program was read: the notes about that (``said``), and the clocks that followed it."""
+
+    said: tuple[str | None, ...]
+    watch: Stopwatch
+
+
+def plan_file(
+    file: GcodeFile, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None
+) -> list[Read]:
+    """Plan a file, and return how each of its programs was read."""
+    read = []
+    for part in file.parts:
+        state, one = begun(part, planner, model, fineness)
+        follow(counted(part.chunks(), progress), state, planner.plan, look=one.watch.watch)
+        one.watch.finish()
+        read.append(one)
+    return read
+
+
+def begun(part: Part, planner: Planner, model: SavedModel, fineness: Fineness) -> tuple[MachineState, Read]:
+    """Let the planner begin a program; return the state before its first line, and a first `Read`."""
+    state, hints, owner = _beginning(part, model), part.hints(), model.printer.limits
+    limits = limits_of(state.flavour, hints, fineness.firmware, owner)
+    if owner.accel_mm_s2 is not None:
+        state.expect_accel(owner.accel_mm_s2, is_klipper=limits.firmware == "klipper")
+    watch = start_stopwatch(limits)
+    crossing_mm_s2 = fineness.crossing_mm_s2 or owner.crossing_mm_s2 or limits.most_mm_s2
+    planner.begin(fineness.segments_per_s(state.flavour), crossing_mm_s2, fineness.ease)
+    return state, Read(_said_of(hints, state, model.printer), watch)
+
+
+def _beginning(part: Part, model: SavedModel) -> MachineState:
+    """Return the state before a program's first line; raise `GcodeError` for a file that does not say which axis
+    extrudes."""
+    state = starting_state(part, printer=model.printer)
+    if axis := state.odd_axis:
+        wanted, came = say("moves-extrude"), say("none-moves-name", axis)
+        if axis == "A":
+            todo = say("write-gcode-flavor-mach3-top-extruder")
+            raise GcodeError(part.name, wanted=wanted, came=came, todo=todo)
+        raise GcodeError(part.name, wanted=wanted, came=came, todo=say("slice-firmware-extrudes"))
+    return state
+
+
+def _said_of(hints: tuple[bytes, ...], state: MachineState, printer: Printer) -> tuple[str | None, ...]:
+    """Return notes: how a program was read, for which bed, and what the prediction leaves out."""
+    is_probe = find_test_print(*hints) == "probe"
+    return e_warning(state), small_bed_words(described(*hints), printer), _DOTS_WORDS if is_probe else None
+
+
+def counted(chunks: Iterator[np.ndarray], progress: Progress | None) -> Iterator[np.ndarray]:
+    """Yield the chunks of a text, and tell ``progress`` how many bytes each had."""
+    for chunk in chunks:
+        yield chunk
+        if progress is not None:
+            progress(len(chunk))
+
+
+# Keep the added time within a limit: draw the least important lines more coarsely until it holds.
+
+_TRIALS = 6  # trials between an ease that is too slow and one that is not
+_NEAR_SHARE = 0.1  # stop trying within this share of the limit
+_NAMES = {  # messages
+    k.ROLE_ASIDE: "role-aside", k.ROLE_INFILL: "role-infill", k.ROLE_SOLID: "role-solid",
+    k.ROLE_INNER: "role-inner", k.ROLE_UNKNOWN: "role-unknown", k.ROLE_OUTER: "role-outer",
+}  # fmt: skip
+
+
+def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool) -> tuple[Fineness, str | None]:
+    """Return the finest fineness that keeps a file's printing time within the limit, and words about it.
+
+    Plans the file once if it is fast enough anyway, otherwise up to two times more than `_TRIALS`. Raises
+    `RefusedError` if it is too slow even with the coarsest lines, unless ``force``.
+    """
+    assert fineness.slower is not None
+    limit = fineness.slower
+    if _planned(file, model, fineness)[0] <= limit:
+        return fineness, None
+    low, high = 0.0, fineness.most_ease
+    coarsest = replace(fineness, ease=high)
+    least, found = _planned(file, model, coarsest)
+    if least > limit:
+        if not force:
+            raise RefusedError(
+                file.name, wanted=say("at-most-more-time", f"{100 * limit:g}"),
+                came=say("share-with-coarsest", f"{100 * least:.1f}"), todo=say("allow-more-or-force"),
+            )  # fmt: skip
+        return coarsest, say("takes-longer-though", f"{100 * least:.1f}", coarser(found))
+    for _ in range(_TRIALS):
+        ease = float(np.sqrt((1.0 + low) * (1.0 + high))) - 1.0
+        share, planner = _planned(file, model, replace(fineness, ease=ease))
+        if share > limit:
+            low = ease
+            continue
+        high, found = ease, planner
+        if share > (1.0 - _NEAR_SHARE) * limit:
+            break
+    return replace(fineness, ease=high), say("to-take-no-longer", coarser(found))
+
+
+def few_moves_words(planner: Planner) -> str | None:
+    """Say how far the lines of a file may be off, where a machine bends so sharply that walls would take many moves."""
+    head = planner.model.head
+    return say("to-have-few-moves", coarser(planner)) if head.chords[k.ROLE_OUTER] > head.chords[-1] else None
+
+
+def _planned(file: GcodeFile, model: SavedModel, fineness: Fineness) -> tuple[float, Planner]:
+    """Return the share of added time at a fineness, and the planner that knows how its lines are drawn."""
+    planner = start(model.mechanism, tolerance_mm=fineness.tolerance_mm)
+    before_s = after_s = 0.0
+    for part in file.parts:
+        state, one = begun(part, planner, model, fineness)
+        follow(part.chunks(), state, planner.plan, look=one.watch.watch)
+        one.watch.finish()
+        before_s, after_s = before_s + one.watch.before.seconds, after_s + one.watch.after.seconds
+    return after_s / before_s - 1.0 if before_s > 0.0 else 0.0, planner
+
+
+def coarser(planner: Planner) -> str:
+    """Say how far the lines of a file may be off."""
+    mm, roles = planner.tolerances_mm, int(planner.counts.roles)
+    drawn = [(say(name), f"{mm[role]:.3f}") for role, name in _NAMES.items() if roles >> role & 1]
+    return say("lines-less-closely", together(", ", [say("role-within", *each) for each in drawn]))
+
+
+# Is a file meant for this printer? Judge by its slicer's comments and by where it prints.
+
+_OUTSIDE_MM = 15.0  # how far beyond the bed a file may print: purge lines and wipes lie a few millimetres beyond some
+_BED_OFF_MM = 30.0  # how far a slicer's bed and the preset's may differ where the printer is the same …
+_STRANGER_BED_OFF_MM = 15.0  # … and where the file names none that may be the model's
+
+
+def refuse_other_printer(name: str, printer: Printer, prediction: Prediction) -> None:
+    """Raise `ModelError` where a file prints far beyond the printer's bed."""
+    if not prediction.extruding:
+        return
+    todo = say("use-model-printer-file")
+    for axis, low, high in zip((printer.x, printer.y), prediction.low_mm, prediction.high_mm, strict=True):
+        if low < axis.min_mm - _OUTSIDE_MM or high > axis.max_mm + _OUTSIDE_MM:
+            wanted = say("g-code-from-mm", printer.name, axis.name.upper(), f"{axis.min_mm:g}", f"{axis.max_mm:g}")
+            came = say("extrusion-from-mm", f"{low:.1f}", f"{high:.1f}")
+            raise ModelError(name, wanted=wanted, came=came, todo=todo)
+
+
+def refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
+    """Raise `ModelError` where a file says that it is for another printer than the model's."""
+    todo = say("use-model-printer-file-force-if", printer.name)
+    other = _other_printer(said, printer)
+    if (
+        said.bed_mm is not None
+        and _has_other_bed(said, printer)
+        and (other is not None or not _is_within(said, printer))
+    ):
+        for_whom = say("of-printer", said.names[0]) if other is not None else ""
+        own, theirs = _bed_words(_bed_mm(printer)), _bed_words(said.bed_mm)
+        raise ModelError(name, wanted=say("g-code-bed-from", own), came=say("bed-from", theirs, for_whom), todo=todo)
+    if said.print_mm is not None:
+        low, high = said.print_mm
+        ends = ((printer.x, low[0], high[0]), (printer.y, low[1], high[1]))
+        for axis, least, most in ends:
+            if least < axis.min_mm - _OUTSIDE_MM or most > axis.max_mm + _OUTSIDE_MM:
+                wanted = say("g-code-from-mm", printer.name, axis.name.upper(), f"{axis.min_mm:g}", f"{axis.max_mm:g}")
+                raise ModelError(name, wanted=wanted, came=say("header-from-mm", f"{least:g}", f"{most:g}"), todo=todo)
+    if other:
+        raise ModelError(name, wanted=say("g-code", printer.name), came=say("g-code", other), todo=todo)
+
+
+def _other_printer(said: Described, printer: Printer) -> str | None:
+    """Return the printer that a file names, if it is surely not the model's. Empty: the name is unknown. None: the file
+    names the model's printer, or none."""
+    mine, theirs = printers_named(printer.name), [printers_named(each) for each in said.names]
+    if not (mine and theirs) or any(mine & each for each in theirs):
+        return None
+    return next((each for each, printers in zip(said.names, theirs, strict=True) if printers), "")
+
+
+def _bed_mm(printer: Printer) -> Corners:
+    """Return the corners of a printer's bed."""
+    return (printer.x.min_mm, printer.y.min_mm), (printer.x.max_mm, printer.y.max_mm)
+
+
+def _bed_words(bed_mm: Corners) -> str:
+    """Return from where to where a bed goes."""
+    return say("from-corner-to-corner", *(f"{x:g}, {y:g}" for x, y in bed_mm))
+
+
+def _has_other_bed(said: Described, printer: Printer) -> bool:
+    """Say whether a file is for a bed that cannot be the printer's."""
+    if said.bed_mm is None:
+        return False
+    limit_mm = _BED_OFF_MM if _other_printer(said, printer) is None else _STRANGER_BED_OFF_MM
+    return float(np.abs(np.subtract(_bed_mm(printer), said.bed_mm)).max()) > limit_mm
+
+
+def _is_within(said: Described, printer: Printer) -> bool:
+    """Say whether the bed that a file is for fits on the printer's, as a slicer's default bed mostly does."""
+    if said.bed_mm is None:
+        return False
+    (low, high), (own_low, own_high) = said.bed_mm, _bed_mm(printer)
+    least_mm = min(low[axis] - own_low[axis] for axis in range(2))
+    return min(least_mm, *(own_high[axis] - high[axis] for axis in range(2))) >= -_OUTSIDE_MM
+
+
+def small_bed_words(said: Described, printer: Printer) -> str | None:
+    """Return a note about a file whose bed differs from the printer's but fits on it."""
+    if said.bed_mm is None or not (_has_other_bed(said, printer) and _is_within(said, printer)):
+        return None
+    return say("slicer-s-bed-goes-from-printer", _bed_words(said.bed_mm), _bed_words(_bed_mm(printer)))
+
 
 _MOST_HELD_SHARE = 0.005  # most of the path that may be held back at the edge of the bed, as a share
 AS_USUAL = Fineness()

@@ -13,18 +13,15 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.errors import ScanError
-from printmend.fit.estimate import Known, Layer, estimated
-from printmend.fit.outline import OUTER, outline_of
+from printmend.fit.estimate import OUTER, Known, Layer, estimated, outline_of
 from printmend.gcode.read import Program, read_gcode
 from printmend.learn.walls import LEAST_WALLS, WallFit, fit_walls
-from printmend.measure.distance import choose_widths, mapped, scaled_by_rulers, scaled_by_widths, widths_asked
-from printmend.measure.image import with_legend, write_image
-from printmend.measure.lie import Lie, find_lie
+from printmend.measure.callipers import choose_widths, mapped, scaled_by_rulers, scaled_by_widths, widths_asked
+from printmend.measure.image import Page, check_sheet, photo_todo, read_page, with_legend, write_image
+from printmend.measure.marks import Pose
 from printmend.measure.measurement import instrument_on_bed
-from printmend.measure.page import Page, check_sheet, photo_todo, read_page
-from printmend.measure.register import Pose
 from printmend.measure.ruler import Ruler, find_rulers
-from printmend.measure.silhouette import Silhouette, find_edges, find_silhouette
+from printmend.measure.silhouette import Lie, Silhouette, find_edges, find_lie, find_silhouette
 from printmend.measure.walls import Walls, read_walls
 from printmend.messages import Tell, say
 from printmend.path import Instrument, Origin, Trace

@@ -11,14 +11,12 @@ from printmend.clock import Duration
 from printmend.diagnosis.advice import work_words
 from printmend.infer.posterior import MOST_WORSE_SHARE
 from printmend.messages import is_one_of, parts_of, say, say_count, together
-from printmend.model.model import SavedModel
-from printmend.model.notes import said_of
+from printmend.model.model import SavedModel, said_of
 from printmend.plan import Planner
 from printmend.plan import layout as k
 from printmend.promise.belief import parse_belief
 from printmend.promise.predict import Errors, PathPlaces, Promise, best_shift, promised, shape_of, without_doubt
-from printmend.promise.scale import knows_a_length, knows_all_but_a_reading
-from printmend.promise.words import in_a_line, in_words
+from printmend.promise.words import in_a_line, in_words, knows_a_length, knows_all_but_a_reading
 
 _EDGE_MM = 0.5  # slicers round: a print that reaches less than this beyond the bed's edge is on the bed
 _LEAST_GAIN_MM = 0.0005  # a smaller gain is below the resolution of the numbers in a file

@@ -14,7 +14,7 @@ from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import TraceError
 from printmend.infer.gram import seen
-from printmend.infer.part import DRAWS
+from printmend.infer.machine import DRAWS
 from printmend.infer.update import Renewed
 from printmend.learn.learned import PLANE_FACTOR, known_digests
 from printmend.learn.walls import with_walls

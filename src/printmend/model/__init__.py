@@ -4,7 +4,7 @@
 holds the checks of what was read.
 """
 
-from printmend.model.branches import SCALE_MM, Branches, Wave
+from printmend.model.branches import SCALE_MM, Branches, ScrewSeries, Wave
 from printmend.model.model import (
     SavedModel,
     branches_of,
@@ -17,7 +17,6 @@ from printmend.model.model import (
     with_screw,
     write_model,
 )
-from printmend.model.screw import ScrewSeries
 
 __all__ = [
     "SCALE_MM",

@@ -1,4 +1,4 @@
-"""The learned drive of one motor as a short, readable set of numbers, and the tables they lower to.
+"""The sections of a saved model for its motors and for Z: short sets of numbers, and the tables they lower to.
 
 With the motor at m, x = (m − middle)/100 mm and φ = 2πm/turn, the branches of the generalised play are
 
@@ -14,15 +14,79 @@ pitch) is a sum of cosines over the measured span, added to the mean. An error w
 idler off its centre) is a Fourier series of that period.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebval
 
-from printmend.machine import Transmission, healthy_transmission
+from printmend.errors import ModelError
+from printmend.machine import ScrewDrive, Transmission, healthy_mechanism, healthy_transmission, z_grid_mm
+from printmend.messages import say
 from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
+
+# Checked values of a saved model; a bad one raises `ModelError`.
+
+LARGEST = 1e5  # no number of a model is larger, in whatever unit: 100 m
+TODO = say("learn-again-printmend-learn-trace-csv")
+
+
+def rising_pair(lower_mm: np.ndarray, upper_mm: np.ndarray, subject: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return two tables that never fall, lower ≤ upper; refuse others.
+
+    They were rounded to 1e-9 mm, so a flat stretch may go back by that much.
+    """
+    falling = min(np.diff(lower_mm).min(), np.diff(upper_mm).min()) < -3e-9
+    if falling or (upper_mm - lower_mm).min() < -3e-9:
+        refuse(subject, say("tables-never-fall-lower-upper"), say("others"))
+    lower = np.maximum.accumulate(lower_mm)
+    return lower, np.maximum(np.maximum.accumulate(upper_mm), lower)
+
+
+def rounded(value: Any) -> Any:
+    """Round to 1e-9 mm: a thousand times finer than anything a machine does."""
+    return np.round(value, 9).tolist() if isinstance(value, np.ndarray) else round(float(value), 9)
+
+
+def section_of(document: Mapping[str, Any], key: str, kind: type, subject: str) -> Any:
+    """Return a value of a kind; refuse another."""
+    if not isinstance(value := document.get(key), kind):
+        refuse(subject, say("as-2", key, kind.__name__), say("none") if value is None else repr(value)[:40])
+    return value
+
+
+def number(section: Mapping[str, Any], key: str, subject: str, most: float = LARGEST) -> float:
+    """Return a number up to ``most``."""
+    value = section.get(key)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not abs(value) <= most:  # type: ignore[arg-type]
+        refuse(subject, say("number", key), say("none") if value is None else repr(value)[:40])
+    return float(value)  # type: ignore[arg-type]
+
+
+def numbers(section: Mapping[str, Any], key: str, subject: str, most: int) -> np.ndarray:
+    """Return a list of at most ``most`` numbers up to `LARGEST`."""
+    values = section.get(key)
+    if not isinstance(values, list) or len(values) > most:
+        refuse(
+            subject,
+            say("list-numbers-most", most, key),
+            say("none") if values is None else say("something-else"),
+        )
+    if not set(map(type, values)) <= {int, float}:
+        refuse(subject, say("numbers", key), say("something-else"))
+    if values and not -LARGEST <= min(values) <= max(values) <= LARGEST:  # JSON's integers may be beyond any float
+        refuse(subject, say("numbers-up", f"{LARGEST:g}", key), say("others"))
+    return np.array(values, float)
+
+
+def refuse(subject: str, wanted: str, came: str) -> NoReturn:
+    """Raise `ModelError` for a value that printmend never writes."""
+    raise ModelError(subject, wanted=wanted, came=came, todo=TODO)
+
 
 SCALE_MM = 100.0  # distance from the middle at which x, in which the powers are taken, is 1
 
@@ -150,3 +214,103 @@ def rising(table_mm: np.ndarray, first: int) -> np.ndarray:
     below = np.minimum.accumulate(table_mm[:first][::-1])[::-1]
     above = np.maximum.accumulate(table_mm[first:])
     return np.concatenate([np.minimum(below, above[0]) if len(above) else below, above])
+
+
+# The section of a saved model for Z.
+#
+# A learned screw is kept as its series of few numbers (physics.md eq. 15), another one as tables on the printer's
+# micro-steps.
+
+HARMONICS = 2  # waves of a screw's turn that are kept, of the height and of the push
+
+
+@dataclass(frozen=True, eq=False)
+class ScrewSeries:
+    """A screw in few numbers: ``height_mm`` [2·HARMONICS] = (a_1, b_1, a_2, …), and ``push_mm`` [2·HARMONICS, 2] =
+    (p_1, q_1, …) for x and y."""
+
+    lead_mm: float
+    lead_error: float
+    backlash_mm: float
+    height_mm: np.ndarray
+    push_mm: np.ndarray
+
+    @classmethod
+    def healthy(cls, lead_mm: float) -> "ScrewSeries":
+        return cls(lead_mm, 0.0, 0.0, np.zeros(2 * HARMONICS), np.zeros((2 * HARMONICS, 2)))
+
+    def tables(self, printer: Printer) -> ScrewDrive:
+        """Return it as tables on the micro-steps of Z, without an origin."""
+        motor_mm, first_mm, pitch_mm = z_grid_mm(printer)
+        waves = waves_of(motor_mm, self.lead_mm, HARMONICS)
+        error_mm = self.lead_error * motor_mm + waves @ self.height_mm
+        centre = np.maximum.accumulate(motor_mm + error_mm)
+        half_mm = self.backlash_mm / 2
+        return ScrewDrive(Transmission(first_mm, pitch_mm, centre - half_mm, centre + half_mm), waves @ self.push_mm)
+
+    def lower(self, printer: Printer) -> ScrewDrive:
+        """Return it as tables, its origin where the end stop of Z puts it."""
+        homed = replace(healthy_mechanism(printer), screw=self.tables(printer)).homed().screw
+        assert homed is not None
+        return homed
+
+
+def waves_of(place_mm: np.ndarray, period_mm: float, harmonics: int) -> np.ndarray:
+    """Return the columns [N, 2·harmonics] sin θ, cos θ, sin 2θ, … of the turns at places [N]."""
+    angle = np.asarray(place_mm, float)[:, None] * (TURN_RAD / period_mm) * np.arange(1, harmonics + 1)
+    return np.stack([np.sin(angle), np.cos(angle)], axis=2).reshape(len(angle), -1)
+
+
+_MOST_MM = 100.0  # no height or push is off by more: larger tables would fill the memory
+_LEAST_LEAD_MM = 0.1  # rise of a turn: no screw of a printer is finer
+
+
+def screw_section(screw: ScrewDrive | ScrewSeries) -> dict[str, Any]:
+    """Return Z as plain values."""
+    if isinstance(screw, ScrewSeries):
+        return {
+            "kind": "series",
+            "lead_mm": screw.lead_mm,
+            "lead_error": rounded(screw.lead_error),
+            "backlash_mm": rounded(screw.backlash_mm),
+            "height_mm": rounded(screw.height_mm),
+            "push_x_mm": rounded(screw.push_mm[:, 0]),
+            "push_y_mm": rounded(screw.push_mm[:, 1]),
+        }
+    table, grid = screw.transmission, screw.transmission.motor_mm
+    section = {"kind": "table", "lower_error_mm": rounded(table.lower_mm - grid)}
+    if not table.is_taut:
+        section["upper_error_mm"] = rounded(table.upper_mm - grid)
+    return section | {f"push_{name}_mm": rounded(screw.wobble_mm[:, axis]) for axis, name in enumerate("xy")}
+
+
+def parse_screw(section: Any, printer: Printer, subject: str) -> ScrewDrive:
+    """Build Z from its section. Raise `ModelError` for a bad section."""
+    if not isinstance(section, dict):
+        refuse(subject, say("section-3"), repr(section)[:40])
+    if section.get("kind") == "series":
+        return parse_series(section, subject).lower(printer)
+    if section.get("kind") != "table":
+        refuse(subject, say("kind-series-table"), repr(section.get("kind"))[:40])
+    grid, first_mm, pitch_mm = z_grid_mm(printer)
+    names = ["lower_error_mm", "push_x_mm", "push_y_mm", *(["upper_error_mm"] if "upper_error_mm" in section else [])]
+    columns = {name: numbers(section, name, subject, len(grid)) for name in names}
+    if any(len(column) != len(grid) or np.abs(column).max() > _MOST_MM for column in columns.values()):
+        refuse(subject, say("tables-errors-up-mm", len(grid), f"{_MOST_MM:g}"), say("others"))
+    lower = columns["lower_error_mm"]
+    lower_mm, upper_mm = rising_pair(grid + lower, grid + columns.get("upper_error_mm", lower), subject)
+    push_mm = np.stack([columns["push_x_mm"], columns["push_y_mm"]], axis=1)
+    return ScrewDrive(Transmission(first_mm, pitch_mm, lower_mm, upper_mm), push_mm)
+
+
+def parse_series(section: dict[str, Any], subject: str) -> ScrewSeries:
+    """Return the series of a section of that kind."""
+    names = ["height_mm", "push_x_mm", "push_y_mm"]
+    waves = [numbers(section, name, subject, 2 * HARMONICS) for name in names]
+    lead_mm, backlash_mm = number(section, "lead_mm", subject), number(section, "backlash_mm", subject)
+    lead_error = number(section, "lead_error", subject)
+    if lead_mm < _LEAST_LEAD_MM or not 0 <= backlash_mm <= _MOST_MM or not -0.9 <= lead_error <= 9.0:
+        refuse(subject, say("lead-mm-more-backlash-lead-error", f"{_LEAST_LEAD_MM:g}"), say("others"))
+    if any(len(wave) != 2 * HARMONICS or np.abs(wave).max() > _MOST_MM for wave in waves):
+        refuse(subject, say("sines-cosines-harmonics-up-mm", HARMONICS, f"{_MOST_MM:g}"), say("something-else"))
+    return ScrewSeries(lead_mm, lead_error, backlash_mm, waves[0], np.stack(waves[1:], axis=1))

@@ -5,8 +5,7 @@ way lies in its arrays, whose fields `layout` names. `is_identity` says whether 
 `Fineness` how finely to draw.
 """
 
-from printmend.plan.fineness import Fineness
-from printmend.plan.inverse import Planner, is_identity, lookup, start
+from printmend.plan.inverse import Fineness, Planner, is_identity, lookup, start
 from printmend.plan.kernels import layout
 
 __all__ = ["Fineness", "Planner", "is_identity", "layout", "lookup", "start"]

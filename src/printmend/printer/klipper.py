@@ -9,7 +9,7 @@ from printmend.printer.printer import KLIPPER_PAUSE, Axis, Homing, MotionLimits,
 
 # What Klipper takes where a key is absent (its Config Reference).
 _FULL_STEPS, _MICROSTEPS = 200, 16
-_TODO = say("give-file-holds-sections-stepper-stepper")
+_KLIPPER_TODO = say("give-file-holds-sections-stepper-stepper")
 
 
 def is_klipper(text: str) -> bool:
@@ -27,7 +27,7 @@ def parse_klipper(text: str, *, name: str, subject: str) -> Printer:
         config.read_string(text)
     except configparser.Error as error:
         came = str(error).splitlines()[0]
-        raise ConfigError(subject, wanted=say("printer-cfg"), came=came, todo=_TODO) from None
+        raise ConfigError(subject, wanted=say("printer-cfg"), came=came, todo=_KLIPPER_TODO) from None
     kinematics = config.get("printer", "kinematics", fallback="none")
     if kinematics not in ("cartesian", "corexy"):
         todo = say("use-cartesian-corexy-printer-no-other")
@@ -51,7 +51,7 @@ def _limits(config: configparser.RawConfigParser, subject: str) -> MotionLimits:
         speed, accel = (config.getfloat("printer", key, fallback=None) for key in ("max_velocity", "max_accel"))
     except ValueError as error:
         wanted = say("numbers-max-velocity-max-accel-printer")
-        raise ConfigError(subject, wanted=wanted, came=str(error), todo=_TODO) from None
+        raise ConfigError(subject, wanted=wanted, came=str(error), todo=_KLIPPER_TODO) from None
     return MotionLimits(speed, accel)
 
 
@@ -59,7 +59,7 @@ def _axis(config: configparser.RawConfigParser, name: str, subject: str) -> Axis
     """Return one axis; missing keys follow the rules of Klipper's own reader."""
     section = f"stepper_{name}"
     if not config.has_section(section):
-        raise ConfigError(subject, wanted=say("section", section), came=say("none"), todo=_TODO)
+        raise ConfigError(subject, wanted=say("section", section), came=say("none"), todo=_KLIPPER_TODO)
     stepper = config[section]
 
     def number(key: str, otherwise: float | None = None) -> float:
@@ -70,7 +70,7 @@ def _axis(config: configparser.RawConfigParser, name: str, subject: str) -> Axis
         except (KeyError, ValueError):
             came = stepper.get(key, say("such-key"))
             raise ConfigError(
-                subject, wanted=say("number-for-key-in-section", key, section), came=came, todo=_TODO
+                subject, wanted=say("number-for-key-in-section", key, section), came=came, todo=_KLIPPER_TODO
             ) from None
 
     steps, microsteps = round(number("full_steps_per_rotation", _FULL_STEPS)), round(number("microsteps", _MICROSTEPS))
@@ -97,7 +97,7 @@ def _gear_ratio(stepper: SectionProxy, subject: str) -> float:
         try:
             ratio *= float(teeth) / float(motor)
         except (ValueError, ZeroDivisionError):
-            raise ConfigError(subject, wanted=say("gear-ratio-80-16"), came=pair, todo=_TODO) from None
+            raise ConfigError(subject, wanted=say("gear-ratio-80-16"), came=pair, todo=_KLIPPER_TODO) from None
     return ratio
 
 

@@ -1,4 +1,4 @@
-"""The places of a probe's marks.
+"""Where a probe prints what: the places of its marks, the way between them, its lines and its net.
 
 The marks fill a square lattice that is turned against the motors' axes by an angle with an irrational tangent, so
 that their positions fall evenly on every angle of every pulley. One half of the lattice (i + j even) is visited
@@ -6,12 +6,16 @@ along one diagonal of its cells, the other half along the other diagonal: four d
 over the bed.
 """
 
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from printmend.errors import ConfigError
+from printmend.measure.plan import ProbePlan, approaches
 from printmend.messages import say
+from printmend.path import frozen
 from printmend.printer import Printer
 
 # tan = 1/golden ratio: the worst number to approximate by fractions, so no pulley angle repeats early.
@@ -162,3 +166,238 @@ def rows_of(
             rows.append(np.full(len(members), count))
             count += 1
     return np.concatenate(order), np.concatenate(headings), np.concatenate(rows)
+
+
+# The motion of a probe print: way-points that give every mark its direction of approach and its reversal.
+#
+# Along a row the marks are passed in one direction. Every third mark is overshot and approached from the other side, by
+# a distance that differs for the two motors; some are approached through a staircase of shrinking reversals. Long moves
+# have way-points in between, which a simulator or a camera can measure too.
+
+BIG_SHARE = 0.3  # of the marks that are large dots
+REVERSALS_MM = (8.0, 6.0, 4.6, 3.4, 2.6, 2.0, 1.5, 1.1, 0.8, 0.6, 0.4, 0.25, 0.15)
+REVERSAL_EVERY = 3  # so many rungs both motors turn back
+STAIRCASE_EVERY = 45  # so many rungs single steps follow
+WAYPOINT_MM, SHORTEST_WAYPOINT_MM = 2.4, 1.0
+DOT_MM, BIG_DOT_MM = 1.0, 1.6
+PURGE_MM = 100.0  # length of the purge line
+STRAIGHT = np.empty((0, 2))
+# Swings around a mark by ever shorter reversals, starting ahead of it.
+STAIRCASE = np.outer([reversal / 2 * (-1) ** k for k, reversal in enumerate(REVERSALS_MM)], [1.0, 1.0])
+
+
+def walk(printer: Printer, layout: Layout) -> ProbePlan:
+    """Return the plan: home, purge line, then every row of the layout."""
+    return walk_with(printer, layout, swings_for(len(layout.marks_mm)))
+
+
+def swings_for(count: int) -> list[np.ndarray]:
+    """Return the way-points [K, 2] before each of so many marks in their order, as `passes` takes them."""
+    order = np.random.default_rng(1)
+    ladders = [_ladder(order, count) for _ in range(2)]
+    swings = []
+    for index in range(count):
+        rung = index // REVERSAL_EVERY
+        if index % STAIRCASE_EVERY == 1:
+            swings.append(STAIRCASE)
+        elif index % REVERSAL_EVERY == 1:
+            swings.append(np.array([[ladders[0][rung], ladders[1][rung]]]))
+        else:
+            swings.append(STRAIGHT)
+    return swings
+
+
+def walk_with(printer: Printer, layout: Layout, swings: Sequence[np.ndarray]) -> ProbePlan:
+    """Return the plan of a layout whose marks are approached by ``swings`` [M]."""
+    points, rows = passes(printer, layout, swings)
+    # A small bed holds few marks and short rows: way-points lie closer there.
+    spacing = max(SHORTEST_WAYPOINT_MM, WAYPOINT_MM * min(1.0, len(rows) / MARKS))
+    return plan_of(printer, layout, points, rows, spacing_mm=spacing)
+
+
+def passes(printer: Printer, layout: Layout, swings: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the way-points [N, 2] of the rows, each with its run-in, and the way-point [M] of every mark.
+
+    ``swings`` [M] of [K, 2] are way-points before each mark: how far beyond it, in mm of each motor.
+    """
+    low = np.array([printer.x.min_mm, printer.y.min_mm]) + EDGE_MM
+    high = np.array([printer.x.max_mm, printer.y.max_mm]) - EDGE_MM
+    points, rows = [], np.empty(len(layout.marks_mm), np.int64)
+    for index, (mark, heading) in enumerate(zip(layout.marks_mm, layout.heading, strict=True)):
+        if index == 0 or layout.row[index] != layout.row[index - 1]:
+            points.append(np.clip(mark - RUN_IN_MM * heading, low, high))
+        ahead = np.sign(printer.to_motor(heading))
+        points += [np.clip(mark + printer.from_motor(ahead * swing), low, high) for swing in swings[index]]
+        points.append(mark)
+        rows[index] = len(points) - 1
+    return np.array(points), rows
+
+
+def plan_of(
+    printer: Printer, layout: Layout, points_mm: np.ndarray, rows: np.ndarray, *, spacing_mm: float = WAYPOINT_MM
+) -> ProbePlan:
+    """Return the plan of a path: home and purge line, the way-points [N, 2], of which ``rows`` [M] are the marks."""
+    lead = [np.array(printer.home_mm), *purge_mm(printer)]
+    waypoints = snapped(printer, np.concatenate([lead, points_mm]))
+    moved = np.concatenate([[True], (np.diff(waypoints, axis=0) != 0).any(axis=1)])
+    waypoints, kept = _subdivided(printer, waypoints[moved], spacing_mm, first=len(lead))
+    rows = kept[np.cumsum(moved)[rows + len(lead)] - 1]
+    direction, reversal = approaches(waypoints)
+    return ProbePlan(
+        printer=printer.name,
+        kinematics=printer.kinematics,
+        mm_per_turn=(printer.x.mm_per_turn, printer.y.mm_per_turn),
+        pitch_mm=layout.pitch_mm,
+        angle_rad=layout.angle_rad,
+        dot_mm=DOT_MM,
+        big_dot_mm=BIG_DOT_MM,
+        waypoints_mm=frozen(waypoints),
+        rows=rows,
+        site=layout.site,
+        big=code_of(printer, waypoints, layout.site),
+        direction=direction[rows],
+        reversal_mm=reversal[rows],
+    )
+
+
+def code_of(printer: Printer, waypoints_mm: np.ndarray, site: np.ndarray) -> np.ndarray:
+    """Return which marks [M] are large dots: they spell which plan this is, so that no other plan fits its plate.
+
+    The code is drawn from a digest of the printer's name and the way-points [N, 2], a bit for each ``site`` [M, 2].
+    """
+    whole = np.rint(waypoints_mm * 1000.0).astype("<i8")
+    digest = hashlib.sha256(printer.name.encode() + whole.tobytes()).digest()
+    sites, which = np.unique(site, axis=0, return_inverse=True)
+    drawn = np.random.default_rng(list(digest)).random(len(sites)) < BIG_SHARE
+    return np.asarray(drawn[which.ravel()])
+
+
+def purge_mm(printer: Printer) -> list[np.ndarray]:
+    """Return the ends of the purge line, along the front edge."""
+    start = np.array([printer.x.min_mm, printer.y.min_mm]) + EDGE_MM
+    length = min(PURGE_MM, printer.x.length_mm - 2 * EDGE_MM)
+    return [start, start + np.array([length, 0.0])]
+
+
+def snapped(printer: Printer, points_mm: np.ndarray) -> np.ndarray:
+    """Move points [N, 2] onto the motors' micro-steps, so that the printer need not round them."""
+    motors = printer.to_motor(points_mm)
+    pitch = np.array([axis.mm_per_step / axis.microsteps for axis in (printer.x, printer.y)])
+    return np.round(printer.from_motor(np.rint(motors / pitch) * pitch), 5)
+
+
+def _ladder(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return reversal distances [count]: the whole ladder in shuffled order, again and again."""
+    repeats = -(-count // len(REVERSALS_MM))
+    return np.concatenate([rng.permutation(REVERSALS_MM) for _ in range(repeats)])[:count]
+
+
+def _subdivided(
+    printer: Printer, points: np.ndarray, spacing_mm: float, *, first: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Put way-points on long moves after row ``first``; return them all and the new rows of the old ones."""
+    rng = np.random.default_rng(2)
+    moves = np.diff(points, axis=0)
+    parts = np.maximum(1, np.rint(np.hypot(*moves.T) / spacing_mm)).astype(int)
+    parts[:first] = 1
+    shares = [(np.arange(1, count) + rng.uniform(-0.3, 0.3, count - 1)) / count for count in parts.tolist()]
+    inner, share = np.repeat(np.arange(len(moves)), parts - 1), np.concatenate(shares)
+    kept = np.concatenate([[0], np.cumsum(parts)])
+    out = np.empty((kept[-1] + 1, 2))
+    out[kept] = points
+    out[np.setdiff1d(np.arange(len(out)), kept)] = snapped(printer, points[inner] + share[:, None] * moves[inner])
+    return out, kept
+
+
+# What a probe prints beside its dots: lines at printing speed, and a thin net under the dots of a plate.
+
+LEG_MM, STEP_MM = 9.0, 3.0  # of a battlement: its long legs, and its short ones between them
+GAP_MM = 2.6  # from the outermost dots to the nearer legs
+LEAST_LEGS = 4  # along a side; shorter ones show too little
+
+
+def with_moving(plan: ProbePlan, printer: Printer) -> ProbePlan:
+    """Return the plan with lines at speed after its dots, along the sides where the bed has room for them."""
+    low, high = plan.marks_mm.min(axis=0), plan.marks_mm.max(axis=0)
+    bed = np.array([[axis.min_mm + EDGE_MM, axis.max_mm - EDGE_MM] for axis in (printer.x, printer.y)])
+    runs = [_battlement(axis, low, high) for axis in range(2) if high[1 - axis] + GAP_MM + STEP_MM <= bed[1 - axis, 1]]
+    runs = [run for run in runs if len(run) > 2 * LEAST_LEGS]
+    if not runs or len(plan.sheets) > 1:
+        return plan
+    points = snapped(printer, np.vstack(runs))
+    # the last dot's retraction is followed by a move to the first corner
+    return replace(plan, waypoints_mm=frozen(np.vstack([plan.waypoints_mm, points])), moving=len(plan.waypoints_mm))
+
+
+def _battlement(axis: int, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the corners [N, 2] of a battlement whose long legs run along ``axis``, beyond the dots' other end.
+
+    The one along X ends where the one along Y begins: at the right.
+    """
+    legs = int((high[axis] - low[axis]) // LEG_MM)
+    ends = np.repeat(np.linspace(low[axis], high[axis], legs + 1), 2)[1:-1]
+    ends = ends if axis == 0 else ends[::-1]
+    across = high[1 - axis] + GAP_MM + STEP_MM * (np.arange(len(ends)) // 2 % 2)
+    points = np.empty((len(ends), 2))
+    points[:, axis], points[:, 1 - axis] = ends, across
+    return points
+
+
+NET_DOT_MM, BIG_NET_DOT_MM = 1.6, 2.5
+FRAME_MM = 6.0  # from the outermost dots to the frame
+LEAST_FRAME_MM = 3.0  # between the outermost marks and the edge of the bed
+FIRST = 3  # way-points before the net: home and the purge line
+FRAME_CORNERS = 5  # of which the last is the first again
+
+
+def with_net(plan: ProbePlan, printer: Printer) -> ProbePlan:
+    """Return the plan with a net before its dots, and larger dots.
+
+    Raises `ConfigError` where the dots come too near to the edge of the bed for a frame.
+    """
+    low, high = plan.marks_mm.min(axis=0) - FRAME_MM, plan.marks_mm.max(axis=0) + FRAME_MM
+    bed = np.array([[axis.min_mm + EDGE_MM, axis.max_mm - EDGE_MM] for axis in (printer.x, printer.y)])
+    low, high = np.maximum(low, bed[:, 0]), np.minimum(high, bed[:, 1])
+    if (plan.marks_mm.min(axis=0) - low).min() < LEAST_FRAME_MM or (
+        high - plan.marks_mm.max(axis=0)
+    ).min() < LEAST_FRAME_MM:
+        raise ConfigError(
+            "--net", wanted=say("mm-bed-around-dots", f"{EDGE_MM + LEAST_FRAME_MM:.0f}"), came=say("less"),
+            todo=say("terminal-make-size-smaller"),
+        )  # fmt: skip
+    frame = np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])
+    threads = _threads(plan, low, high)
+    points = snapped(printer, np.vstack([frame, threads.reshape(-1, 2)]))
+    waypoints = np.concatenate([plan.waypoints_mm[:FIRST], points, plan.waypoints_mm[FIRST:]])
+    rows = plan.rows + len(points)
+    direction, reversal = approaches(waypoints)
+    return replace(
+        plan, waypoints_mm=frozen(waypoints), rows=rows, direction=direction[rows], reversal_mm=reversal[rows],
+        dot_mm=NET_DOT_MM, big_dot_mm=BIG_NET_DOT_MM, net=FIRST + len(points),
+    )  # fmt: skip
+
+
+def strokes_of(plan: ProbePlan) -> list[tuple[int, int]]:
+    """Return the first and last way-point of each stroke of a plan's net, the frame first; none without a net."""
+    if not plan.net:
+        return []
+    threads = range(FIRST + FRAME_CORNERS, plan.net, 2)
+    return [(FIRST, FIRST + FRAME_CORNERS - 1), *((row, row + 1) for row in threads)]
+
+
+def _threads(plan: ProbePlan, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the ends [K, 2, 2] of a thread along each row of the lattice, from frame to frame, drawn to and fro."""
+    along, across = plan.site.sum(axis=1), plan.site[:, 1] - plan.site[:, 0]
+    basis = plan.pitch_mm * np.array(
+        [[np.cos(plan.angle_rad), np.sin(plan.angle_rad)], [-np.sin(plan.angle_rad), np.cos(plan.angle_rad)]]
+    )
+    found: list[np.ndarray] = []
+    for parity, line, way in ((0, across, basis[0] + basis[1]), (1, along, basis[1] - basis[0])):
+        unit = way / np.hypot(*way)
+        for value in np.unique(line[along % 2 == parity]):
+            mark = plan.marks_mm[np.flatnonzero((along % 2 == parity) & (line == value))[0]]
+            with np.errstate(divide="ignore"):
+                near, far = (low - mark) / unit, (high - mark) / unit
+            ends = mark + np.array([np.minimum(near, far).max(), np.maximum(near, far).min()])[:, None] * unit
+            found.append(ends if len(found) % 2 else ends[::-1])
+    return np.array(found)

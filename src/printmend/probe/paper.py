@@ -16,8 +16,20 @@ from printmend.measure.plan import LEAST_SHARED, ProbePlan, approaches
 from printmend.messages import say
 from printmend.path import frozen
 from printmend.printer import Printer
-from printmend.probe.layout import EDGE_MM, GLASS_EDGE_MM, LEAST_AREA_MM, MARKS, Layout, lay_out, mark_area_mm
-from printmend.probe.walk import PURGE_MM, code_of, snapped, swings_for, walk_with
+from printmend.probe.layout import (
+    EDGE_MM,
+    GLASS_EDGE_MM,
+    LEAST_AREA_MM,
+    MARKS,
+    PURGE_MM,
+    Layout,
+    code_of,
+    lay_out,
+    mark_area_mm,
+    snapped,
+    swings_for,
+    walk_with,
+)
 from printmend.units import A4_MM, LETTER_MM
 
 OVERLAP = 0.35  # of a sheet: what its neighbour shows, too

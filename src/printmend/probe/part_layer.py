@@ -12,17 +12,15 @@ import re
 import numpy as np
 
 from printmend.errors import GcodeError
-from printmend.gcode.arcs import straightened
 from printmend.gcode.container import HINT_BYTES
-from printmend.gcode.mark import find_test_print, with_comment
-from printmend.gcode.read import Program
+from printmend.gcode.read import Program, straightened
+from printmend.gcode.sliced import find_test_print, with_comment
 from printmend.measure.plan import ProbePlan
 from printmend.messages import say
 from printmend.metrics.shape import nearest
 from printmend.printer import Printer
 from printmend.probe.gcode import cost
-from printmend.probe.layout import EDGE_MM, MARKS, Layout, grid_of, mark_area_mm, pitch_for
-from printmend.probe.walk import plan_of
+from printmend.probe.layout import EDGE_MM, MARKS, Layout, grid_of, mark_area_mm, pitch_for, plan_of
 from printmend.provenance import sealed_test_print
 
 CHORD_MM = 0.1  # how far an arc's chords may lie from it

@@ -15,13 +15,11 @@ from printmend.path import Trace
 from printmend.printer import Extruder, Printer
 from printmend.printer.printer import PAUSE
 from printmend.probe.gcode import probe_gcode
-from printmend.probe.information import belief_after, fall_of, information, prior_belief, still_unknown
-from printmend.probe.layout import MARKS, area_around_mm, glass_area_mm, lay_out, mark_area_mm, square_mm
+from printmend.probe.layout import MARKS, area_around_mm, glass_area_mm, lay_out, mark_area_mm, square_mm, walk
 from printmend.probe.paper import Paper
 from printmend.probe.part_layer import layer_plan, longest_layer_mm
 from printmend.probe.pen import pen_gcode
-from printmend.probe.tiles import chosen_plans
-from printmend.probe.walk import walk
+from printmend.probe.tiles import belief_after, chosen_plans, fall_of, information, prior_belief, still_unknown
 from printmend.provenance import sealed_test_print
 
 DESIGNS = ("fixed", "layer", "optimal", "active")

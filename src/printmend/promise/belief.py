@@ -12,10 +12,10 @@ import numpy as np
 from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
 from printmend.effects.effect import FEW_LAYERS, MOST_LAYERS
 from printmend.errors import ModelError
-from printmend.infer.part import DRAWS, Part
+from printmend.infer.machine import DRAWS, Part
 from printmend.messages import say
 from printmend.model import SavedModel
-from printmend.model.values import number, numbers, refuse, section_of
+from printmend.model.branches import number, numbers, refuse, section_of
 from printmend.path import Motion
 from printmend.promise.filament import known_filaments
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from printmend.effects.effect import SCALE_MM
 from printmend.filament import Entry, material_of
-from printmend.infer.part import DRAWS, Part
+from printmend.infer.machine import DRAWS, Part
 from printmend.messages import say
 from printmend.model import SavedModel
-from printmend.model.values import number, numbers, refuse, section_of
+from printmend.model.branches import number, numbers, refuse, section_of
 
 FILAMENTS = "filaments"  # the model file's key
 UNTOLD = ("whose-scale-not-settled", "whose-scale-untold")  # findings: the scale is the machine's or the filament's

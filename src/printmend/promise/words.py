@@ -1,9 +1,117 @@
-"""The causes of an expected error in an owner's words, and of which type each is (JCGM 100:2008, 4.2 and 4.3)."""
+"""The causes of an expected error in an owner's words (JCGM 100:2008, 4.2 and 4.3), and the doubt about its scale."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from printmend.effects import title_of
+import numpy as np
+
+from printmend.effects import Scene, title_of
+from printmend.effects.aspect import SHARES
+from printmend.effects.effect import SCALE_MM
+from printmend.infer.machine import Part
+from printmend.measure.table import TOGETHER
 from printmend.messages import say, together
+from printmend.model import SavedModel
+from printmend.model.model import WARNING
+from printmend.promise.belief import parse_belief
+
+# Words for a scale error that may be the scan's own, until callipers settle it.
+#
+# It is the one finding of a scan that an owner can settle, and the one that mending may correct wrongly.
+
+LEAST_DOUBT = 0.001  # share: a tenth of a millimetre in 100; a smaller doubt is said in the expected error alone
+STRANGE_SDS = 2.0  # of a scan's own scale: beyond them few scanners are off
+
+
+def scale_words(model: SavedModel) -> tuple[str, ...]:
+    """Return a sentence about the scale that a model's scan showed, none where the scan leaves little open."""
+    belief = parse_belief(model)
+    shown = model.document.get("promise", {}).get("shown")
+    if belief is None or belief.placed or not isinstance(shown, list) or len(shown) != 2:
+        return ()
+    acts, draws = axis_scales(belief.scene, belief.parts)
+    doubt = float(np.sqrt(np.mean((draws - acts[:, None]) ** 2, axis=1)).max())
+    beyond = float(np.abs(np.array(shown, float) - acts).max())  # as far as it is the printer's
+    if beyond > STRANGE_SDS * instrument_of(model).get("scale_sd", np.inf):
+        doubt = max(doubt, beyond)
+    if doubt < LEAST_DOUBT:
+        return ()
+    return (scale_in_words(np.array(shown, float), acts, doubt, length_given=knows_a_length(model)),)
+
+
+def shown_scales(scene: Scene, parts: Sequence[Part]) -> list[float]:
+    """Return by which shares a print is too large in its picture in X and Y, the instrument's own included."""
+    _, draws = axis_scales(scene, parts)
+    values, axes = np.linalg.eigh(scene.instrument.covariance)
+    stretch = sum((part.mean_mm for part in parts if part.effect == "stretch"), np.zeros(3))
+    common, half, _ = (axes * np.sqrt(np.maximum(values, 0.0))) @ stretch
+    common += sum(part.mean_mm[0] for part in parts if part.effect == "resized") / SCALE_MM
+    return [round(float(each), 6) for each in draws.mean(axis=1) + np.array([common + half, common - half])]
+
+
+def seen_scales(scene: Scene, parts: Sequence[Part]) -> dict[str, list[float]]:
+    """Return by which shares a print is too large in its picture in X and Y, shrinkage and the instrument's own
+    included, with their standard deviations: what was measured, before anybody asks whose it is."""
+    _, draws = axis_scales(scene, parts)
+    values, axes = np.linalg.eigh(scene.instrument.covariance)
+    for part in parts:
+        if part.effect == "shrinkage":
+            draws[part.where] -= part.draws_mm[0] / SCALE_MM
+        elif part.effect == "resized":
+            draws += part.draws_mm[0] / SCALE_MM
+        elif part.effect == "stretch":
+            common, half, _ = (axes * np.sqrt(np.maximum(values, 0.0))) @ part.draws_mm
+            draws += np.stack([common + half, common - half])
+    return {name: [round(float(each), 8) for each in of] for name, of in
+            (("mean", draws.mean(axis=1)), ("sd", draws.std(axis=1)))}  # fmt: skip
+
+
+def axis_scales(scene: Scene, parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the scales of both bed axes that act [2], and those of the drawn machines [2, D], as shares."""
+    found = []
+    for axis in range(2):
+        scales = [part for part in parts if part.effect == "scale" and (scene.corexy or part.where == axis)]
+        factor = 0.5 if scene.corexy else 1.0
+        unlike = [(float(SHARES[axis]), part) for part in parts if part.effect == "aspect"]
+        each = [*((factor, part) for part in scales), *unlike]
+        acts = sum(share * float(part.acts_mm[0]) for share, part in each)
+        draws = sum(
+            (share * part.draws_mm[0] for share, part in each), np.zeros(parts[0].draws_mm.shape[1] if parts else 1)
+        )
+        found.append((acts / SCALE_MM, draws / SCALE_MM))
+    return np.array([acts for acts, _ in found]), np.array([draws for _, draws in found])
+
+
+def knows_a_length(model: SavedModel) -> bool:
+    """Say whether a length was given to a model's scan: then its scale and its axes are known together."""
+    instrument = instrument_of(model)
+    return any(instrument.get(name) for name in TOGETHER)
+
+
+def knows_all_but_a_reading(model: SavedModel) -> bool:
+    """Say whether a length and a second turn were given, so that only the callipers leave the scale open."""
+    instrument = instrument_of(model)
+    return knows_a_length(model) and 2 * instrument.get("axes_sd", 0.0) < instrument.get("scale_sd", 0.0)
+
+
+def instrument_of(model: SavedModel) -> dict[str, float]:
+    """Return the open errors of a model's instrument, by name."""
+    section = model.document.get("promise")
+    instrument = section.get("instrument") if isinstance(section, dict) else None
+    if not isinstance(instrument, dict):
+        return {}
+    return {name: value for name, value in instrument.items() if isinstance(value, int | float)}
+
+
+def scale_in_words(shown: np.ndarray, acts: np.ndarray, doubt: float, *, length_given: bool = False) -> str:
+    """Say by which shares the print is too large in the picture in X and Y [2], which of them act [2], how sure that
+    is, and what would settle it beyond a length that was given."""
+    seen, taken = (say("scale-x-and-y", *(f"{100 * v:+.2f}" for v in each)) for each in (shown, acts))
+    known = "-length-known" if length_given else ""
+    may_mm = f"{100 * doubt:.1f}"
+    if np.abs(acts).max() >= LEAST_DOUBT / 10:
+        return say(WARNING, say(f"scale-not-settled-taken-off{known}", seen, taken, may_mm))
+    return say(WARNING, say(f"scale-not-settled{known}", seen, may_mm))
+
 
 # key of `Promise.made_of` → (in a line, in a table, type): type A is from the scatter of the measurement, B is not
 _CAUSES = {

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from printmend.gcode.arcs import straightened
-from printmend.gcode.read import Moves, read_gcode
+from printmend.gcode.read import Moves, read_gcode, straightened
 from printmend.machine import Mechanism
 from printmend.machine.printing import print_from_home
 

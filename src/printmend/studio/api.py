@@ -24,9 +24,8 @@ from printmend.errors import InputError
 from printmend.messages import messages_of, say
 from printmend.studio.guard import API, LONGEST_UPLOAD_S, USER
 from printmend.studio.jobs import StudioState
-from printmend.studio.quota import check_bytes
 from printmend.studio.shapes import KEY, EffectList, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
-from printmend.studio.store import DONE, HALF, NotThereError
+from printmend.studio.store import DONE, HALF, NotThereError, check_bytes
 
 LEAST_FREE_BYTES = 500_000_000  # on the disk, below which nothing more is taken
 _LOOK_S, _ASK_S = 0.05, 1.0  # how often a job's folder is looked at, and at the latest the job itself
@@ -250,8 +249,7 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=200)]) -> F
 @router.get("/play/effects", name="effects", tags=["play"])
 def play_effects() -> EffectList:
     """Return every effect that the printer may be broken by."""
-    from printmend.studio.offered import offered_effects
-    from printmend.studio.play import play_printer
+    from printmend.studio.play import offered_effects, play_printer
 
     told = {"effects": offered_effects(play_printer()[0])}
     return EffectList.model_validate({**told, "messages": messages_of(told)})

@@ -15,9 +15,8 @@ from printmend.errors import InputError, RefusedError
 from printmend.messages import messages_of, say
 from printmend.studio import pairing
 from printmend.studio.api import PROBLEMS, Here, Key
-from printmend.studio.devices import LONGEST_NAME, Devices
+from printmend.studio.devices import LONGEST_NAME, Devices, device_address
 from printmend.studio.guard import API, LOOPBACK, USER, name_of
-from printmend.studio.reach import device_address
 from printmend.studio.shapes import KEY, DeviceCard, NewDevice, PairCode, Paired, PairedHost, PairIn, Welcome
 from printmend.studio.work import MODEL
 

@@ -71,7 +71,7 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
             LEAST_ADVICE_MM,
             advised,
         )
-        from printmend.model.notes import NOTE, misfit_words
+        from printmend.model.model import NOTE, misfit_words
 
         document = json.loads((folder / MODEL).read_text(encoding="utf-8"))
         messages = document.get("messages", {})
@@ -197,7 +197,7 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=100)]) -> F
 def probe(here: Here, key: Key, wanted: ProbeIn) -> ProbeCard:
     """Write the printer's test print and its plan."""
     from printmend.probe import design_probe, write_probe
-    from printmend.probe.lines import with_moving
+    from printmend.probe.layout import with_moving
     from printmend.probe.probe import keep_plan
 
     folder = _folder(here, key)
@@ -233,7 +233,7 @@ def _probe_card(printer: Printer, plan: Any) -> ProbeCard:
 
 def _start(printer: Printer) -> str:
     """Return a printer's start code with its homing."""
-    from printmend.probe.start import homed_start
+    from printmend.probe.gcode import homed_start
 
     return printer.start_gcode and homed_start(printer.start_gcode, subject="the start code")
 
@@ -395,7 +395,7 @@ def known(here: Here, key: Key) -> Known:
 def next_one(here: Here, key: Key) -> NextCard | None:
     """Return the cheapest print that would show what the measurement could not tell; null where nothing is missing."""
     from printmend.model import read_model
-    from printmend.studio.next_print import next_print
+    from printmend.studio.work import next_print
 
     folder = _folder(here, key)
     if not (folder / MODEL).is_file():

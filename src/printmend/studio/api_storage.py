@@ -11,9 +11,8 @@ from fastapi import Path as Where
 from printmend.studio.api import PROBLEMS, Here, card
 from printmend.studio.guard import API
 from printmend.studio.jobs import StudioState
-from printmend.studio.quota import most_of
 from printmend.studio.shapes import Storage, StoragePart
-from printmend.studio.store import DONE, NotThereError, bytes_in
+from printmend.studio.store import DONE, NotThereError, bytes_in, most_of
 from printmend.studio.work import PHOTO, THUMB
 
 Part = Literal["mended", "play", "measured", "unused"]

@@ -17,8 +17,7 @@ from printmend.cluster import limited
 from printmend.errors import RefusedError
 from printmend.messages import say
 from printmend.studio import work
-from printmend.studio.quota import check_bytes, check_jobs
-from printmend.studio.store import Row, Store
+from printmend.studio.store import Row, Store, check_bytes, check_jobs
 
 LONGEST_S = 1800.0  # a job that takes longer is stopped
 MOST_WAITING = 500  # jobs

@@ -1,11 +1,15 @@
-"""A printer that exists only here: broken with sliders, its test print scanned, learned and mended."""
+"""A printer that exists only here: its plate broken with sliders, a test print scanned, learned and mended."""
 
+import itertools
+import math
 import threading
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import shapely
 
 from printmend.corruption import (
     Corruption,
@@ -18,17 +22,225 @@ from printmend.corruption import (
     Polygon,
     Screw,
 )
-from printmend.corruption.cause import Cause
-from printmend.corruption.pulley import Pulley
+from printmend.corruption.cause import Cause, named_keys, offered, said, typical_shape
+from printmend.corruption.transmission import Pulley
+from printmend.effects import EFFECTS, title_of
+from printmend.effects.effect import Effect, Term, terms_of
+from printmend.effects.sized import scene_of_printer
+from printmend.effects.words import AXES, limits_of
 from printmend.measure.plan import ProbePlan
+from printmend.messages import say
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend.studio import kernels, plate
-from printmend.studio.offered import MOST_DENT_MM, Shape, causes_of
+from printmend.probe.gcode import CLOSING, LIFT_MM_S, PLAIN_START, TRAVEL_MM_S, filament_mm
+from printmend.studio import kernels
 from printmend.studio.scene import NEAR
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
+
+# The part of the play screen: a plate with round holes, a word and a thin wall, whose damage anyone sees.
+#
+# A hole that is no circle, a word that waves and a slanting wall that is not straight show what a pulley, a belt or a
+# screw does. The G-code is made here, for the middle of the printer's bed.
+
+SIZE_MM = (92.0, 60.0)
+LAYER_MM, BEAD_MM, PRINT_MM_S = 0.25, 0.45, 40.0
+PLATE_LAYERS, WORD_LAYERS, WALL_LAYERS = 8, 5, 40  # the word and the wall stand on the plate
+WORD, _LETTER_MM, _SPACE_MM, _WORD_AT_MM, _WORD_BEAD_MM = "printmend", 8.4, 2.2, (-38.5, -21.5), 0.8
+HOLES_MM = ((-24.0, 10.0, 13.0), (4.0, 16.0, 7.0), (4.0, -3.0, 4.0))  # x, y and radius, from the middle
+_WALL_MM = ((17.0, -6.0), (40.0, 24.0))
+_CORNER_MM, _CHORD_MM = 5.0, 0.6
+
+Stroke = np.ndarray  # places [N, 2] mm that a bead joins
+
+
+def _arc(x: float, y: float, across: float, high: float, begin_deg: float, end_deg: float) -> list[tuple[float, float]]:
+    angles = np.radians(np.linspace(begin_deg, end_deg, 7 + round(abs(end_deg - begin_deg) / 20)))
+    return [(x + across * math.cos(a), y + high * math.sin(a)) for a in angles]
+
+
+# Strokes of the letters: small letters are 1 high.
+_BOWL = _arc(0.4, 0.5, 0.4, 0.5, 0, 360)
+_LETTERS: dict[str, tuple[float, list[list[tuple[float, float]]]]] = {
+    "p": (0.8, [[(0, -0.45), (0, 1)], _BOWL]),
+    "r": (0.5, [[(0, 0), (0, 1)], [*_arc(0.42, 0.55, 0.42, 0.45, 180, 70)]]),
+    "i": (0.0, [[(0, 0), (0, 1)], [(0, 1.33), (0, 1.45)]]),
+    "n": (0.7, [[(0, 0), (0, 1)], [(0, 0.6), *_arc(0.35, 0.62, 0.35, 0.38, 180, 0), (0.7, 0)]]),
+    "t": (0.5, [[(0.2, 1.4), *_arc(0.45, 0.25, 0.25, 0.25, 180, 280)], [(-0.05, 1), (0.5, 1)]]),
+    "m": (1.1, [
+        [(0, 0), (0, 1)], [(0, 0.6), *_arc(0.275, 0.68, 0.275, 0.32, 180, 0), (0.55, 0)],
+        [(0.55, 0.6), *_arc(0.825, 0.68, 0.275, 0.32, 180, 0), (1.1, 0)],
+    ]),
+    "e": (0.8, [[(0.02, 0.52), (0.8, 0.52), *_arc(0.4, 0.5, 0.4, 0.5, 5, 320)]]),
+    "d": (0.8, [_BOWL, [(0.8, 1.5), (0.8, 0)]]),
+}  # fmt: skip
+
+
+@lru_cache(maxsize=1)
+def layers() -> tuple[tuple[tuple[Stroke, float, bool], ...], ...]:
+    """Return the strokes of each layer from the middle of the part: places, width of the bead, and if it fills."""
+    plate, above = [], (*((stroke, _WORD_BEAD_MM, False) for stroke in _word()),)
+    wall = ((np.array(_WALL_MM), BEAD_MM, False),)
+    for number in range(PLATE_LAYERS):
+        plate.append(
+            (*((one, BEAD_MM, False) for one in _outlines()), *((one, BEAD_MM, True) for one in _fill(number)))
+        )
+    stands = [(*(above if number < WORD_LAYERS else ()), *wall) for number in range(WALL_LAYERS)]
+    return (*plate, *stands)
+
+
+def plate_gcode(printer: Printer) -> bytes:
+    """Return the file that prints the part in the middle of a printer's bed."""
+    middle, lines = (
+        np.array(printer.middle_mm),
+        ["; a plate with holes, a word and a wall\n", PLAIN_START, "G90\nM83\nG92 E0\n"],
+    )
+    for number, strokes in enumerate(layers(), start=1):
+        z_mm = number * LAYER_MM
+        lines.append(f";LAYER_CHANGE\n;Z:{z_mm:g}\n;HEIGHT:{LAYER_MM:g}\nG1 Z{z_mm:g} F{LIFT_MM_S * 60:g}\n")
+        for stroke, bead_mm, _ in strokes:
+            places = stroke + middle
+            lines.append(f"G0 X{places[0][0]:.3f} Y{places[0][1]:.3f} F{TRAVEL_MM_S * 60:g}\n")
+            feed = f" F{PRINT_MM_S * 60:g}"
+            for before, place in itertools.pairwise(places):
+                e_mm = filament_mm(math.dist(before, place) * bead_mm * LAYER_MM)
+                lines.append(f"G1 X{place[0]:.3f} Y{place[1]:.3f} E{e_mm:.5f}{feed}\n")
+                feed = ""
+    return "".join([*lines, f"G0 Z{len(layers()) * LAYER_MM + 10:g} F{LIFT_MM_S * 60:g}\n", CLOSING]).encode()
+
+
+def _word() -> Iterator[Stroke]:
+    x, y = _WORD_AT_MM
+    for letter in WORD:
+        wide, strokes = _LETTERS[letter]
+        for stroke in strokes:
+            yield np.array(stroke) * _LETTER_MM + (x, y)
+        x += wide * _LETTER_MM + _SPACE_MM
+
+
+@lru_cache(maxsize=1)
+def _shape() -> shapely.Polygon:
+    wide, deep = (side / 2 - _CORNER_MM for side in SIZE_MM)
+    plate = shapely.box(-wide, -deep, wide, deep).buffer(_CORNER_MM, quad_segs=12)
+    holes = [
+        shapely.Point(x, y).buffer(radius, quad_segs=round(radius * math.pi / 2 / _CHORD_MM))
+        for x, y, radius in HOLES_MM
+    ]
+    return plate.difference(shapely.union_all(holes))
+
+
+def _outlines() -> Iterator[Stroke]:
+    for loop in (0.5, 1.5):
+        shape = _shape().buffer(-loop * BEAD_MM)
+        for ring in (shape.exterior, *shape.interiors):
+            yield np.array(ring.coords)
+
+
+def _fill(number: int) -> Iterator[Stroke]:
+    """Yield lines at 45°, one layer this way and the next that, each as far as the outlines leave room."""
+    room, reach = _shape().buffer(-2 * BEAD_MM), sum(SIZE_MM)
+    turned = shapely.affinity.rotate(room, 45.0 if number % 2 else -45.0, origin=(0, 0))
+    heights = np.arange(-reach / 2, reach / 2, BEAD_MM)
+    back = math.radians(-45.0 if number % 2 else 45.0)
+    turn = np.array([[math.cos(back), math.sin(back)], [-math.sin(back), math.cos(back)]])
+    for count, y in enumerate(heights):
+        line = turned.intersection(shapely.LineString([(-reach, y), (reach, y)]))
+        pieces = [
+            np.array(one.coords) for one in getattr(line, "geoms", [line]) if not one.is_empty and one.length > BEAD_MM
+        ]
+        pieces.sort(key=lambda one: one[0][0])
+        for piece in pieces if count % 2 else [one[::-1] for one in pieces[::-1]]:
+            yield piece @ turn
+
+
+# Every effect as the play screen offers it: its title, where it can be, and a slider for each of its numbers.
+#
+# An effect of another package is among them as soon as it is registered; its title is the first line of its docstring.
+# The sliders reach faults that are large enough to be seen at once.
+
+Shape = Literal["round", "eccentric", "oval", "flat", "square"]
+MOST_DENT_MM, MOST_PLAY_MM, MOST_SKEW_DEG, MOST_SCREW_MM = 1.5, 0.8, 2.0, 0.5
+
+
+_FURTHEST = 5.0  # times the example: where a slider of a size ends
+_STEEPNESS = 8.0  # a wave of a period has at most this share of it as its size: its belt still moves forwards
+_STEPS = 200  # of a slider
+
+_LABELS = {
+    "size_mm": "number-size", "percent": "number-percent", "square_mm": "number-square", "cube_mm": "number-cube",
+    "harmonic": "number-harmonic", "phase_rad": "number-phase", "at_mm": "number-at", "width_mm": "number-width",
+    "period_mm": "number-period", "angle_deg": "number-angle", "across_mm": "number-across", "axis": "number-axis",
+    "after_share": "number-after", "at_share": "number-moment", "grow_x_mm": "number-grow-x",
+    "grow_y_mm": "number-grow-y", "move_x_mm": "number-move-x", "move_y_mm": "number-move-y", "x_mm": "number-along-x",
+    "y_mm": "number-along-y", "scale_percent": "number-scale", "axes_percent": "number-axes",
+    "lean_percent": "number-lean",
+}  # fmt: skip
+_OF = {"machine": "of-machine", "session": "of-session", "instrument": "of-instrument", "material": "of-material"}
+
+
+def offered_effects(printer: Printer) -> list[dict[str, Any]]:
+    """Return the effects as plain values, in the order in which the program lists them.
+
+    ``possible`` says whether ``printer`` can have it.
+    """
+    scene = scene_of_printer(printer)
+    return [_card(effect) | {"possible": bool(terms_of(effect, scene))} for effect in EFFECTS.values()]
+
+
+def _card(effect: Effect) -> dict[str, Any]:
+    name = effect.name
+    terms = offered(effect)
+    places = sorted({term.where for term in terms})
+    return {
+        "name": name, "title": title_of(name) or said(effect),
+        "of": say(_OF[effect.of.value]), "on": ["x", "y"] if len(places) > 1 else [],
+        "sliders": _sliders(effect, [term for term in terms if term.where == places[0]]) if terms else [],
+    }  # fmt: skip
+
+
+def _sliders(effect: Effect, terms: list[Term]) -> list[dict[str, Any]]:
+    keys = named_keys(effect)
+    of_shape: tuple[str, ...] = getattr(keys, "shape", ())
+    shape, sliders, first = typical_shape(keys, terms), [], True
+    for name in keys.names:
+        row: dict[str, Any] = {"key": name, "label": say(_LABELS[name]) if name in _LABELS else name.replace("_", " "),
+               "unit": _unit(name), "choices": []}  # fmt: skip
+        if name == "axis":
+            row |= {"choices": list(AXES), "value": AXES[int(shape[name])]}
+        elif name == "harmonic":
+            row |= {"choices": list(keys.harmonics), "value": keys.harmonics[0]}  # type: ignore[attr-defined]
+        elif name in shape:
+            each = [term.shape[of_shape.index(name)] for term in terms]
+            alone = min(each) == max(each)
+            low, high = (shape[name] / _FURTHEST, shape[name] * _FURTHEST) if alone else (min(each), max(each))
+            row |= _range(low, high, shape[name])
+        elif name == "phase_rad":
+            row |= _range(-math.pi, math.pi, 0.0)
+        else:
+            most = min(limits_of(name)[2] * _FURTHEST, shape.get("period_mm", math.inf) / _STEEPNESS)
+            row |= _range(0.0 if terms[0].positive else -most, most, most / _FURTHEST if first else 0.0)
+            first = False
+        sliders.append(row)
+    return sliders
+
+
+def _range(low: float, high: float, value: float) -> dict[str, float]:
+    step = 10.0 ** math.floor(math.log10((high - low) / _STEPS)) if high > low else 1.0
+    step = next(step * k for k in (1, 2, 5, 10) if (high - low) / (step * k) <= _STEPS) if high > low else 1.0
+    low, high = math.floor(low / step) * step, math.ceil(high / step) * step
+    return {name: round(number, 9) for name, number in
+            (("low", low), ("high", high), ("step", step), ("value", round(value / step) * step))}  # fmt: skip
+
+
+def _unit(name: str) -> str:
+    return {"mm": "mm", "rad": "rad", "deg": "°", "percent": "%"}.get(name.rpartition("_")[2], "")
+
+
+def causes_of(rows: list[dict[str, Any]]) -> tuple[Cause, ...]:
+    """Return effects as the page names them. Raises `ConfigError` for an unknown one, or numbers out of its limits."""
+    return tuple(Cause(row["name"], row["on"], tuple(row["values"].items())) for row in rows)
+
 
 PRINTER = "ender3"
 _ANGLES = 180  # of a pulley's outline
@@ -106,7 +318,7 @@ def play_layer() -> tuple[np.ndarray, np.ndarray]:
 
     Places [N, 2] mm along the path, the lines that fill among them, and where a bead leads on that is drawn [N].
     """
-    strokes = [stroke for layer in plate.layers()[plate.PLATE_LAYERS - 1 : plate.PLATE_LAYERS + 1] for stroke in layer]
+    strokes = [stroke for layer in layers()[PLATE_LAYERS - 1 : PLATE_LAYERS + 1] for stroke in layer]
     places = np.concatenate([places for places, _, _ in strokes]) + play_printer()[0].middle_mm
     joined = [np.append(np.full(len(places) - 1, not fills), False) for places, _, fills in strokes]
     return places, np.concatenate(joined)
@@ -165,7 +377,7 @@ def _rms_mm(wanted_mm: np.ndarray, printed_mm: np.ndarray, joined: np.ndarray) -
 
 def _wall(corruption: Corruption, printer: Printer) -> np.ndarray:
     """Return how a bent screw shifts the layers of the part's wall: rows [L, 2] of height and push [mm]."""
-    z = np.arange(1, len(plate.layers()) + 1) * plate.LAYER_MM
+    z = np.arange(1, len(layers()) + 1) * LAYER_MM
     push = np.zeros(len(z)) if corruption.screw is None else corruption.screw.lower(printer).wobble_at_mm(z)[:, 0]
     return np.column_stack([z, push - push.mean()])
 

@@ -8,8 +8,8 @@ from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, WORK, advised
 from printmend.learn.learned import todo
 from printmend.machine import Mechanism
 from printmend.model import SavedModel
-from printmend.model.notes import misfit_words
-from printmend.promise.scale import scale_words
+from printmend.model.model import misfit_words
+from printmend.promise.words import scale_words
 from printmend.units import TURN_RAD
 
 _ANGLES = 180  # of a pulley's outline

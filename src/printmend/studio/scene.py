@@ -1,4 +1,4 @@
-"""A part in three dimensions, three times at the same points: as wanted, as this machine prints it, and mended.
+"""A part in three dimensions: as wanted, as this machine prints it, and mended; small pictures of it for lists.
 
 The points lie along the wanted extruded path. The planner says which pieces each line of the file becomes, so that the
 mended print is known at the very points of the wanted one, and a page can draw anything between the three by moving
@@ -6,8 +6,10 @@ points. `write_wanted` and `write_mended` pack them as tables that a graphics ca
 `coarse` keeps every n-th layer, so that there is something to see before all of it is drawn.
 """
 
+import contextlib
 import json
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,8 +29,37 @@ from printmend.plan import layout
 from printmend.printer import Printer
 from printmend.promise.predict import best_shift
 from printmend.studio import kernels
-from printmend.studio.pace import busiest
-from printmend.twin.along import moved_mm
+from printmend.twin.twin import moved_mm
+
+# How long a print takes as its slicer says, and how many commands a second the printer has to take in.
+
+_SPENT = (  # PrusaSlicer and its family, Bambu and Orca, Cura
+    re.compile(rb"estimated printing time \(normal mode\)[ \t]*=[ \t]*(\d[\dhmsd ]*)"),
+    re.compile(rb"total estimated time:[ \t]*(\d[\dhmsd ]*)"),
+    re.compile(rb"^;TIME:[ \t]*(?!6666\b)(\d+)[ \t\r]*$", re.MULTILINE),  # 6666 where Cura's engine has not put it in
+)
+_WORDS = (b"estimated printing time", b"total estimated time", b";TIME:")
+_UNITS_S = {b"d": 86400.0, b"h": 3600.0, b"m": 60.0, b"s": 1.0, b"": 1.0}
+
+
+def busiest(way_mm: np.ndarray, feed_mm_s: np.ndarray) -> int:
+    """Return how many of the moves [N, 3] mm at feeds [N] mm/s come at most in one second, as if the head sped up at
+    once. Moves without a length or a feed take no time."""
+    length_mm = np.linalg.norm(way_mm, axis=1)
+    moving = (length_mm > 0) & (feed_mm_s > 0)
+    ends = np.cumsum(length_mm[moving] / feed_mm_s[moving])
+    within = np.searchsorted(ends, ends + 1.0) - np.arange(len(ends))
+    return int(within.max(initial=0))
+
+
+def slicer_s(*texts: bytes) -> float | None:
+    """Return how long a print takes as its slicer says in pieces of the file (`Part.hints`); None where it does not."""
+    for expression, word in zip(_SPENT, _WORDS, strict=True):
+        for text in texts:
+            if word in text and (found := expression.search(text)) is not None:
+                return sum(int(count) * _UNITS_S[unit] for count, unit in re.findall(rb"(\d+)([dhms]?)", found[1]))
+    return None
+
 
 COARSE_LINES = 40_000  # of a large part's first picture
 MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns without a jerk; 14 MB
@@ -500,3 +531,59 @@ def _write(path: Path, head: dict[str, Any], tables: list[np.ndarray]) -> None:
 def _p95_mm(error_mm: np.ndarray) -> float | None:
     """Return the 95th percentile of errors; None where there are none."""
     return round(float(np.quantile(error_mm, 0.95)), 4) if len(error_mm) else None
+
+
+# Small pictures for lists: of a part its widest layer from above, as lines; of a scan or photo a smaller one.
+
+_MOST_POINTS = 1500
+_PHOTO_PX = 320  # longer side of a small picture of a photo
+_SVG = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" fill="none" stroke="#0f9d90" stroke-width="1.3" '
+    'stroke-linejoin="round"><path vector-effect="non-scaling-stroke" d="{path}"/></svg>\n'
+)
+
+
+def write_thumb(path: Path, scene: Scene) -> None:
+    """Write the layer of a part that has the longest way as a picture of lines; nothing is written of no part."""
+    if not len(scene.layer):
+        return
+    length = np.append(np.hypot(*np.diff(scene.wanted_mm[:, :2], axis=0).T), 0.0) * scene.joined
+    of_layer = np.bincount(scene.layer, weights=length)
+    points, joined = _thinned(
+        scene.wanted_mm[scene.layer == of_layer.argmax(), :2], scene.joined[scene.layer == of_layer.argmax()]
+    )
+    low, high = points.min(axis=0), points.max(axis=0)
+    pad = 0.04 * max(*(high - low), 1.0)
+    box = f"{low[0] - pad:.2f} {-high[1] - pad:.2f} {high[0] - low[0] + 2 * pad:.2f} {high[1] - low[1] + 2 * pad:.2f}"
+    begun = np.append(True, ~joined[:-1])
+    drawn = "".join(f"{'M' if begins else 'L'}{x:.1f} {-y:.1f}" for (x, y), begins in zip(points, begun, strict=True))
+    with replacing(path) as file:
+        file.write(_SVG.format(box=box, path=drawn))
+
+
+def write_photo(path: Path, source: Path) -> bool:
+    """Write a scan or photo smaller, upright; return False of what is no image, or is too large to be one."""
+    from PIL import Image, ImageOps
+
+    from printmend.measure.image import MOST_PIXELS
+
+    with (
+        contextlib.suppress(OSError, SyntaxError, ValueError, Image.DecompressionBombError),
+        Image.open(source) as image,
+    ):
+        if image.width * image.height <= MOST_PIXELS:
+            image.draft("RGB", (_PHOTO_PX, _PHOTO_PX))  # JPEG is then unpacked smaller
+            small = ImageOps.exif_transpose(image).convert("RGB")
+            small.thumbnail((_PHOTO_PX, _PHOTO_PX))
+            with replacing(path, "wb") as file:
+                small.save(file, "JPEG", quality=80)
+            return True
+    return False
+
+
+def _thinned(points: np.ndarray, joined: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return about `_MOST_POINTS` of the points; the ends of each bead stay."""
+    every = max(1, len(points) // _MOST_POINTS)
+    ends = ~joined | np.append(True, ~joined[:-1])
+    keep = ends | (np.arange(len(points)) % every == 0)
+    return points[keep], joined[keep]

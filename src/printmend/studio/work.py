@@ -12,16 +12,116 @@ import os
 import signal
 import tempfile
 import time
-from collections.abc import Callable
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from printmend.diagnosis.named import is_gap_of_z
 from printmend.errors import InputError, PrintmendError, RefusedError
 from printmend.files import replacing
 from printmend.messages import say
+from printmend.printer import Printer
+from printmend.probe import cost, design_probe, expected_error_mm, turns_covered
+
+if TYPE_CHECKING:
+    from printmend.mend.part import PartMeasurement
+
+# The job that says whether a part fits: scans of its sides and its file in, sizes and settings out.
+
+
+def fit(job: "Job", path: Path, sides: Sequence[Path]) -> dict[str, Any]:
+    """Say how large the part of a file came out, from scans of its ``sides``, and what its slicer must be told; keep
+    what its walls show, to learn from."""
+    from printmend.fit import SLICERS, write_profiles
+    from printmend.measure import write_trace
+    from printmend.measure.callipers import is_asking
+    from printmend.mend.fit import fits, measured_part
+    from printmend.model import read_model
+    from printmend.printer import read_printer
+
+    printer, model_path = read_printer(job.printer_folder / PRINTER), job.printer_folder / MODEL
+    model = read_model(model_path) if model_path.is_file() else None
+    job.tell(0.1, "measure")
+    measured = measured_part(
+        sides[0], path, printer, top=sides[1] if len(sides) > 1 else None, dpi=job.params.get("dpi"),
+        distances_mm=job.params["distances_mm"],
+    )  # fmt: skip
+    job.tell(0.8, "compare")
+    found = fits(measured, path, printer, model, job.params.get("filament"))
+    write_trace(job.file("trace.csv"), measured[0][1].trace)
+    for written in write_profiles(job.folder, found.settings, found.file, found.json()):
+        job.file(written.name)
+    return {
+        "numbers": found.json(), "slicers": {name: one.title for name, one in SLICERS.items()},
+        "slicer": found.file.maker if found.file.maker in SLICERS else None,
+        "asked": _asked(measured[0][1]) if any(map(is_asking, found.notes)) else [],
+    }  # fmt: skip
+
+
+def _asked(measured: "PartMeasurement") -> list[dict[str, float]]:
+    """Return the widths that callipers may settle: the direction of each from X, and about how wide."""
+    import numpy as np
+
+    from printmend.measure.callipers import choose_widths
+
+    walls = measured.walls
+    edge_mm = walls.commanded_mm[walls.row] + walls.half_mm[:, None] * walls.normal
+    return [
+        {"degrees": round(float(np.degrees(width.angle_rad))), "about_mm": round(width.across_mm(edge_mm), 1)}
+        for width in choose_widths(walls)
+    ]
+
+
+# The cheapest next print: the smallest test print that would show what a measurement did not.
+
+_STEP_MM = 10.0  # between the sizes that are offered
+_ENOUGH_RATIO = 2.0  # a smaller print may leave so many times the error of one over the whole bed
+
+
+@dataclass(frozen=True)
+class NextPrint:
+    """A square of marks: its side, what it costs, and the error that it leaves anywhere on the bed."""
+
+    size_mm: float
+    marks: int
+    minutes: float
+    grams: float
+    expected_mm: float
+
+
+def next_print(printer: Printer, gaps: Sequence[str]) -> NextPrint | None:
+    """Return the smallest print that shows each motor's whole turn and leaves at most twice the error of the largest.
+
+    None where a flat print shows no gap.
+    """
+    if all(map(is_gap_of_z, gaps)):
+        return None
+    largest_mm = min(printer.x.max_mm - printer.x.min_mm, printer.y.max_mm - printer.y.min_mm)
+    least_mm = min(largest_mm, max(axis.mm_per_turn for axis in printer.axes[:2]))
+    largest = _square(printer, None)
+    sizes_mm = [*np.arange(-(-least_mm // _STEP_MM) * _STEP_MM, largest_mm, _STEP_MM), None]
+
+    def is_enough(size_mm: float | None) -> bool:
+        plan = design_probe(printer, size_mm=size_mm)
+        seen = min(turns_covered(printer, plan)) >= 1
+        return seen and expected_error_mm(printer, plan) <= _ENOUGH_RATIO * largest.expected_mm
+
+    at = bisect_left(sizes_mm[:-1], True, key=is_enough)
+    return largest if sizes_mm[at] is None else _square(printer, float(sizes_mm[at]))
+
+
+def _square(printer: Printer, size_mm: float | None) -> NextPrint:
+    """Return a test print of that side; of the largest where that is None."""
+    plan = design_probe(printer, size_mm=size_mm)
+    minutes, grams = cost(plan)
+    size_mm = float(np.ptp(plan.marks_mm, axis=0).max()) if size_mm is None else size_mm
+    return NextPrint(size_mm, len(plan), float(minutes), float(grams), expected_error_mm(printer, plan))
+
 
 Params = dict[str, Any]
 PROGRESS = "progress.json"
@@ -204,8 +304,7 @@ def _mend(job: Job) -> dict[str, Any]:
 
 def _draw(job: Job, path: Path, model: Any) -> tuple[Any, Any]:
     """Draw a part as it is printed, a large one coarsely first; return its `Drawing` and its `Scene`."""
-    from printmend.studio.scene import as_printed, coarse, lay_points, read_motion, write_wanted
-    from printmend.studio.thumb import write_thumb
+    from printmend.studio.scene import as_printed, coarse, lay_points, read_motion, write_thumb, write_wanted
 
     motion, aligned = read_motion(path, model.printer), _is_of_shape(model)
     if (few := coarse(motion)) is not None:
@@ -229,7 +328,7 @@ def _is_of_shape(model: Any) -> bool:
 def _paces(path: Path, scene: Any, duration: Any) -> dict[str, Any]:
     """Return how long a print takes before and after, going by the slicer where it says so, and the busiest seconds."""
     from printmend.gcode.container import open_gcode
-    from printmend.studio.pace import slicer_s
+    from printmend.studio.scene import slicer_s
 
     with open_gcode(path) as file:
         told_s = slicer_s(*file.parts[0].hints())
@@ -262,7 +361,7 @@ def _named(job: Job, upload: str, name: str) -> Path:
 
 def _scans(job: Job) -> list[Path]:
     """Return the uploaded scans or photos under their own names, two of one name counted; and show them, smaller."""
-    from printmend.studio.thumb import write_photo
+    from printmend.studio.scene import write_photo
 
     names = [one["name"] for one in job.params["scans"]]
     several = len({*names}) < len(names)
@@ -384,7 +483,7 @@ def _check_print(job: Job) -> dict[str, Any]:
 def _verify(job: Job) -> dict[str, Any]:
     """Measure a mended check print and compare it with what was promised."""
     from printmend.measure import read_plan, read_trace
-    from printmend.measure.distance import is_asking
+    from printmend.measure.callipers import is_asking
     from printmend.measure.measurement import measure_scans
     from printmend.mend.verify import remember_verdict, update_words, updated, verify
     from printmend.model import read_model, write_model
@@ -445,11 +544,9 @@ def _play(job: Job) -> dict[str, Any]:
     from printmend.mend.update import update
     from printmend.model import write_model
     from printmend.path import Trace
-    from printmend.studio.plate import plate_gcode
-    from printmend.studio.play import faults_of, play_printer, tower_trace
+    from printmend.studio.play import faults_of, plate_gcode, play_printer, tower_trace
     from printmend.studio.said import said
-    from printmend.studio.scene import Tap, as_mended, as_printed, read_drawing, write_mended, write_wanted
-    from printmend.studio.thumb import write_thumb
+    from printmend.studio.scene import Tap, as_mended, as_printed, read_drawing, write_mended, write_thumb, write_wanted
     from printmend.twin import Twin
     from printmend.twin.scanner import DEFAULT, scan_trace
 
@@ -527,7 +624,6 @@ def _write_seen(path: Path, image: np.ndarray) -> float:
 
 def _fit(job: Job) -> dict[str, Any]:
     """Say whether a part fits."""
-    from printmend.studio.fits import fit
 
     return fit(job, _named(job, job.params["upload"], job.params["name"]), _scans(job))
 

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from printmend.errors import GcodeError, InputError
-from printmend.gcode.arcs import straightened
-from printmend.gcode.read import Program, read_gcode
+from printmend.gcode.read import Program, read_gcode, straightened
 from printmend.machine.mechanism import Mechanism
 from printmend.measure.plan import ProbePlan
 from printmend.messages import say

@@ -16,10 +16,7 @@ from printmend.errors import InputError
 from printmend.metrics import rmse
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
-from printmend_lab.bench.case import Case, Result
-from printmend_lab.bench.layers import LayerStand
-from printmend_lab.bench.rows import check_rows, row
-from printmend_lab.bench.run import run
+from printmend_lab.bench.case import Case, LayerStand, Result, check_rows, row, run
 from printmend_lab.bench.table1 import drawn_layers
 from printmend_lab.body import body_of, demo_body_gcode, load_body
 from printmend_lab.dataset.bodies import digest

@@ -12,18 +12,28 @@ from printmend.corruption import read_corruption
 from printmend.errors import InputError
 from printmend.path import Trace
 from printmend.printer import Printer, check_preset, read_printer
+from printmend.protocols import Learner
 from printmend.twin import Twin
-from printmend_lab.bench.case import PRINTER, Case, Result
-from printmend_lab.bench.layers import LayerStand, covering_layer
-from printmend_lab.bench.report import Summary, grouped, summary
-from printmend_lab.bench.rows import OPTIMUM, Row, check_rows, row
-from printmend_lab.bench.run import run
+from printmend_lab.bench.case import (
+    OPTIMUM,
+    PRINTER,
+    Case,
+    LayerStand,
+    Result,
+    Row,
+    check_rows,
+    covering_layer,
+    evaluate_rows,
+    row,
+    run,
+)
+from printmend_lab.bench.report import Summary, failure_texts, grouped, summary, text_table
 from printmend_lab.body import load_body
-from printmend_lab.body.load import is_mesh
-from printmend_lab.dataset.bodies import body_rng, digest
+from printmend_lab.body.layers import is_mesh
+from printmend_lab.control.registry import controller as controller_of
+from printmend_lab.dataset.bodies import body_files, body_rng, digest
 from printmend_lab.dataset.build import changed_corruptions, read_recipe
-from printmend_lab.dataset.parquet import read_body
-from printmend_lab.dataset.places import BODIES, RECIPE, body_file, corruption_file, read_lines
+from printmend_lab.dataset.parquet import BODIES, RECIPE, body_file, corruption_file, read_body, read_lines
 from printmend_lab.dataset.reference import read_reference
 from printmend_lab.executor import HERE, Executor
 from printmend_lab.path import Body, Layer
@@ -352,3 +362,53 @@ def figure6(results: Sequence[Result], rows: Sequence[str]) -> "Figure | None":
     draw_log_histogram(axes[1], values)
     figure.subplots_adjust(left=0.06, right=0.95, top=0.92, bottom=0.13, wspace=0.27)
     return figure
+
+
+# Judge learners on bodies from Python: the paper's Table I in one call, a learner of one's own beside the others.
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A line for each learner over the bodies, and each learner's result on each body; printed, it is the table."""
+
+    lines: tuple[Line, ...]
+    results: tuple[Result, ...]
+
+    def __str__(self) -> str:
+        table = text_table(HEADER, [cells(line) for line in self.lines])
+        return "\n".join([table, *(f"failed: {text}" for text in failure_texts(self.results))])
+
+
+def evaluate(
+    learners: Sequence[str | Learner],
+    bodies: Iterable[str | Path],
+    *,
+    controller: str = "optimal",
+    families: Sequence[str] = ("pulley",),
+    severity: Severity = "damaged",
+    protocol: Literal["paper", "heldout", "covered"] = "heldout",
+    seed: int = 0,
+    limit: int | None = None,
+) -> Evaluation:
+    """Print each body on a broken printer, let each learner learn from its largest layer, plan others, print again.
+
+    ``learners`` are names (`naive`, `greybox`, `oracle`, or with a controller of their own: `greybox+greedy` is the
+    paper's) or learners themselves, which plan with ``controller``. ``bodies`` are meshes, G-code files and folders of
+    them; what is broken is drawn from ``families`` and the ``seed``, the same for every learner. Up to three layers are
+    judged, with `heldout` never the one that was learned from, with `paper` any. With `covered` the
+    one that is learned from shows the most of both motors' turns, and is not judged. Nothing is kept; `printmend bench
+    table1` also keeps results, goes on after an interruption and uses several processes. Raises `InputError` for an
+    unknown name and where there is no body; a learner that fails on a body has a result that says why.
+    """
+    rows = dict(_row(item, controller) for item in learners)
+    cases = draw_cases(
+        body_files(bodies), protocol=protocol, families=tuple(families), severity=severity, seed=seed, limit=limit
+    )
+    results = [result for case in cases for result in evaluate_rows(case, rows)]
+    return Evaluation(tuple(lines(results, tuple(rows))), tuple(results))
+
+
+def _row(item: str | Learner, controller: str) -> tuple[str, Row]:
+    if not isinstance(item, str):
+        return item.name, Row(item.name, controller_of(controller), own=item)
+    return item, row(item if item == OPTIMUM or "+" in item else f"{item}+{controller}")

@@ -27,7 +27,7 @@ def command(
     """
     import numpy as np
 
-    from printmend.cli.output import progress
+    from printmend.cli.terminal import progress
     from printmend.corruption import corruption_of
     from printmend.demo.contour import check_out
     from printmend.extras import require

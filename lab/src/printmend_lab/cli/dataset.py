@@ -38,9 +38,7 @@ def episodes_command(
     from printmend.extras import require
 
     require("printmend dataset episodes", "gymnasium", "pyarrow")
-    from printmend_lab.offline.episodes import agent_of, environment, fresh, record
-    from printmend_lab.offline.lerobot import write_lerobot
-    from printmend_lab.offline.minari import write_minari
+    from printmend_lab.offline import agent_of, environment, fresh, record, write_lerobot, write_minari
 
     env = environment(family, severity)
     plays = agent_of(agent, env)
@@ -97,7 +95,7 @@ def build(
     A build that was interrupted goes on with the same command, which also builds again what is missing or damaged.
     Bodies that fail are listed in OUT/failures.jsonl.
     """
-    from printmend.cli.output import progress
+    from printmend.cli.terminal import progress
     from printmend.extras import require
     from printmend_lab.dataset.bodies import body_files
     from printmend_lab.dataset.build import Recipe, build_dataset, check_recipe
@@ -149,9 +147,9 @@ def info(folder: Path, as_json: bool) -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 def verify(folder: Path) -> None:
     """Check every file's checksum, and print a sample of the prints again on the twin."""
-    from printmend.cli.output import progress
+    from printmend.cli.terminal import progress
     from printmend_lab.dataset.build import read_recipe
-    from printmend_lab.dataset.places import BODIES, read_lines
+    from printmend_lab.dataset.parquet import BODIES, read_lines
     from printmend_lab.dataset.verify import verify_dataset
 
     read_recipe(folder)  # says what a folder that is no data set is
@@ -178,7 +176,7 @@ def verify(folder: Path) -> None:
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="The data set's new folder.")
 def fetch(source: str, out: Path) -> None:
     """Copy a published data set from a folder or an address, checking every file."""
-    from printmend.cli.output import progress
+    from printmend.cli.terminal import progress
     from printmend_lab.dataset.verify import fetch_dataset, fetch_list
 
     count = fetch_list(source, out)
@@ -229,10 +227,10 @@ def export_reference(
 ) -> None:
     """Write FOLDER/dataset/*.csv and FOLDER/simulation/add_dudw_data.mat, which the published evaluation reads
     when FOLDER is its folder `data`."""
-    from printmend.cli.output import progress
+    from printmend.cli.terminal import progress
     from printmend.extras import require
     from printmend_lab.dataset.bodies import body_files
-    from printmend_lab.dataset.export import export_reference
+    from printmend_lab.dataset.reference import export_reference
 
     require("printmend dataset export-reference", "scipy")
     files = body_files(bodies)
@@ -256,7 +254,7 @@ def export_reference(
 @click.option("--json", "as_json", is_flag=True, help="JSON lines on stdout.")
 def import_reference(folder: Path, as_json: bool) -> None:
     """Read a data set in the published layout, check every row, and list its bodies."""
-    from printmend.cli.output import progress
+    from printmend.cli.terminal import progress
     from printmend_lab.dataset.reference import read_reference
 
     reference = read_reference(folder)

@@ -26,10 +26,10 @@ def command(
 
     Results are kept in OUT/table1.jsonl: an interrupted run goes on where it was.
     """
-    from printmend.cli.output import progress
+    from printmend.cli.terminal import progress
     from printmend.demo.contour import check_out
     from printmend.extras import require
-    from printmend_lab.bench.rows import PAPER_ROWS, libraries
+    from printmend_lab.bench.case import PAPER_ROWS, libraries
     from printmend_lab.bench.table1 import dataset_cases, parts, table1
     from printmend_lab.cli.table import show_failures, show_table
 

@@ -23,7 +23,7 @@ def command(seed: int, broken: tuple[str, ...], file: Path | None, out: Path, as
     """
     import numpy as np
 
-    from printmend.cli.output import progress
+    from printmend.cli.terminal import progress
     from printmend.corruption import corruption_of
     from printmend.demo.contour import check_out, demo_corruption
     from printmend.printer import read_printer

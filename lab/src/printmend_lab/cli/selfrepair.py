@@ -39,7 +39,7 @@ def command(
 
     OUT gets pulley.gcode (20 teeth, bore 5 mm, set screw M3), the same mended for each generation, and a figure.
     """
-    from printmend.cli.output import progress
+    from printmend.cli.terminal import progress
     from printmend.demo.contour import check_out
     from printmend.extras import require
     from printmend.printer import read_printer

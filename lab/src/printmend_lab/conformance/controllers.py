@@ -8,8 +8,7 @@ import numpy as np
 
 from printmend.corruption import HEALTHY
 from printmend.errors import InputError
-from printmend.learn.mechanism_model import MechanismModel
-from printmend.learn.naive import NaiveModel
+from printmend.learn.mechanism_model import MechanismModel, NaiveModel
 from printmend.printer import Printer, read_printer
 from printmend.protocols import JointTables, State, WorldModel
 from printmend.twin import Twin

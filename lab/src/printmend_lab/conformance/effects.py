@@ -10,7 +10,7 @@ import numpy as np
 from printmend.corruption import Cause, Corruption, cause_of, corruption_toml, parse_corruption
 from printmend.corruption.cause import example_of
 from printmend.effects import EFFECTS, Acts, Of, columns_of, places_of, scene_of
-from printmend.effects.sample import terms_of
+from printmend.effects.effect import terms_of
 from printmend.effects.sized import Sized, scene_of_printer
 from printmend.infer.fit import fitted
 from printmend.infer.posterior import posterior_of

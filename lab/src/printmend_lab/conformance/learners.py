@@ -15,8 +15,7 @@ from printmend.printer import read_printer
 from printmend.protocols import WorldModel
 from printmend.twin import Twin
 from printmend_lab.conformance.need import HARMLESS_STEPS, follow_tables, near, need, ring_layer
-from printmend_lab.control.check import tables_of
-from printmend_lab.control.increments import increments_by_advance
+from printmend_lab.control.check import increments_by_advance, tables_of
 from printmend_lab.control.registry import controller
 from printmend_lab.published import layer_trace
 from printmend_lab.sampling import sample

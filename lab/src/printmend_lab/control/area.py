@@ -7,9 +7,9 @@ import numpy as np
 from printmend.machine import PlayTables
 from printmend.protocols import WorldModel
 from printmend_lab.control.check import tables_of
+from printmend_lab.control.coupled import followed
 from printmend_lab.control.kernels import refine as kernels
 from printmend_lab.control.optimal import Optimal
-from printmend_lab.control.window import followed
 from printmend_lab.path import Plan
 
 _APART_TICKS = np.array([1, 2, 3, 4, 6, 9])  # between the two ends of an edit

@@ -7,8 +7,7 @@ import numpy as np
 
 from printmend.machine import PlayTables
 from printmend.protocols import IncrementTables, JointTables, WorldModel
-from printmend_lab.control.check import advanced, check_plan, tables_of
-from printmend_lab.control.increments import agrees, increments_by_advance
+from printmend_lab.control.check import advanced, agrees, check_plan, increments_by_advance, tables_of
 from printmend_lab.control.kernels import greedy as kernels
 from printmend_lab.path import Plan
 

@@ -7,13 +7,11 @@ import numpy as np
 from printmend.machine import LatticeMotor, PlayTables, run_motors
 from printmend.protocols import Tables, WorldModel
 from printmend_lab.control.beam import Beam
-from printmend_lab.control.check import check_plan, tables_of
-from printmend_lab.control.coupled import Breadth, plan_coupled
+from printmend_lab.control.check import check_plan, increments_by_advance, tables_of
+from printmend_lab.control.coupled import Breadth, better, plan_coupled, window
 from printmend_lab.control.greedy import Greedy
-from printmend_lab.control.increments import increments_by_advance
 from printmend_lab.control.kernels import optimal as kernels
 from printmend_lab.control.lookahead import Lookahead
-from printmend_lab.control.window import better, window
 from printmend_lab.path import Plan
 
 # Costs kept at a time: about a megabyte, which stays in the processor's cache, whatever the layer's length.

@@ -29,16 +29,21 @@ from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
 from printmend_lab.body.generated import LICENCE
 from printmend_lab.dataset.bodies import digest, known_of
-from printmend_lab.dataset.parquet import READ, SCHEMA, damaged_bodies, digest_of, write_body, write_print
-from printmend_lab.dataset.places import (
+from printmend_lab.dataset.parquet import (
     BODIES,
     FAILURES,
+    READ,
     RECIPE,
+    SCHEMA,
     body_file,
     corruption_file,
+    damaged_bodies,
+    digest_of,
     print_file,
     read_lines,
     rewrite_lines,
+    write_body,
+    write_print,
 )
 from printmend_lab.executor import Executor, WorkerDied
 from printmend_lab.path import Body
@@ -270,7 +275,7 @@ def _twin(corruption: str, printer: Printer) -> Twin:
 
 
 def _built(task: _Task) -> dict[str, Any]:
-    from printmend_lab.body.load import body_of, is_mesh
+    from printmend_lab.body.layers import body_of, is_mesh
     from printmend_lab.body.slicer import slice_to, slicing_of
 
     recipe, root, source = task.recipe, Path(task.root), Path(task.source)

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from printmend.errors import InputError
 from printmend_lab.dataset.build import read_recipe
-from printmend_lab.dataset.parquet import read_columns
-from printmend_lab.dataset.places import BODIES, body_file, print_file, read_lines
+from printmend_lab.dataset.parquet import BODIES, body_file, print_file, read_columns, read_lines
 
 if TYPE_CHECKING:
     import pyarrow

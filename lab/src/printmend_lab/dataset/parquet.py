@@ -14,7 +14,7 @@ import hashlib
 import io
 import json
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
@@ -24,9 +24,57 @@ import numpy as np
 
 from printmend.errors import InputError, TraceError
 from printmend.files import replacing
-from printmend_lab.dataset.places import BODIES, body_files_of, read_lines
 from printmend_lab.executor import Executor
 from printmend_lab.path import Body, Layer
+
+# Where things lie in a data set's folder, and its lists, a line of JSON a body.
+
+RECIPE, BODIES, FAILURES = "dataset.json", "bodies.jsonl", "failures.jsonl"
+
+
+def corruption_file(root: Path, number: int) -> Path:
+    """Return where the description of a broken printer lies."""
+    return Path(root) / "corruptions" / f"{number:04d}.toml"
+
+
+def body_file(root: Path, name: str) -> Path:
+    """Return where the body of that name lies in a data set."""
+    return Path(root) / "bodies" / f"{name}.parquet"
+
+
+def print_file(root: Path, name: str, number: int) -> Path:
+    """Return where the print of a body by the broken printer of that number lies in a data set."""
+    before = Path(root) / "prints" / f"corruption={number:04d}"  # schema 1, whose keys are no whole numbers to all
+    folder = before if number < 1000 and before.is_dir() else Path(root) / "prints" / f"corruption={number}"
+    return folder / f"{name}.parquet"
+
+
+def body_files_of(root: Path, name: str, corruptions: int) -> list[str]:
+    """Return the names of all files of a body in a data set."""
+    files = [body_file(root, name), *(print_file(root, name, number) for number in range(corruptions))]
+    return [path.relative_to(root).as_posix() for path in files]
+
+
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """Read JSON lines, none where there is no file. A last line that was cut short is removed from the file."""
+    if not path.exists():
+        return []
+    data = path.read_bytes()
+    whole, _, cut = data.rpartition(b"\n")
+    try:
+        lines = [json.loads(line) for line in whole.decode().splitlines()]
+    except (UnicodeDecodeError, ValueError) as error:
+        raise InputError(path, wanted="lines of JSON", came=f"{error}", todo="name another folder") from None
+    if cut:
+        path.write_bytes(whole + b"\n" if whole else b"")
+    return lines
+
+
+def rewrite_lines(path: Path, lines: Iterable[dict[str, Any]]) -> None:
+    """Replace a list by these lines."""
+    with replacing(path) as file:
+        file.writelines(json.dumps(line) + "\n" for line in lines)
+
 
 SCHEMA = 2  # the version of the columns
 READ = (1, SCHEMA)  # versions that are read; the first has neither `body` nor `tick`

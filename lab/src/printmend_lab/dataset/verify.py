@@ -15,23 +15,21 @@ from printmend.errors import InputError, TraceError
 from printmend.files import replacing
 from printmend_lab.dataset.build import Recipe, changed_corruptions, read_checksums, read_recipe
 from printmend_lab.dataset.parquet import (
-    BODY_COLUMNS,
-    PRINT_COLUMNS,
-    digest_of,
-    faults_of,
-    files_of,
-    read_body,
-    read_print,
-)
-from printmend_lab.dataset.places import (
     BODIES,
+    BODY_COLUMNS,
     FAILURES,
+    PRINT_COLUMNS,
     RECIPE,
     body_file,
     body_files_of,
     corruption_file,
+    digest_of,
+    faults_of,
+    files_of,
     print_file,
+    read_body,
     read_lines,
+    read_print,
 )
 
 REPLAYED = 8  # prints that `verify_dataset` makes again on the twin

@@ -18,9 +18,9 @@ from printmend.measure.plan import ProbePlan
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.probe import cost, design_probe
-from printmend.probe.information import NOISE_MM, belief_after
 from printmend.probe.layout import mark_area_mm
 from printmend.probe.probe import expected_error_mm, targets_mm
+from printmend.probe.tiles import NOISE_MM, belief_after
 from printmend.twin import Twin
 from printmend_lab.body import demo_body_gcode
 

@@ -13,7 +13,7 @@ from printmend.files import replacing
 from printmend.metrics import rmse
 from printmend.printer import Printer
 from printmend.twin import Twin
-from printmend_lab.bench.rows import row
+from printmend_lab.bench.case import row
 from printmend_lab.path import Body
 from printmend_lab.published import layer_trace
 

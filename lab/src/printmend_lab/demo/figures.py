@@ -20,13 +20,11 @@ from printmend.files import replacing
 from printmend.metrics import rmse
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
-from printmend_lab.bench.case import Case, Result
+from printmend_lab.bench.case import Case, Result, row
 from printmend_lab.bench.report import markdown_table
-from printmend_lab.bench.rows import row
 from printmend_lab.bench.table1 import HEADER, Part, cells, figure6, parts
 from printmend_lab.dataset.bodies import thinned
-from printmend_lab.dataset.parquet import read_body
-from printmend_lab.dataset.places import body_file, corruption_file
+from printmend_lab.dataset.parquet import body_file, corruption_file, read_body
 from printmend_lab.draw import draw_solid, printed_layer, project, solid_view
 from printmend_lab.published import layer_trace
 from printmend_lab.shape import symmetric_difference_area

@@ -18,12 +18,9 @@ from printmend_lab.env.agents import (
     random_agent,
     score_agent,
 )
-from printmend_lab.env.fleet import random_layer
-from printmend_lab.env.one_print_env import OnePrintEnv
-from printmend_lab.env.one_vector_env import KEPT_SEED, OnePrintVectorEnv
-from printmend_lab.env.print_env import PrintEnv, draw_damaged
-from printmend_lab.env.scenes import SCENES
-from printmend_lab.env.vector_env import PrintVectorEnv
+from printmend_lab.env.fleet import SCENES, random_layer
+from printmend_lab.env.one_print_env import KEPT_SEED, OnePrintEnv, OnePrintVectorEnv
+from printmend_lab.env.print_env import PrintEnv, PrintVectorEnv, draw_damaged
 
 __all__ = [
     "KEPT_SEED",
@@ -49,13 +46,13 @@ if "printmend/Print-v0" not in gymnasium.registry:
     gymnasium.register(
         "printmend/Print-v0",
         entry_point="printmend_lab.env.print_env:PrintEnv",
-        vector_entry_point="printmend_lab.env.vector_env:PrintVectorEnv",
+        vector_entry_point="printmend_lab.env.print_env:PrintVectorEnv",
     )
     for _severity, _families in SCENES.items():
         for _family in _families:
             gymnasium.register(
                 f"printmend/OnePrint-{_family}-{_severity}-v1",
                 entry_point="printmend_lab.env.one_print_env:OnePrintEnv",
-                vector_entry_point="printmend_lab.env.one_vector_env:OnePrintVectorEnv",
+                vector_entry_point="printmend_lab.env.one_print_env:OnePrintVectorEnv",
                 kwargs={"family": _family, "severity": _severity},
             )

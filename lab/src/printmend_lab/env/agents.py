@@ -25,9 +25,8 @@ from printmend.printer import Printer
 from printmend_lab.control.lookahead import Lookahead
 from printmend_lab.control.registry import controller as controller_of
 from printmend_lab.env import kernels
-from printmend_lab.env.one_vector_env import KEPT_SEED, PRINT, OnePrintVectorEnv
-from printmend_lab.env.print_env import C_MAX, PrintEnv
-from printmend_lab.env.vector_env import PrintVectorEnv
+from printmend_lab.env.one_print_env import KEPT_SEED, PRINT, OnePrintVectorEnv
+from printmend_lab.env.print_env import C_MAX, PrintEnv, PrintVectorEnv
 from printmend_lab.protocols import Controller
 from printmend_lab.sampling import Severity
 

@@ -3,9 +3,8 @@
 `greybox` is the learner, `model` what it makes, and `rows` a trace as either motor sees it.
 """
 
-from printmend_lab.greybox.greybox import Greybox, fit_greybox
+from printmend_lab.greybox.greybox import Greybox, fit_greybox, motor_rows, with_belts
 from printmend_lab.greybox.model import GreyboxModel, LearnedDrive, model_of
-from printmend_lab.greybox.rows import motor_rows, with_belts
 
 __all__ = [
     "Greybox",

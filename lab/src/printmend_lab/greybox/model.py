@@ -11,9 +11,9 @@ from printmend.model import Branches
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend_lab.greybox.drive import Choice, Jump, Rows, Structure, bed_middle
-from printmend_lab.greybox.drive.left_out import OmittedParts
+from printmend_lab.greybox.drive.fit import seen_share
 from printmend_lab.greybox.drive.rest import CENTRED, rest_shares
-from printmend_lab.greybox.drive.sight import seen_share
+from printmend_lab.greybox.drive.select import OmittedParts
 
 
 @dataclass(frozen=True, eq=False)

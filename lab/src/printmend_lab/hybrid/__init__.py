@@ -4,7 +4,6 @@
 `continued` says how tables go on beyond what was seen.
 """
 
-from printmend_lab.hybrid.gains import learned_gains
-from printmend_lab.hybrid.hybrid import Hybrid, HybridModel, with_residuals
+from printmend_lab.hybrid.hybrid import Hybrid, HybridModel, learned_gains, with_residuals
 
 __all__ = ["Hybrid", "HybridModel", "learned_gains", "with_residuals"]

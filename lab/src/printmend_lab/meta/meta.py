@@ -22,8 +22,8 @@ from printmend.path import Trace, frozen, last_way
 from printmend.printer import Printer
 from printmend.units import SIGMA_PER_MEDIAN
 from printmend_lab.greybox.drive import Rows
+from printmend_lab.greybox.greybox import motor_rows
 from printmend_lab.greybox.model import cross_frame
-from printmend_lab.greybox.rows import motor_rows
 from printmend_lab.meta import kernels
 from printmend_lab.meta.bayes import believed, first_look, forward, membership, posterior
 from printmend_lab.meta.columns import GROUPS, columns, groups

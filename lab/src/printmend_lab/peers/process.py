@@ -18,9 +18,9 @@ import numpy as np
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend_lab.peers.backlash import best_play_mm
-from printmend_lab.peers.branches import Drive, branch_model
-from printmend_lab.peers.operators import lags
+from printmend_lab.peers.classical import best_play_mm
+from printmend_lab.peers.hysteresis import lags
+from printmend_lab.peers.memory import Drive, branch_model
 from printmend_lab.peers.rows import MotorRows, chosen, least_squares
 
 _SEARCH_ROWS, _MOST_ROWS = 160, 800  # that it looks at to find its kernel, and in the end: its cost is their cube

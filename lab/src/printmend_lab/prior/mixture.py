@@ -18,8 +18,8 @@ from importlib import resources
 import numpy as np
 
 from printmend.units import TURN_RAD
-from printmend_lab.greybox.drive.machines import MACHINES, SEED, drawn_about
-from printmend_lab.greybox.pulley.shapes import HARMONICS, turned
+from printmend_lab.greybox.drive.fit import MACHINES, SEED, drawn_about
+from printmend_lab.greybox.pulley.outline import HARMONICS, turned
 
 ENTRIES = 1 + 2 * HARMONICS
 _K = np.arange(1, HARMONICS + 1)

@@ -15,10 +15,20 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend_lab.greybox import GreyboxModel, fit_greybox
 from printmend_lab.greybox.drive.design import Design, Normal, Rows, contacts, normal_equations
-from printmend_lab.greybox.drive.fit import Fit, Posterior, Prior, refine, robust_weights, variances
-from printmend_lab.greybox.drive.machines import SEED, drawn_about
+from printmend_lab.greybox.drive.fit import (
+    ALL_SEEN,
+    GLIMPSED_TURN,
+    SEED,
+    Fit,
+    Posterior,
+    Prior,
+    drawn_about,
+    refine,
+    robust_weights,
+    seen_share,
+    variances,
+)
 from printmend_lab.greybox.drive.select import HARMONICS, Choice
-from printmend_lab.greybox.drive.sight import ALL_SEEN, GLIMPSED_TURN, seen_share
 from printmend_lab.greybox.pulley import to_parameters
 from printmend_lab.prior.mixture import Mixture, shape_posterior, shipped
 

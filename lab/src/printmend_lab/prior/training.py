@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.units import TURN_RAD
-from printmend_lab.greybox.pulley.shapes import HARMONICS, draw, kinds, turned
+from printmend_lab.greybox.pulley.outline import HARMONICS, draw, kinds, turned
 
 TURNS_TRIED = 96  # turns of the first passes
 FINE_TURNS = 8  # steps between two of them in the last passes

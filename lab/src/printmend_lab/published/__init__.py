@@ -4,9 +4,15 @@
 `trees` fits them; that module alone needs LightGBM and scikit-learn, and is not imported here.
 """
 
-from printmend_lab.published.ensemble import Ensemble, from_forest, from_lightgbm
-from printmend_lab.published.increments import AxisModel, Rolled, RolledLearner
-from printmend_lab.published.transitions import Transitions, layer_trace, transitions_of
+from printmend_lab.published.increments import (
+    AxisModel,
+    Rolled,
+    RolledLearner,
+    Transitions,
+    layer_trace,
+    transitions_of,
+)
+from printmend_lab.published.trees import Ensemble, from_forest, from_lightgbm
 
 __all__ = [
     "AxisModel",

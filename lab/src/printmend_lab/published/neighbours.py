@@ -10,8 +10,7 @@ import numpy as np
 
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend_lab.published.increments import AxisModel, JointUnits
-from printmend_lab.published.transitions import transitions_of
+from printmend_lab.published.increments import AxisModel, JointUnits, transitions_of
 
 Predict = Callable[[np.ndarray], np.ndarray]
 Regress = Callable[[np.ndarray, np.ndarray], Predict]

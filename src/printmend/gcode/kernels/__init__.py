@@ -7,11 +7,11 @@ its place uncertain becomes a RECORD; everything else (comments, temperatures, f
 copied as it is.
 """
 
+from printmend.gcode.kernels.commands import arc_chords as arc_chords
 from printmend.gcode.kernels.emit import emit as emit
+from printmend.gcode.kernels.emit import renumber as renumber
 from printmend.gcode.kernels.interpret import interpret as interpret
 from printmend.gcode.kernels.layout import *  # noqa: F403 (the layout is the package's interface)
 from printmend.gcode.kernels.meatpack import pack as pack
 from printmend.gcode.kernels.meatpack import unpack as unpack
-from printmend.gcode.kernels.renumber import renumber as renumber
-from printmend.gcode.kernels.spline import arc_chords as arc_chords
 from printmend.gcode.kernels.text import parse_number as parse_number

@@ -16,9 +16,10 @@ from printmend.gcode.kernels.layout import (
     TELL_SHIFT,
 )
 from printmend.jit import inner
-from printmend.plan.kernels.bow import arc, on_arc
 from printmend.plan.kernels.chord import (
+    arc,
     chord,
+    on_arc,
 )
 from printmend.plan.kernels.curve import (
     distance,

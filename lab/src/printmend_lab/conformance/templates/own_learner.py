@@ -11,7 +11,7 @@ import numpy as np
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import IncrementTables, State
-from printmend_lab.control.increments import increments_by_advance
+from printmend_lab.control.check import increments_by_advance
 from printmend_lab.published import transitions_of
 
 WAVES = 6  # of a motor's turn

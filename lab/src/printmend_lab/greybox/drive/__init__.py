@@ -7,9 +7,9 @@ rested, and `seen_share` says how much of a turn the rows saw.
 """
 
 from printmend_lab.greybox.drive.design import Contacts, Rows, contacts, normal_equations
-from printmend_lab.greybox.drive.ladder import Jump, jumped
+from printmend_lab.greybox.drive.fit import ALL_SEEN
+from printmend_lab.greybox.drive.jumps import Jump, jumped
 from printmend_lab.greybox.drive.select import NOTHING, Choice, Structure
-from printmend_lab.greybox.drive.sight import ALL_SEEN
 from printmend_lab.greybox.layout import CROSS, Design, bed_middle
 
 __all__ = [

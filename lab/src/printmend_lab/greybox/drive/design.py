@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.model import SCALE_MM
-from printmend_lab.greybox.drive.kernels import columns as kernels
+from printmend_lab.greybox.drive import kernels
 from printmend_lab.greybox.layout import Design
 
 CHUNK_ROWS = 1 << 12  # rows that are summed at once: their columns stay in the processor's cache

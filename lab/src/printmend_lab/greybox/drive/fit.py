@@ -12,8 +12,52 @@ import numpy as np
 from printmend.infer.scatter import independent_share
 from printmend.path import frozen
 from printmend.units import SIGMA_PER_MEDIAN
+from printmend_lab.greybox.drive import kernels
 from printmend_lab.greybox.drive.design import Contacts, Design, Normal, Rows, contacts, normal_equations
-from printmend_lab.greybox.drive.kernels import evidence, triangular
+
+# What a trace could see of one motor: which angles, and whether the other one moved by itself.
+
+SECTORS_PER_TURN = 40  # sectors of 9° in which contacts are counted
+LEAST_CROSSING_MM = 3.0  # how far the other axis must move by itself, root mean square, for a crooked frame to show
+ALL_SEEN = 0.95  # a larger share of the turn counts as all of it
+GLIMPSED_TURN = 0.15  # a smaller share of a turn says nothing about a pulley's shape
+
+
+def crosses(rows: Rows) -> bool:
+    """Say whether the other motor moved by itself, not only along with this one."""
+    measured = rows.weight > 0
+    own, other = rows.own_mm[measured], rows.other_mm[measured]
+    own, other = own - own.mean(), other - other.mean()
+    together = float(own @ other) / max(float(own @ own), 1e-300)
+    return float(np.std(other - together * own)) > LEAST_CROSSING_MM
+
+
+def seen_share(rows: Rows, touch: Contacts) -> float:
+    """Return the share of a motor's turn in which the rows had some contact, given the contacts of its fit."""
+    touched = touch.at[(rows.weight > 0) & (touch.side != 0)]
+    turns = np.mod(rows.motor_mm[touched] / rows.period_mm, 1.0)
+    hit = np.bincount((turns * SECTORS_PER_TURN).astype(np.int64) % SECTORS_PER_TURN, minlength=SECTORS_PER_TURN) > 0
+    # The neighbours of a hit count as seen, so that a sparse trace is judged by its gaps and not by its count.
+    hit |= np.roll(hit, 1) | np.roll(hit, -1)
+    place = rows.motor_mm[touched[touched > 0]]
+    # Whatever its neighbours, a span shorter than a turn leaves the rest of the turn unseen.
+    return min(float(hit.mean()), float(np.ptp(place)) / rows.period_mm if len(place) else 0.0)
+
+
+# Machines that a print of less than a turn allows: the rest of a pulley that nobody saw is no bell curve.
+#
+# It is mostly round and now and then has a flat, or it may be of one kind or another. So a fit of such a motor keeps
+# machines, drawn from all that is possible, each as likely.
+
+MACHINES = 48  # number of machines that are drawn
+SEED = 17  # the same measurement always gives the same machines
+
+
+def drawn_about(covariance: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw ``count`` deviations [P, count] with a covariance [P, P]."""
+    values, axes = np.linalg.eigh(covariance)
+    return np.asarray((axes * np.sqrt(np.maximum(values, 0.0))) @ rng.standard_normal((len(values), count)))
+
 
 LEAST_SIGMA_MM = 2e-4  # smallest σ that is believed: tables and G-code are written no finer
 HUBER_SIGMAS = 2.0  # residuals beyond so many σ are weighted down (Huber)
@@ -138,7 +182,7 @@ def solve(
     most = np.array([MOST_OFF_FOLD if name == "mean_off" else MOST_SCALE for name in names])
     usual, floor2 = _usual_variances(design, prior.warp_mm)[known], prior.floor_mm**2
     values, root, whitened = np.empty(len(known)), np.empty(len(known)), np.empty((len(known), len(known)))
-    sigma2, misfit, log_det = evidence.settle(
+    sigma2, misfit, log_det = kernels.settle(
         matrix, slope, pull, normal.values[known], square, float(normal.count), usual, group[known], most, scales,
         max(sigma_mm**2, floor2), floor2, HUBER_VARIANCE_SHARE, rounds, values, root, whitened,
     )  # fmt: skip
@@ -153,7 +197,7 @@ def solve(
 def lower_inverse(factor: np.ndarray) -> np.ndarray:
     """Return the inverse of a lower triangular matrix [N, N]."""
     out = np.zeros_like(factor)
-    triangular.lower_inverse(factor, out)
+    kernels.lower_inverse(factor, out)
     return out
 
 
