@@ -21,8 +21,7 @@ from printmend.errors import ConfigError, InputError
 from printmend.files import read_text, replacing
 from printmend.machine import Mechanism
 from printmend.printer import read_printer
-from printmend_lab.bench import families, table1
-from printmend_lab.bench import measured as measured
+from printmend_lab.bench import families, measured, table1
 from printmend_lab.bench.case import OPTIMUM, Case, Result, row, run
 from printmend_lab.bench.report import markdown_table
 from printmend_lab.body.slicer import profile_text

@@ -15,7 +15,7 @@ from printmend.errors import ModelError
 from printmend.path import Trace, frozen
 from printmend.printer import Printer
 from printmend.protocols import JointTables
-from printmend_lab.published import kernels as kernels
+from printmend_lab.published import kernels
 from printmend_lab.published.increments import AxisModel, JointUnits, RolledLearner, transitions_of
 
 # Regression trees as arrays: read from LightGBM's own text or from a fitted forest, evaluated compiled.

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from printmend.units import TURN_RAD, radius_mm
-from printmend_lab.greybox.pulley import kernels as kernels
+from printmend_lab.greybox.pulley import kernels
 from printmend_lab.sampling import sample
 
 # Lengths are in radii of a sound pulley; pairs are a prior mean and its standard deviation.
