@@ -15,7 +15,7 @@ from benchmarks.runner import write_results
 from tests import foreign_part as foreign
 
 from printmend.gcode.read import read_gcode
-from printmend.measure.callipers import choose_widths
+from printmend.measure.distance import choose_widths
 from printmend.measure.walls import read_walls
 from printmend.mend.filament import learn_in, parse_travel, update_in
 from printmend.mend.fit import fits, measured_part

@@ -33,7 +33,7 @@ from printmend.errors import RefusedError
 from printmend.infer.distances import choose_distances
 from printmend.learn.by_hand import model_by_hand
 from printmend.learn.learned import learn_model
-from printmend.measure.callipers import scaled_by
+from printmend.measure.distance import scaled_by
 from printmend.measure.measurement import instrument_on_bed, scanner_axes
 from printmend.mend import check_gcode, mend_gcode
 from printmend.model.model import SavedModel

@@ -27,7 +27,7 @@ from printmend.fit.words import after_size_mm
 from printmend.gcode.container import open_gcode
 from printmend.gcode.read import read_gcode
 from printmend.gcode.sliced import sliced
-from printmend.measure.callipers import choose_widths
+from printmend.measure.distance import choose_widths
 from printmend.measure.silhouette import Silhouette, find_edges
 from printmend.measure.walls import read_walls
 from printmend.mend.fit import fits, measured_part

@@ -17,7 +17,7 @@ from printmend.gcode.read import read_gcode
 from printmend.gcode.sliced import is_test_print
 from printmend.learn.learned import learn_model
 from printmend.measure import read_trace, write_trace
-from printmend.measure.callipers import choose_widths, scaled_by_widths
+from printmend.measure.distance import choose_widths, scaled_by_widths
 from printmend.measure.image import read_image
 from printmend.measure.ruler import find_rulers
 from printmend.measure.walls import read_walls

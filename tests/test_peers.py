@@ -27,7 +27,7 @@ from printmend_lab.peers.hysteresis import (
     prandtl_element,
 )
 from printmend_lab.peers.memory import MemoryModel, followed_drive, transmission
-from printmend_lab.peers.memory import followed_drive as followed_element
+from printmend_lab.peers.memory import followed as followed_element
 from printmend_lab.peers.rows import MotorRows, block_errors_mm2, chosen, least_squares, motor_rows, ways
 from printmend_lab.published import layer_trace
 

@@ -12,7 +12,7 @@ from printmend.errors import RefusedError, TraceError
 from printmend.export.supported import export_supported
 from printmend.learn.learned import learn_model, report
 from printmend.machine import Frame
-from printmend.measure.callipers import scaled_by, settled
+from printmend.measure.distance import scaled_by, settled
 from printmend.measure.fiducials import PAPER
 from printmend.measure.image import scanned_at
 from printmend.measure.measurement import instrument_on_bed

@@ -571,11 +571,11 @@ def _german(text: str) -> str | None:
 
 
 _REFUSING = """studio.api studio.api_printers studio.host studio.jobs studio.store studio.work measure.distance
-measure.dots measure.join measure.plan measure.scan measure.table measure.image measure.page measure.ruler
-mend.meant mend.mend mend.update mend.verify gcode.arcs gcode.bgcode gcode.container gcode.read gcode.threemf
-printer.convert printer.klipper printer.slicer printer.toml probe.layout probe.start probe.tower measure.callipers
-measure.checks model.model files learn.order filament
-mend.filament mend.part fit.estimate measure.lie measure.walls measure.silhouette"""
+measure.dots measure.measurement measure.plan measure.scan measure.table measure.image measure.ruler
+mend.mend mend.update mend.verify gcode.bgcode gcode.container gcode.read gcode.threemf
+printer.convert printer.klipper printer.slicer printer.toml probe.layout probe.gcode probe.tower measure.callipers
+measure.checks model.model files learn.rows filament
+mend.filament mend.part fit.estimate measure.walls measure.silhouette"""
 
 
 def test_why_something_did_not_work_is_said_in_the_pages_own_words() -> None:
@@ -631,9 +631,9 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     for text in (either.title, either.meaning, either.repair):
         assert "idler" in text
         assert _german(text), text
-    seen = diagnosis.gaps.Sight(0.4, 0.4, 1.0, 0.5, 9, 2)
+    seen = diagnosis.advice.Sight(0.4, 0.4, 1.0, 0.5, 9, 2)
     for change in ({}, {"turns": 2.0}, {"angles": 1.0, "backward": 9}):
-        gaps = diagnosis.gaps.motor_gaps("X", replace(seen, **change), 40.0, plays=True)
+        gaps = diagnosis.advice.motor_gaps("X", replace(seen, **change), 40.0, plays=True)
         assert gaps
         for text in (*gaps, *todo((*gaps, say("z-backlash-no-height-measured-after")))):
             assert _german(text), text

@@ -1,6 +1,6 @@
 """The public names and where they live; `printmend_lab/__init__.py` imports each when it is first used."""
 
-from .bench.evaluate import evaluate
+from .bench.table1 import evaluate
 
 __all__ = ["evaluate"]
 

@@ -49,7 +49,7 @@ def command(
     from printmend.filament import check_name
     from printmend.fit import write_profiles
     from printmend.fit.setting import how_to_import
-    from printmend.measure.callipers import is_asking
+    from printmend.measure.distance import is_asking
     from printmend.mend.fit import LOW, fits, measured_part
     from printmend.mend.update import same_machine
     from printmend.model import read_model

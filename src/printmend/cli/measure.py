@@ -142,7 +142,7 @@ def _measure_layer(
 
 def _told(notes: Sequence[str]) -> list[str]:
     """Say the notes of a measurement; return those that ask for something, to be said last, where they are read."""
-    from printmend.measure.callipers import is_asking
+    from printmend.measure.distance import is_asking
 
     for note in notes:
         if not is_asking(note):

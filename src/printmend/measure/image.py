@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from printmend.errors import ScanError
 from printmend.files import replacing
-from printmend.measure.callipers import source_of
+from printmend.measure.distance import source_of
 from printmend.measure.fiducials import (
     BORDER_MM,
     FILM_DIAGONAL_MM,

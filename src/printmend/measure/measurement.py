@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
 from printmend.errors import ScanError
-from printmend.measure.callipers import asked, choose_span, scaled_by, scaled_by_rulers, source_of
+from printmend.measure.distance import asked, choose_span, scaled_by, scaled_by_rulers, source_of
 from printmend.measure.identity import SYMMETRIES
 from printmend.measure.image import with_legend, write_image
 from printmend.measure.marks import find_pose, turn_onto

@@ -16,7 +16,7 @@ from printmend.errors import ScanError
 from printmend.fit.estimate import OUTER, Known, Layer, estimated, outline_of
 from printmend.gcode.read import Program, read_gcode
 from printmend.learn.walls import LEAST_WALLS, WallFit, fit_walls
-from printmend.measure.callipers import choose_widths, mapped, scaled_by_rulers, scaled_by_widths, widths_asked
+from printmend.measure.distance import choose_widths, mapped, scaled_by_rulers, scaled_by_widths, widths_asked
 from printmend.measure.image import Page, check_sheet, photo_todo, read_page, with_legend, write_image
 from printmend.measure.marks import Pose
 from printmend.measure.measurement import instrument_on_bed

@@ -39,7 +39,7 @@ def fit(job: "Job", path: Path, sides: Sequence[Path]) -> dict[str, Any]:
     what its walls show, to learn from."""
     from printmend.fit import SLICERS, write_profiles
     from printmend.measure import write_trace
-    from printmend.measure.callipers import is_asking
+    from printmend.measure.distance import is_asking
     from printmend.mend.fit import fits, measured_part
     from printmend.model import read_model
     from printmend.printer import read_printer
@@ -67,7 +67,7 @@ def _asked(measured: "PartMeasurement") -> list[dict[str, float]]:
     """Return the widths that callipers may settle: the direction of each from X, and about how wide."""
     import numpy as np
 
-    from printmend.measure.callipers import choose_widths
+    from printmend.measure.distance import choose_widths
 
     walls = measured.walls
     edge_mm = walls.commanded_mm[walls.row] + walls.half_mm[:, None] * walls.normal
@@ -483,7 +483,7 @@ def _check_print(job: Job) -> dict[str, Any]:
 def _verify(job: Job) -> dict[str, Any]:
     """Measure a mended check print and compare it with what was promised."""
     from printmend.measure import read_plan, read_trace
-    from printmend.measure.callipers import is_asking
+    from printmend.measure.distance import is_asking
     from printmend.measure.measurement import measure_scans
     from printmend.mend.verify import remember_verdict, update_words, updated, verify
     from printmend.model import read_model, write_model
