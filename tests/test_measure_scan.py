@@ -21,7 +21,7 @@ from printmend.messages import GERMAN
 from printmend.path import FLATBED
 from printmend.printer import read_printer
 from printmend.probe import design_probe
-from printmend.probe.leaflet import write_sheet
+from printmend.probe.tags import write_sheet
 from printmend.twin import Twin
 from printmend.twin.scanner import CLEAN, DEFAULT, HEAVY, Scan, render_scan
 from printmend_lab.camera import render_photo

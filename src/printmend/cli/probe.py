@@ -129,7 +129,7 @@ def command(
     spare((*made, sheet), (part_path, after, start_path, Path(printer_name or "-")))
     if sheet is not None:
         from printmend.measure.fiducials import window_mm
-        from printmend.probe.leaflet import write_sheet
+        from printmend.probe.tags import write_sheet
 
         write_sheet(sheet, language=language())
         echo(say("print-at-full-size", sheet))
