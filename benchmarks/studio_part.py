@@ -8,8 +8,8 @@ import manifold3d
 import numpy as np
 
 from printmend.printer import read_printer
-from printmend_lab.body.mesh import Solid
 from printmend_lab.body.slicer import slice_solid
+from printmend_lab.body.solid import Solid
 
 TEETH, TWIST_DEG, DIVISIONS = 32, 9.0, 12
 _FORM = ((0.0, 0.93), (0.26, 0.935), (0.38, 1.0), (0.62, 1.0), (0.74, 0.935))  # of a tooth: share of it, of the radius

@@ -9,7 +9,7 @@ import trimesh
 
 from printmend.errors import InputError
 from printmend_lab.body.generated import KINDS, Dice, generated_name, generated_solid
-from printmend_lab.body.mesh import stl_bytes
+from printmend_lab.body.solid import stl_bytes
 from printmend_lab.dataset.bodies import body_files
 
 # number → the first digits of the SHA-256 of its STL; a change here needs another GENERATOR

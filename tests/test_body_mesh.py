@@ -17,7 +17,8 @@ from printmend_lab.body.generated import (
     timing_pulley,
     toothed_outline_mm,
 )
-from printmend_lab.body.mesh import Solid, read_solid, refuse_oversize, stl_bytes
+from printmend_lab.body.mesh import read_solid
+from printmend_lab.body.solid import Solid, refuse_oversize, stl_bytes
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 CUBE = np.array(

@@ -12,8 +12,8 @@ from printmend.gcode.read import read_gcode
 from printmend.printer import Printer
 from printmend_lab.body import demo_body_gcode, load_body
 from printmend_lab.body.layers import strokes_of
-from printmend_lab.body.mesh import Solid
 from printmend_lab.body.slicer import _processor, slice_solid, slice_to
+from printmend_lab.body.solid import Solid
 from tests.test_body_mesh import CORNERS, CUBE, cube, write_stl
 
 needs_slicer = pytest.mark.skipif(shutil.which("prusa-slicer") is None, reason="PrusaSlicer is not installed")

@@ -27,7 +27,8 @@ from printmend.printer import read_printer
 from printmend.twin import Twin
 from printmend_lab.bench.case import evaluate
 from printmend_lab.bench.table1 import dataset_cases
-from printmend_lab.body.mesh import read_solid, stl_bytes
+from printmend_lab.body.mesh import read_solid
+from printmend_lab.body.solid import stl_bytes
 from printmend_lab.dataset import build as builder
 from printmend_lab.dataset.build import Recipe, build_dataset
 from printmend_lab.dataset.join import joined, names

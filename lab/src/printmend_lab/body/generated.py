@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from printmend_lab.body.mesh import Solid
+from printmend_lab.body.solid import Solid
 
 Choice = TypeVar("Choice")
 

@@ -12,8 +12,8 @@ from printmend.gcode.read import Moves, Program, read_gcode, straightened
 from printmend.path import frozen
 from printmend.printer import Printer
 from printmend_lab.body.kernels import UNITS, count_bound, follow
-from printmend_lab.body.mesh import MESH_SUFFIXES
 from printmend_lab.body.slicer import slice_solid, slice_to
+from printmend_lab.body.solid import MESH_SUFFIXES
 from printmend_lab.path import Body, Layer
 
 MAX_TICKS = 200_000_000  # of one body: 400 MB of controls

@@ -18,7 +18,7 @@ from pathlib import Path
 from printmend.errors import MeshError, MissingToolError
 from printmend.files import replacing
 from printmend.printer import Printer
-from printmend_lab.body.mesh import Solid, refuse_oversize, stl_bytes
+from printmend_lab.body.solid import Solid, refuse_oversize, stl_bytes
 
 TIMEOUT_S = 600.0  # for one part
 

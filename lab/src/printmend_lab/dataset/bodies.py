@@ -24,7 +24,7 @@ import numpy as np
 from printmend.errors import InputError, MeshError
 from printmend.files import read_text, replacing
 from printmend_lab.body.generated import generated_name, generated_solid
-from printmend_lab.body.mesh import Solid, stl_bytes
+from printmend_lab.body.solid import Solid, stl_bytes
 from printmend_lab.dataset.parquet import BODIES
 from printmend_lab.path import Body
 
