@@ -224,6 +224,18 @@ def test_plan_is_right_in_chunks_of_any_size() -> None:
     assert len(given) < 1.3 * len(whole.given)
 
 
+def test_threads_change_no_byte(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is read, planned and written in threads, many short batches one after the other, is what one thread does."""
+    from printmend.gcode import write
+
+    monkeypatch.setattr(write, "_RECORDS", 16)
+    in_threads, predicted = mended(part(ENDER3), BENT)
+    monkeypatch.setattr(write, "_ahead", iter)
+    in_one, alike = mended(part(ENDER3), BENT)
+    assert in_threads == in_one
+    assert predicted.summary() == alike.summary()
+
+
 @pytest.mark.parametrize("family", ["ripple", "pulley-loose", "friction"])
 def test_what_is_reported_is_what_the_files_do(family: str, tmp_path: Path) -> None:
     """RMS, 95 % and largest error, before and after, against both files read again and printed finely."""

@@ -76,8 +76,7 @@ class Part:
     def _pieces(self) -> Iterator[bytes]:
         if self.source.container == "plain":
             with self.source.path.open("rb") as handle:
-                while piece := handle.read(CHUNK_BYTES):
-                    yield piece
+                yield from iter(lambda: handle.read(CHUNK_BYTES), b"")
         elif self.source.container == "bgcode":
             yield from _bgcode_texts(self.source.path, self.name)
         else:
@@ -186,6 +185,7 @@ def _whole_lines(pieces: Iterable[bytes], name: str) -> Iterator[np.ndarray]:
     for piece in pieces:
         held.append(piece)
         size += len(piece)
+        del piece  # here and below: what is done with is freed before more is read
         if size < CHUNK_BYTES:
             continue
         data = b"".join(held)
@@ -195,6 +195,7 @@ def _whole_lines(pieces: Iterable[bytes], name: str) -> Iterator[np.ndarray]:
         held, size = [data[cut:]], len(data) - cut
         if cut:
             yield np.frombuffer(data, np.uint8, cut)
+        del data
     if size:
         yield np.frombuffer(b"".join(held), np.uint8)
 

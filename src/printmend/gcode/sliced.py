@@ -67,11 +67,17 @@ def is_test_print(path: Path) -> bool:
 
 def with_comment(text: bytes, comment: bytes) -> bytes:
     """Return G-code with a comment's line after its header, or after its first comment, or on top."""
+    at, line = _inserted(text, comment)
+    return text[:at] + line + text[at:]
+
+
+def _inserted(text: bytes, comment: bytes) -> tuple[int, bytes]:
+    """Return where a comment's line goes, and the line with the line ends that it needs there."""
     at, line_end = _place(text), _line_end(text)
     before = text[:at]
     missing = line_end if before and not before.endswith((b"\n", b"\r", b"\xef\xbb\xbf")) else b""
     closing = line_end if at < len(text) or not missing else b""
-    return before + missing + comment + closing + text[at:]
+    return at, missing + comment + closing
 
 
 def marked(
@@ -86,7 +92,8 @@ def marked(
     first = True
     for chunk in chunks:
         if first:
-            chunk = np.frombuffer(with_comment(chunk.tobytes(), mark), np.uint8)
+            at, line = _inserted(chunk.tobytes(), mark)
+            chunk = np.concatenate((chunk[:at], np.frombuffer(line, np.uint8), chunk[at:]))
             first = False
         yield chunk
 

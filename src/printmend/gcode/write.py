@@ -160,9 +160,15 @@ def initial_writer(state: MachineState) -> np.record:
 
 
 def _interpreted(chunks: Iterable[np.ndarray], state: MachineState) -> Iterator[_Batch]:
-    # A batch is in use here, in two queues, in the planner and in the writer.
+    # A batch is in use here, in two queues, in the planner and in the writer. The caller's thread allocates them: the C
+    # library gives what another thread allocates a heap of its own, beside what lies free in this one.
     ring = [np.empty(_RECORDS, k.RECORD) for _ in range(2 * _AHEAD + 4)]
-    notes = [np.empty(_NOTES, k.NOTE) for _ in ring]
+    return _batches(chunks, state, ring, [np.empty(_NOTES, k.NOTE) for _ in ring])
+
+
+def _batches(
+    chunks: Iterable[np.ndarray], state: MachineState, ring: list[np.ndarray], notes: list[np.ndarray]
+) -> Iterator[_Batch]:
     turn = 0
     for chunk in chunks:
         position = 0

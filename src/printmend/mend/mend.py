@@ -207,6 +207,8 @@ def refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
 def _other_printer(said: Described, printer: Printer) -> str | None:
     """Return the printer that a file names, if it is surely not the model's. Empty: the name is unknown. None: the file
     names the model's printer, or none."""
+    if not said.names:
+        return None
     mine, theirs = printers_named(printer.name), [printers_named(each) for each in said.names]
     if not (mine and theirs) or any(mine & each for each in theirs):
         return None
@@ -227,8 +229,9 @@ def _has_other_bed(said: Described, printer: Printer) -> bool:
     """Say whether a file is for a bed that cannot be the printer's."""
     if said.bed_mm is None:
         return False
-    limit_mm = _BED_OFF_MM if _other_printer(said, printer) is None else _STRANGER_BED_OFF_MM
-    return float(np.abs(np.subtract(_bed_mm(printer), said.bed_mm)).max()) > limit_mm
+    off_mm = float(np.abs(np.subtract(_bed_mm(printer), said.bed_mm)).max())
+    # what the names say is asked last: to know printers by them takes 50 ms
+    return off_mm > _BED_OFF_MM or (off_mm > _STRANGER_BED_OFF_MM and _other_printer(said, printer) is not None)
 
 
 def _is_within(said: Described, printer: Printer) -> bool:

@@ -15,7 +15,7 @@ _INDEX[_TABLE] = np.arange(15)
 _SIGNAL, _PACK, _PLAIN, _RESET, _NO_SPACES, _SPACES = 255, 251, 250, 249, 247, 246  # bytes of the format's commands
 
 
-@entry
+@entry(error_model="numpy", _nrt=False)
 def unpack(packed, out):
     """Decode ``packed`` into ``out``, which has room for twice its length and two more; return the bytes written."""
     at = 0
@@ -73,7 +73,7 @@ def unpack(packed, out):
     return at
 
 
-@entry
+@entry(error_model="numpy", _nrt=False)
 def pack(text, no_spaces, out):
     """Encode whole lines into ``out``, which has room for twice the length, 6 a line and 16; return the bytes written.
 
@@ -118,7 +118,7 @@ def pack(text, no_spaces, out):
     return at
 
 
-@inner
+@inner(error_model="numpy", _nrt=False)
 def _nibble(byte, no_spaces):
     """Return the index of a character in the table, 15 for one that is not there."""
     if no_spaces:
@@ -129,7 +129,7 @@ def _nibble(byte, no_spaces):
     return _INDEX[byte]
 
 
-@inner
+@inner(error_model="numpy", _nrt=False)
 def _put_command(out, at, command):
     """Write a command to whoever unpacks."""
     out[at] = out[at + 1] = _SIGNAL
