@@ -94,6 +94,7 @@ def marked(
         if first:
             at, line = _inserted(chunk.tobytes(), mark)
             chunk = np.concatenate((chunk[:at], np.frombuffer(line, np.uint8), chunk[at:]))
+            chunk.setflags(write=False)  # as all that come: the compiled kernels are for these
             first = False
         yield chunk
 
