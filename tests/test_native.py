@@ -184,6 +184,8 @@ def test_a_failing_kernel_is_an_error(made: Library) -> None:
 MEND = """
 import sys
 from printmend.cli.main import group
+from printmend.gcode import container
+container.CHUNK_BYTES = 60  # no chunk is of another kind than the first
 try:
     group(sys.argv[1:], standalone_mode=False)
 finally:
