@@ -2,7 +2,7 @@
 
     .venv/bin/python benchmarks/bench_sbc.py --seed 1 --draws 200 [--figure docs/figures/sbc.png]
 
-Each draw takes a printer, a session and an instrument from the priors of the effects (`infer.simulate`), prints the
+Each draw takes a printer, a session and an instrument from the priors of the effects (the lab's `sampling`), prints the
 marks of `printmend probe`, adds noise of 0.02 or 0.05 mm, learns, and draws machines. Three figures are ranked among
 theirs: one random size of the effects that most printers may have (`WEIGHTS`), the shift of one random place of the bed
 by the machine's effects, and the root mean square of what the acting model leaves over a part in the middle. Even ranks

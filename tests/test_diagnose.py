@@ -32,7 +32,9 @@ from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import Homing, Printer, read_printer
 from printmend.printer.printer import Switch
 from printmend.probe import design_probe
-from printmend.report.examination import Examination, examine, pictures, standard_rows, summary, write_examination
+from printmend.report.examination import Examination, examine, standard_rows, summary
+from printmend.report.examination_file import write_examination
+from printmend.report.pictures import pictures
 from printmend.twin import Twin
 from printmend.units import TURN_RAD, radius_mm
 from printmend_lab.greybox.greybox import Greybox

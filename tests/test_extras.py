@@ -33,7 +33,7 @@ import printmend
 for name in set(printmend.__all__) - {{"measure_scans"}}:
     getattr(printmend, name)
 import printmend.export.firmware, printmend.measure.callipers, printmend_lab.prior.prior, printmend.mend.update
-import printmend_lab.hybrid.residual, printmend.probe.part_layer, printmend.learn.rows
+import printmend_lab.hybrid.residual, printmend.probe.part_layer, printmend.learn.order
 import printmend.cli.main as cli
 try:
     printmend.measure_scans

@@ -36,7 +36,7 @@ from printmend.mend.part import measure_part
 from printmend.messages import GERMAN, translated
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from printmend.twin.scanner import print_beads
+from printmend.twin.beads import print_beads
 from tests import foreign_part as foreign
 
 PRINTER = read_printer("ender3")

@@ -28,7 +28,8 @@ from printmend.mend.update import update
 from printmend.model import SavedModel, screw_of, write_model
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.report.examination import examine, summary, write_examination
+from printmend.report.examination import examine, summary
+from printmend.report.examination_file import write_examination
 from printmend.twin import Twin
 
 ENDER3 = read_printer("ender3")

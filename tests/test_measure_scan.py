@@ -13,8 +13,9 @@ from printmend.cli.measure import command
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import ScanError, TraceError
 from printmend.measure import write_plan
-from printmend.measure.image import exposure, read_image, write_image, write_words
+from printmend.measure.image import read_image, write_image, write_words
 from printmend.measure.measurement import SETTLED_AXES_SD, measure_scans, wave_left_mm
+from printmend.measure.page import exposure
 from printmend.measure.plan import ProbePlan
 from printmend.measure.table import read_trace
 from printmend.messages import GERMAN

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from printmend.learn.learned import learn
-from printmend.learn.rows import in_order
+from printmend.learn.order import in_order
 from printmend.path import Trace
 from printmend.printer import read_printer
 

@@ -8,7 +8,7 @@ import pytest
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.learn.learned import another_printers, learn
-from printmend.learn.rows import in_order, roughly
+from printmend.learn.order import in_order, roughly
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin

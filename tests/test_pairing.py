@@ -26,7 +26,7 @@ from printmend.studio import guard, pairing
 from printmend.studio.app import create_app
 from printmend.studio.devices import Devices
 from printmend.studio.jobs import Jobs
-from printmend.studio.store import Places
+from printmend.studio.places import Places
 from printmend.twin import Twin
 
 PRINTER = read_printer("ender3")

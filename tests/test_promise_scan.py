@@ -14,8 +14,8 @@ from printmend.learn.learned import learn_model, report
 from printmend.machine import Frame
 from printmend.measure.distance import scaled_by, settled
 from printmend.measure.fiducials import PAPER
-from printmend.measure.image import scanned_at
 from printmend.measure.measurement import instrument_on_bed
+from printmend.measure.page import scanned_at
 from printmend.measure.table import read_trace, write_trace
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode

@@ -35,7 +35,7 @@ from printmend.gcode.read import read_gcode, starting_state
 from printmend.gcode.sliced import is_test_print
 from printmend.gcode.write import follow
 from printmend.infer.machine import DRAWS
-from printmend.learn import rows as ordering
+from printmend.learn import order as ordering
 from printmend.learn import rows as row_words
 from printmend.learn.learned import learn_model, todo
 from printmend.machine import Mechanism
@@ -57,6 +57,8 @@ from printmend.studio.api import plain_name
 from printmend.studio.app import PAGE, create_app
 from printmend.studio.host import Host, checked_address, find_host
 from printmend.studio.jobs import Jobs
+from printmend.studio.next_print import next_print
+from printmend.studio.places import Places
 from printmend.studio.play import Faults, preview
 from printmend.studio.scene import (
     MOST_POINTS,
@@ -74,8 +76,7 @@ from printmend.studio.scene import (
     write_mended,
     write_wanted,
 )
-from printmend.studio.store import Places, Store
-from printmend.studio.work import next_print
+from printmend.studio.store import Store
 from printmend.twin import Twin
 from tests import naive_studio
 from tests.believed import SCENES, part
@@ -574,8 +575,8 @@ _REFUSING = """studio.api studio.api_printers studio.host studio.jobs studio.sto
 measure.dots measure.measurement measure.plan measure.scan measure.table measure.image measure.ruler
 mend.mend mend.update mend.verify gcode.bgcode gcode.container gcode.read gcode.threemf
 printer.convert printer.klipper printer.slicer printer.toml probe.layout probe.gcode probe.tower measure.callipers
-measure.checks model.model files learn.rows filament
-mend.filament mend.part fit.estimate measure.walls measure.silhouette"""
+measure.checks model.model files learn.order filament measure.page
+mend.filament mend.part fit.estimate measure.lie measure.walls measure.silhouette"""
 
 
 def test_why_something_did_not_work_is_said_in_the_pages_own_words() -> None:

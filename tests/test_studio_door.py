@@ -36,8 +36,9 @@ from printmend.studio import store as quota
 from printmend.studio.app import create_app
 from printmend.studio.devices import Devices
 from printmend.studio.jobs import Jobs
+from printmend.studio.places import ADDRESS, Places
 from printmend.studio.serve import serve, service, write_service
-from printmend.studio.store import ADDRESS, Places, Store
+from printmend.studio.store import Store
 
 HERE = "http://127.0.0.1:8765"
 PART = "G28\nG90\nM83\nG1 Z0.2 F3000\nG1 X60 Y60\n" + "G1 X110 Y60 E2\nG1 Y100 E2\nG1 X60 E2\nG1 Y60 E2\n" * 3

@@ -15,7 +15,7 @@ from printmend.printer.convert import printer_text
 from printmend.promise.filament import UNTOLD
 from printmend.studio import work
 from printmend.studio.app import create_app
-from printmend.studio.store import Places
+from printmend.studio.places import Places
 from tests import foreign_part as foreign
 from tests.test_studio import _german
 

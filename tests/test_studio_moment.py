@@ -21,9 +21,10 @@ from printmend.studio import play as plate
 from printmend.studio import scene as studio_scene
 from printmend.studio.app import create_app
 from printmend.studio.jobs import Jobs
+from printmend.studio.places import Places
 from printmend.studio.play import Faults, Side, play_layer, preview
 from printmend.studio.scene import Scene, Tap, as_mended, as_printed, read_drawing, write_photo, write_thumb
-from printmend.studio.store import Places, Store
+from printmend.studio.store import Store
 from printmend.studio.work import THUMB
 from printmend.twin import Twin
 

@@ -14,9 +14,10 @@ from printmend.messages import Said, page_messages
 from printmend.studio import play as plate
 from printmend.studio.app import create_app
 from printmend.studio.jobs import Jobs
-from printmend.studio.play import Faults, causes_of, offered_effects, play_printer, shown
+from printmend.studio.offered import causes_of, offered_effects
+from printmend.studio.places import Places
+from printmend.studio.play import Faults, play_printer, shown
 from printmend.studio.scene import as_printed, read_drawing
-from printmend.studio.store import Places
 from printmend.twin import Twin
 
 # a layer lies elsewhere as a whole, or only its lines are wider

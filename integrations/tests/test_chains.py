@@ -196,7 +196,7 @@ from pathlib import Path
 from starlette.testclient import TestClient
 from printmend.cluster import Cluster
 from printmend.studio.app import create_app
-from printmend.studio.store import Places
+from printmend.studio.places import Places
 if __name__ == "__main__":
     with Cluster.at("local:1").client() as dask, dask.get_executor(pure=False) as pool:
         app = create_app(Places.below(Path(sys.argv[1])), cluster=pool)

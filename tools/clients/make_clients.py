@@ -17,7 +17,7 @@ from typing import Any
 from starlette.testclient import TestClient
 
 from printmend.studio.app import create_app
-from printmend.studio.store import Places
+from printmend.studio.places import Places
 
 HERE = Path(__file__).resolve().parent
 GENERATOR = HERE.parents[1] / ".venv-hosts/clients/bin/openapi-python-client"

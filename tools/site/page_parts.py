@@ -16,7 +16,8 @@ from printmend.machine import healthy_transmission, z_grid_mm
 from printmend.machine.kernels import bed, play, table
 from printmend.studio import kernels
 from printmend.studio import play as plate
-from printmend.studio.play import _SCREW_PHASE_RAD, MOST_DENT_MM, play_layer, play_printer
+from printmend.studio.offered import MOST_DENT_MM
+from printmend.studio.play import _SCREW_PHASE_RAD, play_layer, play_printer
 from printmend.studio.scene import NEAR, read_motion
 
 _BED = ["mixed", "unmixed", "to_motors", "from_motors", "_polynomial", "_derivatives", "_waved",

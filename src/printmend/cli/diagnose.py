@@ -31,7 +31,7 @@ def command(trace: Path, printer_name: str, report: Path, part: Path | None, fil
 
     check_name(report)
     require("printmend diagnose", "matplotlib", *(["reportlab"] if report.suffix.lower() == ".pdf" else []))
-    from printmend.report.examination import write_examination
+    from printmend.report.examination_file import write_examination
 
     spare((report,), (trace, part))
     printer = read_printer(printer_name)

@@ -48,8 +48,8 @@ def command(
         "scipy", "sqlalchemy", "uvicorn", *(["distributed"] if cluster else []),
     )  # fmt: skip
     from printmend.studio.devices import Devices
+    from printmend.studio.places import Places
     from printmend.studio.serve import let_in, serve
-    from printmend.studio.store import Places
 
     places = Places.usual() if folder is None else Places.below(folder)
     if open_still := places.make():

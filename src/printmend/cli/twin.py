@@ -131,7 +131,8 @@ def _side(
     """Return the scan of a part's first layer, seen from below, or of its last, seen from above."""
     import numpy as np
 
-    from printmend.twin.scanner import DEGRADATIONS, print_beads, render_layer
+    from printmend.twin.beads import print_beads
+    from printmend.twin.scanner import DEGRADATIONS, render_layer
 
     first = print_beads(program, twin)
     layers = len(np.unique(program.moves.layer[program.moves.extruding & (program.moves.layer >= 0)]))

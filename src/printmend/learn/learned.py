@@ -23,7 +23,8 @@ from printmend.infer.posterior import posterior_of
 from printmend.infer.scatter import independent_share, robust_sigma_mm
 from printmend.infer.search import LEAST_SIGMA_MM
 from printmend.learn import learner
-from printmend.learn.rows import LEAST_ROWS, MOST_LOST, in_order, lost_rows, passed_over, roughly, said_of_rows, skipped
+from printmend.learn.order import in_order, passed_over, roughly
+from printmend.learn.rows import LEAST_ROWS, MOST_LOST, lost_rows, said_of_rows, skipped
 from printmend.learn.walls import with_walls
 from printmend.machine import Mechanism, healthy_mechanism
 from printmend.measure.checks import check_follows, check_origin, check_trace, counted_once, digest_of, with_heights

@@ -25,8 +25,9 @@ from printmend.measure.fiducials import (
     tagged_mm,
 )
 from printmend.measure.identity import lattice_pitch
-from printmend.measure.image import (
-    COMMON_DPI,
+from printmend.measure.image import COMMON_DPI, read_image
+from printmend.measure.marks import Marks, narrowing, read_marks
+from printmend.measure.page import (
     PHOTO,
     SHEET,
     USUAL_DPI,
@@ -34,13 +35,11 @@ from printmend.measure.image import (
     exposure,
     inside_mm,
     is_bare_scan,
-    read_image,
     refuse_bare_photo,
     scanned_at,
     sheet_said,
     tags_said,
 )
-from printmend.measure.marks import Marks, narrowing, read_marks
 from printmend.measure.plan import ProbePlan
 from printmend.measure.ruler import Ruler, find_rulers
 from printmend.messages import say

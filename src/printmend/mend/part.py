@@ -17,11 +17,13 @@ from printmend.fit.estimate import OUTER, Known, Layer, estimated, outline_of
 from printmend.gcode.read import Program, read_gcode
 from printmend.learn.walls import LEAST_WALLS, WallFit, fit_walls
 from printmend.measure.distance import choose_widths, mapped, scaled_by_rulers, scaled_by_widths, widths_asked
-from printmend.measure.image import Page, check_sheet, photo_todo, read_page, with_legend, write_image
+from printmend.measure.image import with_legend, write_image
+from printmend.measure.lie import Lie, find_lie
 from printmend.measure.marks import Pose
 from printmend.measure.measurement import instrument_on_bed
+from printmend.measure.page import Page, check_sheet, photo_todo, read_page
 from printmend.measure.ruler import Ruler, find_rulers
-from printmend.measure.silhouette import Lie, Silhouette, find_edges, find_lie, find_silhouette
+from printmend.measure.silhouette import Silhouette, find_edges, find_silhouette
 from printmend.measure.walls import Walls, read_walls
 from printmend.messages import Tell, say
 from printmend.path import Instrument, Origin, Trace

@@ -41,7 +41,7 @@ from printmend.learn.learned import (
     push_of,
     with_z,
 )  # fmt: skip
-from printmend.learn.rows import in_order, passed_over
+from printmend.learn.order import in_order, passed_over
 from printmend.learn.walls import with_walls
 from printmend.measure.checks import check_origin, counted_once, digest_of, with_heights
 from printmend.mend.history import Ageing

@@ -61,8 +61,8 @@ def _blocks(
     source: str, model: SavedModel, prediction: Prediction, output: Path | None, tell: Tell
 ) -> "Iterator[Block]":
     from printmend.draw.document import Items, Numbers, Strip, Words
-    from printmend.report.examination import layers_picture, part_picture
     from printmend.report.part_view import look_at
+    from printmend.report.pictures import layers_picture, part_picture
 
     name = Path(source).name
     view = None

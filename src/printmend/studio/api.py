@@ -249,7 +249,8 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=200)]) -> F
 @router.get("/play/effects", name="effects", tags=["play"])
 def play_effects() -> EffectList:
     """Return every effect that the printer may be broken by."""
-    from printmend.studio.play import offered_effects, play_printer
+    from printmend.studio.offered import offered_effects
+    from printmend.studio.play import play_printer
 
     told = {"effects": offered_effects(play_printer()[0])}
     return EffectList.model_validate({**told, "messages": messages_of(told)})

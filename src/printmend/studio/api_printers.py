@@ -395,7 +395,7 @@ def known(here: Here, key: Key) -> Known:
 def next_one(here: Here, key: Key) -> NextCard | None:
     """Return the cheapest print that would show what the measurement could not tell; null where nothing is missing."""
     from printmend.model import read_model
-    from printmend.studio.work import next_print
+    from printmend.studio.next_print import next_print
 
     folder = _folder(here, key)
     if not (folder / MODEL).is_file():

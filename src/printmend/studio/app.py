@@ -23,7 +23,8 @@ from printmend.studio.devices import Devices
 from printmend.studio.guard import API, LOOPBACK, Guard, TooLargeError
 from printmend.studio.jobs import Jobs, StudioState
 from printmend.studio.pairing import Codes
-from printmend.studio.store import NotThereError, Places, Store
+from printmend.studio.places import Places
+from printmend.studio.store import NotThereError, Store
 
 PAGE = Path(__file__).parent / "page"
 MOST_BYTES = 400_000_000  # of an upload: a sliced part of this size takes a day to print

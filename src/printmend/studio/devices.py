@@ -15,7 +15,7 @@ from printmend.errors import InputError
 from printmend.files import replacing
 from printmend.messages import say
 from printmend.studio.guard import LOOPBACK
-from printmend.studio.store import ADDRESS, DEVICES
+from printmend.studio.places import ADDRESS, DEVICES
 
 # How others reach this computer, and the address that a device opens.
 

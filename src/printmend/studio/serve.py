@@ -25,7 +25,7 @@ from printmend.messages import say
 from printmend.studio.app import MOST_HELD_BYTES, WORKERS, create_app
 from printmend.studio.devices import EVERYWHERE, FIRST, Devices, address_of, device_address, everywhere
 from printmend.studio.guard import LOOPBACK, Door
-from printmend.studio.store import ADDRESS, LOCK, Places
+from printmend.studio.places import ADDRESS, LOCK, Places
 
 # A studio that starts with the computer: what systemd, launchd and the task scheduler of Windows are told.
 #

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from printmend.studio.play import MOST_DENT_MM, MOST_PLAY_MM, MOST_SCREW_MM, MOST_SKEW_DEG, Shape
+from printmend.studio.offered import MOST_DENT_MM, MOST_PLAY_MM, MOST_SCREW_MM, MOST_SKEW_DEG, Shape
 
 KEY = r"^[0-9a-f]{16}$"
 MESSAGES: dict[str, Any] = Field(default_factory=dict, description="ids and values of texts here, by their English")

@@ -12,116 +12,16 @@ import os
 import signal
 import tempfile
 import time
-from bisect import bisect_left
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.named import is_gap_of_z
 from printmend.errors import InputError, PrintmendError, RefusedError
 from printmend.files import replacing
 from printmend.messages import say
-from printmend.printer import Printer
-from printmend.probe import cost, design_probe, expected_error_mm, turns_covered
-
-if TYPE_CHECKING:
-    from printmend.mend.part import PartMeasurement
-
-# The job that says whether a part fits: scans of its sides and its file in, sizes and settings out.
-
-
-def fit(job: "Job", path: Path, sides: Sequence[Path]) -> dict[str, Any]:
-    """Say how large the part of a file came out, from scans of its ``sides``, and what its slicer must be told; keep
-    what its walls show, to learn from."""
-    from printmend.fit import SLICERS, write_profiles
-    from printmend.measure import write_trace
-    from printmend.measure.distance import is_asking
-    from printmend.mend.fit import fits, measured_part
-    from printmend.model import read_model
-    from printmend.printer import read_printer
-
-    printer, model_path = read_printer(job.printer_folder / PRINTER), job.printer_folder / MODEL
-    model = read_model(model_path) if model_path.is_file() else None
-    job.tell(0.1, "measure")
-    measured = measured_part(
-        sides[0], path, printer, top=sides[1] if len(sides) > 1 else None, dpi=job.params.get("dpi"),
-        distances_mm=job.params["distances_mm"],
-    )  # fmt: skip
-    job.tell(0.8, "compare")
-    found = fits(measured, path, printer, model, job.params.get("filament"))
-    write_trace(job.file("trace.csv"), measured[0][1].trace)
-    for written in write_profiles(job.folder, found.settings, found.file, found.json()):
-        job.file(written.name)
-    return {
-        "numbers": found.json(), "slicers": {name: one.title for name, one in SLICERS.items()},
-        "slicer": found.file.maker if found.file.maker in SLICERS else None,
-        "asked": _asked(measured[0][1]) if any(map(is_asking, found.notes)) else [],
-    }  # fmt: skip
-
-
-def _asked(measured: "PartMeasurement") -> list[dict[str, float]]:
-    """Return the widths that callipers may settle: the direction of each from X, and about how wide."""
-    import numpy as np
-
-    from printmend.measure.distance import choose_widths
-
-    walls = measured.walls
-    edge_mm = walls.commanded_mm[walls.row] + walls.half_mm[:, None] * walls.normal
-    return [
-        {"degrees": round(float(np.degrees(width.angle_rad))), "about_mm": round(width.across_mm(edge_mm), 1)}
-        for width in choose_widths(walls)
-    ]
-
-
-# The cheapest next print: the smallest test print that would show what a measurement did not.
-
-_STEP_MM = 10.0  # between the sizes that are offered
-_ENOUGH_RATIO = 2.0  # a smaller print may leave so many times the error of one over the whole bed
-
-
-@dataclass(frozen=True)
-class NextPrint:
-    """A square of marks: its side, what it costs, and the error that it leaves anywhere on the bed."""
-
-    size_mm: float
-    marks: int
-    minutes: float
-    grams: float
-    expected_mm: float
-
-
-def next_print(printer: Printer, gaps: Sequence[str]) -> NextPrint | None:
-    """Return the smallest print that shows each motor's whole turn and leaves at most twice the error of the largest.
-
-    None where a flat print shows no gap.
-    """
-    if all(map(is_gap_of_z, gaps)):
-        return None
-    largest_mm = min(printer.x.max_mm - printer.x.min_mm, printer.y.max_mm - printer.y.min_mm)
-    least_mm = min(largest_mm, max(axis.mm_per_turn for axis in printer.axes[:2]))
-    largest = _square(printer, None)
-    sizes_mm = [*np.arange(-(-least_mm // _STEP_MM) * _STEP_MM, largest_mm, _STEP_MM), None]
-
-    def is_enough(size_mm: float | None) -> bool:
-        plan = design_probe(printer, size_mm=size_mm)
-        seen = min(turns_covered(printer, plan)) >= 1
-        return seen and expected_error_mm(printer, plan) <= _ENOUGH_RATIO * largest.expected_mm
-
-    at = bisect_left(sizes_mm[:-1], True, key=is_enough)
-    return largest if sizes_mm[at] is None else _square(printer, float(sizes_mm[at]))
-
-
-def _square(printer: Printer, size_mm: float | None) -> NextPrint:
-    """Return a test print of that side; of the largest where that is None."""
-    plan = design_probe(printer, size_mm=size_mm)
-    minutes, grams = cost(plan)
-    size_mm = float(np.ptp(plan.marks_mm, axis=0).max()) if size_mm is None else size_mm
-    return NextPrint(size_mm, len(plan), float(minutes), float(grams), expected_error_mm(printer, plan))
-
 
 Params = dict[str, Any]
 PROGRESS = "progress.json"
@@ -624,6 +524,7 @@ def _write_seen(path: Path, image: np.ndarray) -> float:
 
 def _fit(job: Job) -> dict[str, Any]:
     """Say whether a part fits."""
+    from printmend.studio.fits import fit
 
     return fit(job, _named(job, job.params["upload"], job.params["name"]), _scans(job))
 

@@ -1,4 +1,4 @@
-"""Loops over tree ensembles. Arrays and scalars in, arrays out; checks happen in ensemble.py."""
+"""Loops over tree ensembles. Arrays and scalars in, arrays out; checks happen in trees.py."""
 
 import numpy as np
 

@@ -264,7 +264,7 @@ def settle(
     return sigma2, misfit, log_det
 
 
-# The loop that finds the cheapest history of jumps. Arrays and scalars in, arrays out; checks in ladder.py.
+# The loop that finds the cheapest history of jumps. Arrays and scalars in, arrays out; checks in jumps.py.
 
 
 @entry
