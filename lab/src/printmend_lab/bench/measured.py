@@ -1,4 +1,8 @@
-"""`printmend bench measured`: every learner on data that nobody here simulated."""
+"""`printmend bench measured`: every learner on data that nobody here simulated.
+
+A figure is the root mean square of what a learner did not foresee of the judged tracks, as a share of what the
+straight line from input to output leaves (`naive`): 1 is no use, 0 is perfect.
+"""
 
 import csv
 import hashlib
@@ -512,11 +516,6 @@ def bench_of(item: MeasuredSet) -> Bench:
     output = float(commanded.std()) / (spread * slope)
     return Bench(printer, scale, shift, output, float(commanded.mean() - output * measured.mean()), item.joined)
 
-
-# `printmend bench measured`: every learner on data that nobody here simulated.
-#
-# A figure is the root mean square of what a learner did not foresee of the judged tracks, as a share of what the
-# straight line from input to output leaves (`naive`): 1 is no use, 0 is perfect.
 
 TABLE, NAIVE = "measured", "naive"
 _PARTS, _OFF_ROUND = 1e6, 0.3717  # of a span, in a digest; away from round numbers, which fall on either side

@@ -1,4 +1,13 @@
-"""`printmend bench real`: learn from the first measured traverse of each direction, predict the later ones."""
+"""`printmend bench real`: learn from the first measured traverse of each direction, predict the later ones.
+
+``shipped`` is what `printmend learn` makes of them. ``plain`` is a least-squares fit of eight harmonics a direction,
+the travel of a turn fitted too. The floor is what no predictor can pass: the scatter of the later traverses about
+their own mean. ``periodic`` is the plain fit to the later traverses themselves, the best that anything can do which
+repeats every turn: what lies between it and the floor repeats, but not by turns. A ``copy`` of the first traverse
+comes to √2 floors if the first is of the same kind as the later ones. Places are counted from the middle of the bed
+(`middles_mm`), which uses the lengths of the later traverses but never their errors; ``blind`` counts travel from
+each traverse's first sample instead.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -50,16 +59,6 @@ def shipped_fit(
 
     return error_mm
 
-
-# `printmend bench real`: learn from the first measured traverse of each direction, predict the later ones.
-#
-# ``shipped`` is what `printmend learn` makes of them. ``plain`` is a least-squares fit of eight harmonics a direction,
-# the travel of a turn fitted too. The floor is what no predictor can pass: the scatter of the later traverses about
-# their own mean. ``periodic`` is the plain fit to the later traverses themselves, the best that anything can do which
-# repeats every turn: what lies between it and the floor repeats, but not by turns. A ``copy`` of the first traverse
-# comes to √2 floors if the first is of the same kind as the later ones. Places are counted from the middle of the bed
-# (`middles_mm`), which uses the lengths of the later traverses but never their errors; ``blind`` counts travel from
-# each traverse's first sample instead.
 
 Guess = Callable[[int, np.ndarray], np.ndarray]
 TABLE, FLOOR = "real", "floor"

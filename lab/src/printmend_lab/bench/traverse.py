@@ -1,4 +1,8 @@
-"""Measured traverses: a carriage driven at constant speed over its bed and back, from files or motion capture."""
+"""Measured traverses: a carriage driven at constant speed over its bed and back, from files or motion capture.
+
+The data are the authors' motion capture of a belt printer with printed non-circular pulleys. Each traverse is the
+error of the carriage's position over the nominal travel since the traverse's first sample, detrended.
+"""
 
 import csv
 import hashlib
@@ -42,11 +46,6 @@ def signals(path: Path, names: Sequence[str] | None = None) -> list[np.ndarray]:
         raise TraceError(path, wanted="numbers", came="something else", todo=TODO)
     return every
 
-
-# Measured traverses: a carriage driven at constant speed over its bed and back, again and again.
-#
-# The data are the authors' motion capture of a belt printer with printed non-circular pulleys. Each traverse is the
-# error of the carriage's position over the nominal travel since the traverse's first sample, detrended.
 
 COLUMNS = ("pulley_shape", "nominal_speed_mm_s", "segment", "direction", "nominal_travel_mm", "position_error_mm")
 

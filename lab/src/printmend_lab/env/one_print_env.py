@@ -14,8 +14,6 @@ from printmend_lab.env.print_env import C_MAX, Reward, observation_space
 from printmend_lab.path import Layer
 from printmend_lab.sampling import Severity
 
-# The paper's problem: one test print of the agent's choice, its noisy scan, then a print without feedback.
-
 KEPT_SEED = 20261124  # of the scenes that agents are compared on: train on others
 TEST_PRINT, PRINT = 0, 1
 _LOOKAHEAD = 8  # of the next targets in `now`; all of them are in `path`

@@ -1,17 +1,16 @@
-"""The grey box's loops. Arrays and scalars in, arrays out; checks happen where they are called."""
+"""The grey box's loops. Arrays and scalars in, arrays out; checks happen where they are called.
+
+They have many parameters because a kernel takes plain arrays: each part of a drive and each column of its rows is
+one.
+
+Every periodic quantity is a table over one turn of the motor with its first entry repeated at the end, so that linear
+interpolation needs no wrap.
+"""
 
 import numpy as np
 
 from printmend.jit import entry, inner
 from printmend.machine.kernels.play import FREE, contact
-
-# The grey box's loops. Arrays and scalars in, arrays out; checks happen in greybox.py.
-#
-# They have many parameters because a kernel takes plain arrays: each part of a drive and each column of its rows is
-# one.
-#
-# Every periodic quantity is a table over one turn of the motor with its first entry repeated at the end, so that linear
-# interpolation needs no wrap.
 
 
 # The entries have many parameters: the arrays of a `Rows`, a `Design` and its values, which Python classes hold.
