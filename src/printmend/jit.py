@@ -15,6 +15,8 @@ from printmend.digest import digest, is_set
 from printmend.extras import require
 from printmend.native import arguments_of, library_of, recording
 
+_LEAN = {"error_model": "numpy", "_nrt": False}
+
 
 def entry(function: Callable | None = None, **options: Any) -> Any:
     """Decorate a kernel that Python calls. ``options`` are njit's."""
@@ -24,10 +26,13 @@ def entry(function: Callable | None = None, **options: Any) -> Any:
 
 
 def inner(function: Callable | None = None, **options: Any) -> Any:
-    """Decorate a kernel that only other kernels call: compiled with each of them. ``options`` are njit's."""
+    """Decorate a kernel that only other kernels call: compiled with each of them. ``options`` are njit's.
+
+    Unless they say otherwise it makes no arrays, so that none need be counted, and divides by 0 as numpy does.
+    """
     if function is None:
         return lambda function: inner(function, **options)
-    return function if is_set("NUMBA_DISABLE_JIT") else _Inner(function, options)
+    return function if is_set("NUMBA_DISABLE_JIT") else _Inner(function, {**_LEAN, **options})
 
 
 def record(kind: np.dtype) -> Any:

@@ -109,7 +109,7 @@ _ARC_COS = np.sqrt(0.5)  # … where it turns by less than 45°
 _SAFE_SHARE = 0.99  # Marlin: of a corner's speed, from which stopping is no slower
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _axes_cos(last, move, axes):
     """Return the cosine of the angle by which the path turns, over so many axes."""
     total = 0.0
@@ -118,7 +118,7 @@ def _axes_cos(last, move, axes):
     return min(max(total, -1.0), 1.0)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _rounded2(deviation_mm, accel, cos):
     """Return the squared speed on a circle that strays from the corner by a deviation (Jeon 2011): v² = a δ s/(1 − s),
     s = sin θ/2 = √((1 + cos)/2) for a path that turns by an angle with that cosine."""
@@ -126,13 +126,13 @@ def _rounded2(deviation_mm, accel, cos):
     return np.inf if sine >= 1.0 else deviation_mm * accel * sine / (1.0 - sine)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _is_still(move):
     """Say whether the head stands during a move."""
     return move.unit[0] == 0.0 and move.unit[1] == 0.0 and move.unit[2] == 0.0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _klipper2(last, move):
     """Klipper: a circle at the corner, which touches no move beyond its middle; the extruder's own jump."""
     if _is_still(last) or _is_still(move):
@@ -152,7 +152,7 @@ def _klipper2(last, move):
     return most2
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def safe_speed(limits, move):
     """Return the speed to which each axis may jump from rest."""
     speed = move.speed
@@ -162,7 +162,7 @@ def safe_speed(limits, move):
     return speed
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _jerk_speed(limits, last, move):
     """Marlin: no axis jumps by more than its jerk; one that turns back counts with the larger of both speeds."""
     speed = min(last.speed, move.speed)
@@ -175,7 +175,7 @@ def _jerk_speed(limits, last, move):
     return move.safe if min(last.safe, move.safe) > _SAFE_SHARE * most else most
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _deviation2(limits, last, move):
     """Marlin: a circle at the corner; on short moves that hardly turn the circle of which they are chords."""
     cos = _axes_cos(last, move, 4)
@@ -187,7 +187,7 @@ def _deviation2(limits, last, move):
     return most2
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _rrf_speed(limits, last, move):
     """RepRapFirmware: no drive jumps by more than its limit, between two moves that both print or both do not."""
     if (last.unit[3] > 0.0) != (move.unit[3] > 0.0) or _is_still(last) != _is_still(move):
@@ -200,7 +200,7 @@ def _rrf_speed(limits, last, move):
     return speed
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def corner2(limits, last, move, is_first):
     """Return the largest squared speed at which ``move`` may begin after ``last``, or from rest as the first."""
     least2 = LEAST_SPEED_MM_S * LEAST_SPEED_MM_S
@@ -221,7 +221,7 @@ def corner2(limits, last, move, is_first):
 # The queue of moves: how fast each begins, once it is known what follows, and how long it takes.
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _seconds(length, accel, begin2, cruise2, end2):
     """Return how long a move takes that speeds up, cruises and slows down; all squared speeds [mm²/s²]."""
     begin, cruise, end = np.sqrt(begin2), np.sqrt(cruise2), np.sqrt(end2)
@@ -229,7 +229,7 @@ def _seconds(length, accel, begin2, cruise2, end2):
     return (2.0 * cruise - begin - end) / accel + max(length - changing, 0.0) / cruise
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _pass_notes(clock, times, to):
     """Write down the time for the notes up to number ``to``."""
     while clock.noted < to:
@@ -238,7 +238,7 @@ def _pass_notes(clock, times, to):
         clock.noted += 1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _look_back(queue, count):
     """Find how fast each move may begin so that the last one can stop, at the full and at Klipper's smaller braking.
 
@@ -261,7 +261,7 @@ def _look_back(queue, count):
         end2, soft_end2, falls_after = move.begin2, move.soft_begin2, falls
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _run_klipper(clock, queue, count, done, times):
     """Let the first ``done`` of ``count`` moves go by as Klipper's look-ahead plans them.
 
@@ -282,7 +282,7 @@ def _run_klipper(clock, queue, count, done, times):
             clock.seconds += _seconds(move.length, move.accel, begin2, cruise2, end2)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _run_blocks(limits, clock, queue, count, done, times):
     """Let the first ``done`` of ``count`` moves go by as a firmware plans them whose queue holds a few blocks.
 
@@ -306,7 +306,7 @@ def _run_blocks(limits, clock, queue, count, done, times):
         clock.begin2 = end2
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def run(limits, clock, queue, times, stop):
     """Let moves go by: all of them where the machine must stop after the last, else those that what follows cannot
     change."""
@@ -330,13 +330,13 @@ _DIAGONAL = np.sqrt(2.0) - 1.0
 MOST_CHORDS = 20_000.0  # of one arc
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _deviation_mm(limits):
     """Return Klipper's junction deviation δ = (√2 − 1) v²/a, by which a right angle is taken at the corner speed."""
     return _DIAGONAL * limits.corner_speed * limits.corner_speed / limits.print_accel
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _limit_klipper(limits, move):
     """Set a move's speed and acceleration as Klipper does: of the head, of Z, and of the extruder where it alone moves
     or is drawn back."""
@@ -353,7 +353,7 @@ def _limit_klipper(limits, move):
         move.accel = min(move.accel, limits.accel[3] / abs(move.unit[3]))
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _limit_axes(limits, move):
     """Set a move's speed and acceleration as Marlin and RepRapFirmware do: by its kind, and by each axis."""
     head = move.unit[0] != 0.0 or move.unit[1] != 0.0 or move.unit[2] != 0.0
@@ -368,7 +368,7 @@ def _limit_axes(limits, move):
             move.accel = limits.accel[axis] / share
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _add(limits, clock, queue, times, dx, dy, dz, de, feed):
     """Queue a straight move by (dx, dy, dz, de) mm at ``feed`` mm/min; one that moves nothing is none."""
     length = np.sqrt(dx * dx + dy * dy + dz * dz)
@@ -403,7 +403,7 @@ def _add(limits, clock, queue, times, dx, dy, dz, de, feed):
     clock.queued = n + 1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _plane(plane, x, y, z):
     """Return a place as the two coordinates of an arc's plane and the height above it."""
     if plane == 0:
@@ -412,7 +412,7 @@ def _plane(plane, x, y, z):
 
 
 # Its many parameters are the clock's arrays, and the arc, whose ends are not those of its record.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _add_arc(limits, clock, queue, times, r, x, y, z, c0, c1, advance_mm, feed):
     """Queue an arc to (x, y, z) as the chords that a firmware makes of it."""
     a0, b0, h0 = _plane(r.plane, clock.at[0], clock.at[1], clock.at[2])
@@ -443,7 +443,7 @@ def _add_arc(limits, clock, queue, times, r, x, y, z, c0, c1, advance_mm, feed):
             _add(limits, clock, queue, times, dh, da, db, advance_mm / count, feed)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _go(limits, clock, queue, times, r, is_arc, x, y, z, c0, c1, advance_mm, feed):
     """Queue a move to (x, y, z)."""
     if is_arc:
@@ -453,7 +453,7 @@ def _go(limits, clock, queue, times, r, is_arc, x, y, z, c0, c1, advance_mm, fee
     clock.at[0], clock.at[1], clock.at[2] = x, y, z
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _obey(limits, clock, queue, times, note):
     """Take over what a note says of limits and waiting."""
     value = note.values
@@ -492,7 +492,7 @@ def _obey(limits, clock, queue, times, note):
             limits.retract_accel = retract if retract > 0.0 else limits.retract_accel
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _limit_by_note(limits, note):
     """Take over what Klipper's own SET_VELOCITY_LIMIT says, or M204; it knows no other limits."""
     value = note.values
@@ -514,7 +514,7 @@ def _limit_by_note(limits, note):
             limits.cruise_ratio = 1.0 - min(value[4] / limits.print_accel, 1.0)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _stops(r):
     """Say whether the head stands still for a record that moves nothing: it homes, probes, changes the tool, pauses."""
     if r.kind == KIND_HOME or r.kind == KIND_RETRACT:

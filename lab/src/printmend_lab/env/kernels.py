@@ -10,7 +10,7 @@ from printmend.machine.kernels import bed
 from printmend.machine.kernels.play import anchor, clip
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def _played(machines, fleet, n, axis, motor):
     """Return the belt position of environment n after its motor ``axis`` went to lattice position ``motor``."""
     k, i = fleet.machine[n], motor - machines.first[axis]
@@ -18,7 +18,7 @@ def _played(machines, fleet, n, axis, motor):
     return clip(fleet.position[n, axis], machines.lower[k, axis, i] + shift, machines.upper[k, axis, i] + shift)
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def _reached(machines, axis, nominal, control):
     """Return the nominal position after a control: one bed's length beyond the bed the motors stop."""
     return min(max(nominal + control, -machines.size[axis]), 2 * machines.size[axis])

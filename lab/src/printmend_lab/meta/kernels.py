@@ -54,7 +54,7 @@ def fill_columns(at, side, other, rate, scale, harmonics, playing, elastic, bell
         row[end], row[end + 1] = half * x, half * x * x
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def _bells(at, bell, row, end):
     """Fill bells about places that are as far apart as the bells are wide; return the next free column."""
     first, apart, count = bell[0], bell[1], int(bell[2])

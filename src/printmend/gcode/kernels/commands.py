@@ -67,7 +67,7 @@ CURVES_A_LINE = 8  # that are cut into chords: further ones of the line stay as 
 _CONTROLS = WORD_I | WORD_J | WORD_P | WORD_Q
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def most_records(buf, p, stop):
     """Return how many records the line buf[p:stop] may become: one for two bytes, and `MOST_CHORDS` for each curve.
 
@@ -89,7 +89,7 @@ def most_records(buf, p, stop):
     return (p - begin) // 2 + 2 + MOST_CHORDS * min(found, CURVES_A_LINE)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def chords_of(r, s, values, numbers, counts):
     """Return into how many chords the curve of a statement has to be cut; 0 where its course is unknown.
 
@@ -111,7 +111,7 @@ def chords_of(r, s, values, numbers, counts):
     return max(np.int64(count), 1)  # one: a straight line at an even pace
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _controls(r, s, values, numbers, counts):
     """Return the places of both control points (x1, y1, x2, y2) [mm]."""
     unit = 25.4 if counts.inch else 1.0
@@ -121,7 +121,7 @@ def _controls(r, s, values, numbers, counts):
 
 
 # Its many parameters are the state of the interpreter and the statement in hand.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def put_chords(records, n, s, values, numbers, counts, count):
     """Write the curve that record n begins as ``count`` straight moves; return the next free record.
 
@@ -188,7 +188,7 @@ _STILL = np.array(
 )  # fmt: skip
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def long_command(r, buf, p, stop, numbers, counts):
     """Obey a long name (Klipper): state, offsets, objects, pauses; any other is a macro. Return as `m_command`."""
     name, p = word_hash(buf, p, stop)
@@ -249,7 +249,7 @@ def long_command(r, buf, p, stop, numbers, counts):
     return what
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _save(numbers, counts, label):
     """SAVE_GCODE_STATE: into the slot of that name, a free one, or the first. Return which."""
     key = np.int64(label)
@@ -271,7 +271,7 @@ def _save(numbers, counts, label):
     return slot
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _restore(numbers, counts, label, move):
     """RESTORE_GCODE_STATE; return the slot, −1 when nothing was saved under that name."""
     key = np.int64(label)
@@ -294,7 +294,7 @@ def _restore(numbers, counts, label, move):
 # ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def add_offsets(numbers, counts):
     """Sum the work, G92, gcode, home and tool offsets of each axis: machine − logical [mm]."""
     tool = counts.tool
@@ -305,7 +305,7 @@ def add_offsets(numbers, counts):
         numbers.offset[axis] = work + shift - tools
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def e_is_relative(counts):
     """Say whether E words are increments."""
     if counts.rule == E_EITHER:
@@ -313,7 +313,7 @@ def e_is_relative(counts):
     return counts.m83 != 0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def begin_record(r, begin, end, after, numbers, counts, flags):
     """Fill a record with the state as it is before the statement."""
     r.begin, r.end, r.next, r.line = begin, end, after, counts.line
@@ -335,7 +335,7 @@ def begin_record(r, begin, end, after, numbers, counts, flags):
     r.kind, r.event, r.axes = 0, 0, NO_SLOT
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def finish_record(r, numbers, counts):
     """Close a record with the place, E, feed, offsets and certainty after the statement."""
     r.x1, r.y1, r.z1 = numbers.pos[0], numbers.pos[1], numbers.pos[2]
@@ -349,14 +349,14 @@ _LOST = 256
 ALL_LOST = 7 * _LOST
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def event(r, counts, what):
     """Note why the place (the axes in the higher byte of ``what``) or the engaged side of the belts is uncertain."""
     r.kind, r.event = KIND_EVENT, what % _LOST
     counts.known &= ~(what // _LOST) & 7
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _goto(numbers, counts, words, unclear, values, unit, g53):
     """Move the state's place by the X Y Z words; an axis named with an unclear value is lost."""
     for axis in range(3):
@@ -378,7 +378,7 @@ def _goto(numbers, counts, words, unclear, values, unit, g53):
                     counts.known &= ~(1 << axis)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def move(r, numbers, counts, words, unclear, values, motion):
     """G0 G1 G2 G3: the state moves on; the record learns the rest in `_close_move`."""
     unit = 25.4 if counts.inch else 1.0
@@ -415,7 +415,7 @@ def move(r, numbers, counts, words, unclear, values, motion):
             r.kind, r.event = KIND_EVENT, EVENT_PLACEHOLDER
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _centre(r, numbers, counts, words, values, unit, motion):
     """Find an arc's centre from I J K or from R; an arc without one becomes an unknown event."""
     a = (0, 2, 1)[counts.plane]
@@ -450,7 +450,7 @@ def _centre(r, numbers, counts, words, values, unit, motion):
     r.kind, r.event = KIND_EVENT, EVENT_UNKNOWN
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _home(r, numbers, counts, axes):
     """G28: the named axes are at home; their shifts are forgotten."""
     r.kind, r.axes = KIND_HOME, axes
@@ -462,7 +462,7 @@ def _home(r, numbers, counts, axes):
             counts.offset_known |= 1 << axis
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _set_position(r, numbers, counts, words, values, code):
     """G92: the place stays, its coordinates change. Bare, Klipper sets all to zero; Marlin and RRF do nothing."""
     unit = 25.4 if counts.inch else 1.0
@@ -488,7 +488,7 @@ def _set_position(r, numbers, counts, words, values, code):
     r.axes = axes
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def set_mode(numbers, counts, code):
     """Obey a G word that only sets a mode; False if it is another kind. Codes are tenths: G92.1 is 921."""
     if code == 900 or code == 910:
@@ -512,7 +512,7 @@ def set_mode(numbers, counts, code):
     return True
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def g_command(r, numbers, counts, words, bare, unclear, values, code):
     """Obey a G command other than G0–G3; return what it makes uncertain, for `event`, or 0."""
     if code == 280:
@@ -554,7 +554,7 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
     return 0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _g10(r, numbers, counts, words, values, code):
     """G10/G11: firmware retraction; with L or P and axes, work offsets (LinuxCNC) or tool offsets (RRF)."""
     has_p, has_l = words & WORD_P, words & WORD_L
@@ -583,7 +583,7 @@ def _g10(r, numbers, counts, words, values, code):
     return EVENT_OFFSET
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def tool_change(numbers, counts, tool):
     """Obey T: its macro is taken to leave the head where the file thinks it is.
 
@@ -608,7 +608,7 @@ _M_TOOL = np.array([60, 6200, 6210, 7010, 7020, 7030])  # tools, and filament th
 _M_MACRO = np.array([240, 320, 480, 980, 6050, 6220, 6230, 8080, 9700, 9703, 9710])  # the firmware expands them
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def m_command(numbers, counts, words, bare, values, code):
     """Obey an M command (in tenths); return what it makes uncertain, for `event`, or 0."""
     if code == 820 or code == 830:

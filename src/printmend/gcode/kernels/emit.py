@@ -64,7 +64,7 @@ from printmend.jit import entry, inner
 
 
 # Long because it is one pass over the statement's bytes: each word is kept, changed or left out where it stands.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def edit_statement(buf, r, piece, before, writer, out, at):
     """Write the statement itself with the last piece's numbers: its words, their order and its comment stay."""
     motion = piece_motion(r, piece)
@@ -181,7 +181,7 @@ def edit_statement(buf, r, piece, before, writer, out, at):
     return copy_tail(buf, r, gap, start, writer, out, at)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def is_plain_edit(r, piece, writer):
     """Say whether `edit_plain` is enough: for a plain, absolute line whose unnamed axes stay and whose feed holds."""
     if not r.flags & FLAG_PLAIN or r.flags & (FLAG_RELATIVE | FLAG_CHECKSUM) or piece.kind != PIECE_LINE:
@@ -195,7 +195,7 @@ def is_plain_edit(r, piece, writer):
     return True
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def edit_plain(buf, r, piece, writer, out, at):
     """Do what `edit_statement` does to a plain line, in half the time."""
     p, end = r.begin, r.end
@@ -226,7 +226,7 @@ def edit_plain(buf, r, piece, writer, out, at):
     return copy_bytes(buf, p, end, out, at)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def copy_tail(buf, r, gap, start, writer, out, at):
     """Copy what follows the words: blanks, comment, checksum; a `*+` asks `renumber` for a new checksum."""
     if writer.numbered and r.flags & FLAG_CHECKSUM:
@@ -249,7 +249,7 @@ def copy_tail(buf, r, gap, start, writer, out, at):
     return copy_bytes(buf, gap, r.end, out, at)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def add_axes(r, piece, writer, out, at):
     """Write the words of axes that move although the statement does not name them."""
     for axis in range(3):
@@ -274,7 +274,7 @@ def add_axes(r, piece, writer, out, at):
 PLAIN_WORDS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R | WORD_P | WORD_Q | WORD_G | WORD_N
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def put_extra(buf, r, out, at):
     """Copy the words that are neither place, E nor feed (laser power, probing switches)."""
     if not r.words & ~np.uint32(PLAIN_WORDS):
@@ -299,7 +299,7 @@ def put_extra(buf, r, out, at):
     return at
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def put_eol(buf, r, writer, out, at):
     """End a line as its statement's line ends; with a plain line end if that has more than three bytes."""
     if 0 < r.next - r.end <= 3:
@@ -311,7 +311,7 @@ def put_eol(buf, r, writer, out, at):
     return at + 1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def put_accel(r, accel, writer, out, at):
     """Write the acceleration [mm/s²] for the machine, or with 0 the file's own again, by the file's own word."""
     for byte in (LETTER_M, ZERO + 2, ZERO, ZERO + 4, SPACE):
@@ -322,7 +322,7 @@ def put_accel(r, accel, writer, out, at):
     return put_fixed(out, at + 1, np.int64(np.rint(1000.0 * (accel if accel > 0.0 else r.accel))), 3)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def put_row(buf, r, piece, cumulated, before, last, writer, out, at):
     """Write a whole new line for one piece; ``before`` and ``cumulated`` are the shares of E around it.
 
@@ -364,7 +364,7 @@ def put_row(buf, r, piece, cumulated, before, last, writer, out, at):
     return put_eol(buf, r, writer, out, at)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def put_line_start(r, writer, out, at):
     """Begin a line that the file did not have; G53 holds for one line only."""
     if writer.numbered and r.flags & FLAG_NUMBERED:
@@ -382,7 +382,7 @@ def put_line_start(r, writer, out, at):
 ROOM_BYTES = 224  # more than a generated line or an edit adds: eight words of at most 22 bytes, starts and ends
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _follow(r, writer):
     """Move the writer's machine through a statement that is written as it was."""
     relative = r.flags & FLAG_RELATIVE and not r.flags & FLAG_G53
@@ -421,7 +421,7 @@ def _follow(r, writer):
         writer.feed = r.feed
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _goes_on(records, i, n, first, pieces):
     """Say whether the line after record i begins with a piece of the same acceleration as the last one."""
     if i + 1 >= n or records[i + 1].begin != records[i].next or first[i + 2] == first[i + 1]:
@@ -518,7 +518,7 @@ _NUMBERS = 10**12  # of lines: a longer one is cut to its last digits
 _ROOM_BYTES = 32  # what one line can gain: a number of 20 digits and a checksum of 4 bytes
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _restart(buf, p, stop):
     """Return the number that the numbering goes on from after an M110 on this line: its N word's, −1 without one.
 
@@ -542,7 +542,7 @@ def _restart(buf, p, stop):
     return np.int64(-2)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _integer(buf, p, stop):
     """Read digits at p: (their value, where they end)."""
     number = np.int64(0)
@@ -637,7 +637,7 @@ def renumber(buf, begin, end, lines, out):
     return p, at
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _put_integer(out, at, value):
     """Write an integer that is not negative; return where it ends."""
     size, rest = 1, value

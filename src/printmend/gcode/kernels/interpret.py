@@ -56,7 +56,7 @@ STATEMENT = np.dtype(
 )
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def read_statement(buf, p, stop, s, values, numbers, counts):
     """Read the statement at p of a line that ends at ``stop`` into s, its words' values into ``values`` [26].
 
@@ -83,13 +83,13 @@ def read_statement(buf, p, stop, s, values, numbers, counts):
     return p
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _is_of_name(byte):
     """Say whether a character may stand in a long command's name."""
     return is_letter(byte) or byte == UNDERSCORE
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _after_remark(buf, p, stop):
     """Return where a remark in brackets or a text in quotes that begins at p is over."""
     closing = CLOSE if buf[p] == OPEN else QUOTE
@@ -99,7 +99,7 @@ def _after_remark(buf, p, stop):
     return p + 1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _sign(s, counts, byte):
     """End a statement at a character that is no letter: a checksum, a comment, a placeholder, or an unknown one."""
     s.over = 1
@@ -114,13 +114,13 @@ def _sign(s, counts, byte):
         s.garbled = 1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _is_filled_in(byte):
     """Say whether a character begins a placeholder, which someone else fills in."""
     return byte in (BRACE, BRACKET, HASH)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _letter(buf, p, stop, s, values, numbers, counts, byte):
     """Read a letter at p, ``byte`` in upper case, with what follows it; return where that ends."""
     style = (SPACED if s.spaced else 0) | (CAPITAL if buf[p] < SMALL_A else 0)
@@ -150,7 +150,7 @@ def _letter(buf, p, stop, s, values, numbers, counts, byte):
     return q
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _command(s, numbers, counts, byte, tenths, p, q, small):
     """Take the command between p and q; return False where it ends the statement, because it begins another one."""
     if s.letter != 0 or (s.words != 0 and (byte != LETTER_G or tenths > LAST_MOVE)):
@@ -174,7 +174,7 @@ def _command(s, numbers, counts, byte, tenths, p, q, small):
     return True
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _word_without_number(buf, p, q, stop, s, values, bit, byte, style):
     """Take the letter at p, which is not followed by a number but by what stands at q. Return where it ends."""
     while q < stop and is_blank(buf[q]):
@@ -211,7 +211,7 @@ def _word_without_number(buf, p, q, stop, s, values, bit, byte, style):
 
 # Long because it is one pass over the line's bytes: what makes a line no plain move ends it where it is seen.
 # Its digits are read as in `text.parse_number`: through one function for both, a file takes a third longer to read.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def plain_move(buf, p, end, numbers, counts, records, n):
     """Obey the line at p and fill record n; return the start of the next line, or −1 if it is no plain move."""
     if p + 4 > end or buf[p] != LETTER_G or (buf[p + 1] != ONE and buf[p + 1] != ZERO) or buf[p + 2] != SPACE:
@@ -354,7 +354,7 @@ _WORDS = (
 _ROLES = (ROLE_ASIDE, ROLE_OUTER, ROLE_INNER, ROLE_SOLID, ROLE_INFILL)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def role_of(buf, p, stop, before):
     """Return the ROLE_* that a comment, whose text begins at p, names; ``before`` where it names none."""
     if starts_with(buf, p, stop, _TYPE):
@@ -369,7 +369,7 @@ def role_of(buf, p, stop, before):
     return np.int64(ROLE_UNKNOWN)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _has_one(buf, p, stop, words):
     """Say whether one of some words, each with a blank behind it, stands in buf[p:stop], in either case."""
     first = 0
@@ -399,13 +399,13 @@ _LIMIT_KEYS = np.array(
 )  # fmt: skip
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def has_room(notes, counts):
     """Say whether the notes of another line fit; without an array for them nothing is noted."""
     return len(notes) == 0 or counts.noted + NOTES_A_LINE <= len(notes)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _put(notes, counts, record, begin, end, what):
     """Write a note without values, and return it; where there is no more room, the last one is written over."""
     note = notes[min(counts.noted, len(notes) - 1)]
@@ -416,7 +416,7 @@ def _put(notes, counts, record, begin, end, what):
     return note
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def note_comment(buf, start, p, stop, notes, counts, record):
     """Note a comment, whose text begins at p and whose line at ``start``, if it tells a printing time."""
     first = upper(buf[p])
@@ -428,7 +428,7 @@ def note_comment(buf, start, p, stop, notes, counts, record):
             return
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def note_statement(buf, s, stop, values, notes, numbers, counts, record):
     """Note a statement, which ends at ``stop``, if it tells the progress, waits, or sets a limit.
 
@@ -464,7 +464,7 @@ def note_statement(buf, s, stop, values, notes, numbers, counts, record):
         _keep_accel(note.values[0], note.values[1], note.values[3], numbers, counts)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _keep_accel(printing, travel, both, numbers, counts):
     """Keep M204's acceleration of printing moves [mm/s²], NaN where it is not given, and by which word it was set."""
     if both > 0.0:
@@ -478,7 +478,7 @@ def _keep_accel(printing, travel, both, numbers, counts):
         counts.tell = TELL_P
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _note_velocity_limit(buf, p, stop, notes, numbers, counts, record):
     """Note Klipper's SET_VELOCITY_LIMIT."""
     start = p
@@ -511,7 +511,7 @@ _MODAL_LEADS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R
 _LAYER_OBJECT = np.frombuffer(b"BEGIN_LAYER_OBJECT", np.uint8)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _comment(buf, p, stop, counts):
     """Count layer comments: `;LAYER_CHANGE`, `;LAYER:3`, `; CHANGE_LAYER`, `; layer 3, Z = …`, KISSlicer's."""
     first = upper(buf[p])
@@ -528,7 +528,7 @@ def _comment(buf, p, stop, counts):
 
 
 # Its many parameters are the interpreter's state and arrays, and the line in hand.
-@inner
+@inner(error_model="python", _nrt=True)
 def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
     """Obey one line, buf[p:stop], statement by statement; return the next free record. s is scratch, a STATEMENT."""
     p = _after_blanks(buf, p, stop)
@@ -587,7 +587,7 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
     return n
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _after_blanks(buf, p, stop):
     """Return what follows the blanks at p."""
     while p < stop and is_blank(buf[p]):
@@ -595,7 +595,7 @@ def _after_blanks(buf, p, stop):
     return p
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _after_number(buf, p, stop):
     """Return what follows the digits at p, and the blanks after them."""
     while p < stop and is_digit(buf[p]):
@@ -603,7 +603,7 @@ def _after_number(buf, p, stop):
     return _after_blanks(buf, p, stop)
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def _obey(buf, stop, s, r, values, numbers, counts):
     """Do to the machine's state what a statement says, and note it in its record; return what event it is, or 0."""
     if s.letter == LETTER_G and s.code > LAST_MOVE:

@@ -118,7 +118,7 @@ def pack(text, no_spaces, out):
     return at
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _nibble(byte, no_spaces):
     """Return the index of a character in the table, 15 for one that is not there."""
     if no_spaces:
@@ -129,7 +129,7 @@ def _nibble(byte, no_spaces):
     return _INDEX[byte]
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _put_command(out, at, command):
     """Write a command to whoever unpacks."""
     out[at] = out[at + 1] = _SIGNAL

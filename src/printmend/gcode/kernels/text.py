@@ -33,37 +33,37 @@ def name_hash(name: str) -> np.uint64:
     return np.uint64(value)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def upper(byte):
     """Return a letter's capital; any other character as it is."""
     return byte - TO_SMALL if SMALL_A <= byte <= SMALL_Z else byte
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def is_letter(byte):
     """Say whether a character is a letter."""
     return LETTER_A <= byte <= LETTER_Z or SMALL_A <= byte <= SMALL_Z
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def is_digit(byte):
     """Say whether a character is a digit."""
     return ZERO <= byte <= NINE
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def digit_of(byte):
     """Return the value of a digit, signed: without the cast a uint8 would make unsigned sums."""
     return np.int64(byte) - ZERO
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def is_blank(byte):
     """Say whether a character is passed over between words: the space and every control character, even NUL."""
     return byte <= SPACE
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def parse_number(buf, p, stop, style):
     """Read a number at p: (value, next, found). Found is 0 for none, which leaves next at p, and 2 with an exponent.
 
@@ -103,7 +103,7 @@ def parse_number(buf, p, stop, style):
     return (-value if negative else value), p, 1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _parse_long(buf, p, stop, style):
     """Read a number of any length, with an exponent if the line's style says that it is one."""
     negative = buf[p] == MINUS
@@ -148,7 +148,7 @@ def _parse_long(buf, p, stop, style):
     return (-value if negative else value), p, found
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _divide(whole, power):
     """Round whole/power to the nearest double, for an integer below 10^18 and an exact power of ten.
 
@@ -169,7 +169,7 @@ def _divide(whole, power):
     return quotient + ((high - product) - error + low) / power
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def word_hash(buf, p, stop):
     """Return the hash of the name at p, in capitals, and where it ends."""
     value = _FNV_SEED
@@ -179,7 +179,7 @@ def word_hash(buf, p, stop):
     return value, p
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def among(value, table):
     """Say whether a value stands in a table."""
     for k in range(len(table)):  # noqa: SIM110 (numba compiles the loop, not the generator)
@@ -188,7 +188,7 @@ def among(value, table):
     return False
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def starts_with(buf, p, stop, text):
     """Say whether buf[p:stop] begins with a text, which is in capitals, in either case."""
     if stop - p < len(text):
@@ -209,7 +209,7 @@ FIRST, SECOND = np.int64(0), np.int64(1)  # coordinate of an arc's plane
 DECIMALS_3, DECIMALS_5, DECIMALS_7, DECIMALS_9 = np.int64(3), np.int64(5), np.int64(7), np.int64(9)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def put_fixed(out, at, scaled, decimals):
     """Write scaled/10^decimals without an exponent and without trailing zeros."""
     if scaled < 0:
@@ -241,7 +241,7 @@ def put_fixed(out, at, scaled, decimals):
     return end
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def copy_bytes(buf, begin, end, out, at):
     """Copy buf[begin:end] to ``out`` from ``at`` on; return where it ends."""
     for k in range(begin, end):
@@ -250,19 +250,19 @@ def copy_bytes(buf, begin, end, out, at):
     return at
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def to_fixed(value, decimals):
     """Round to an integer number of 10^−decimals, kept within what no machine exceeds."""
     return np.int64(np.floor(min(max(value * POWERS[decimals], -9e14), 9e14) + 0.5))
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def cased(byte, r):
     """Return a capital letter as the statement writes its letters."""
     return byte + TO_SMALL if r.flags & FLAG_LOWER else byte
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def put_word(out, at, r, byte, scaled, decimals):
     """Write a word: its letter, ``byte``, and the number scaled/10^decimals."""
     if r.flags & FLAG_SPACED:
@@ -272,25 +272,25 @@ def put_word(out, at, r, byte, scaled, decimals):
     return put_fixed(out, at + 1, scaled, decimals)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def decimals(r):
     """Return the decimals of X Y Z in the file's unit, which round by 0.5 µm at most (0.13 µm in inches)."""
     return 5 if r.flags & FLAG_INCH else 3
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def axis_value(piece, axis):
     """Return where a piece ends along an axis [machine mm]."""
     return piece.x if axis == 0 else (piece.y if axis == 1 else piece.z)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def axis_end(r, axis):
     """Return where a statement ends along an axis [machine mm]."""
     return r.x1 if axis == 0 else (r.y1 if axis == 1 else r.z1)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def scaled_axis(r, writer, target, axis):
     """Return the number to write for an axis, as an integer, so that the machine goes to ``target`` [mm]."""
     unit = 25.4 if r.flags & FLAG_INCH else 1.0
@@ -302,7 +302,7 @@ def scaled_axis(r, writer, target, axis):
     return to_fixed((target - offset - writer.shift[axis]) / unit, decimals(r))
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def reached(r, writer, scaled, axis):
     """Return where the machine goes [mm] when it reads the number ``scaled``."""
     unit = 25.4 if r.flags & FLAG_INCH else 1.0
@@ -315,7 +315,7 @@ def reached(r, writer, scaled, axis):
     return value + offset + writer.shift[axis]
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def wants_axis(r, writer, target, scaled, axis):
     """Say whether a generated line must name this axis."""
     if r.flags & FLAG_RELATIVE and not r.flags & FLAG_G53:
@@ -324,7 +324,7 @@ def wants_axis(r, writer, target, scaled, axis):
     return not abs(target - writer.place[axis]) <= half  # true for NaN
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def keeps_place(r, writer, target, axis):
     """Say whether the statement's own word takes the axis to the target, as far as the writer's place is exact."""
     start = r.x0 if axis == 0 else (r.y0 if axis == 1 else r.z0)
@@ -335,7 +335,7 @@ def keeps_place(r, writer, target, axis):
     return writer.shift[axis] == 0.0 or (r.flags & FLAG_G53) != 0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def centre_axis(r, second):
     """Return the axis, 0 to 2, of the first or second coordinate of an arc's plane."""
     if r.plane == 0:
@@ -345,7 +345,7 @@ def centre_axis(r, second):
     return 2 if second else 1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def scaled_centre(r, piece, writer, second):
     """Return I, J or K of an arc piece: its centre from where the machine is at its start, or absolute after G90.1."""
     axis = centre_axis(r, second)
@@ -356,7 +356,7 @@ def scaled_centre(r, piece, writer, second):
     return to_fixed((centre - from_mm) / (25.4 if r.flags & FLAG_INCH else 1.0), decimals(r) + 1)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def keeps_centre(r, piece, writer):
     """Say whether the statement's own I J K or R hold for this arc piece."""
     same = piece.c0 == r.c0 and piece.c1 == r.c1 and piece.x == r.x1 and piece.y == r.y1 and piece.z == r.z1
@@ -364,7 +364,7 @@ def keeps_centre(r, piece, writer):
     return same and near and abs(writer.place[2] - r.z0) < 1e-9
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def put_feed(out, at, r, feed, writer):
     """Write F [mm/min] if the machine's own is another."""
     if feed > 0 and feed != writer.feed:
@@ -374,7 +374,7 @@ def put_feed(out, at, r, feed, writer):
     return at
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def scaled_feed(r, feed):
     """Return F in the file's unit as a fixed-point number, and its decimals: more than three if it would be 0."""
     value = feed / (25.4 if r.flags & FLAG_INCH else 1.0)
@@ -382,13 +382,13 @@ def scaled_feed(r, feed):
     return to_fixed(value, decimals), decimals
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def e_letter(r):
     """Return the letter of the extruder's word."""
     return LETTER_A if r.flags & FLAG_E_IS_A else LETTER_E
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def letter_of(byte, r):
     """Return the capital letter that a word counts as: where A drives the extruder, A counts as E and E as A."""
     letter = np.int64(upper(byte))
@@ -397,13 +397,13 @@ def letter_of(byte, r):
     return letter
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def e_decimals(r):
     """Return the decimals of E in the file's unit, for steps of 10 nm of filament, in inches of 2.5 nm."""
     return DECIMALS_7 if r.flags & FLAG_INCH else DECIMALS_5
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def e_scaled(r, cumulated):
     """Return E after this part of the statement as a fixed-point number, absolute or since its start."""
     unit = 25.4 if r.flags & FLAG_INCH else 1.0
@@ -412,7 +412,7 @@ def e_scaled(r, cumulated):
     return to_fixed(value / unit, e_decimals(r))
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def e_rest(r, before, writer):
     """Return the last part of a relative E and carry on what rounding took, so that the sum over all lines is exact."""
     exact = (r.e1 - r.e0) / (25.4 if r.flags & FLAG_INCH else 1.0) * POWERS[e_decimals(r)] + writer.e_debt
@@ -421,7 +421,7 @@ def e_rest(r, before, writer):
     return total - e_scaled(r, before)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def own_motion(r):
     """Return the G number of the statement."""
     if r.flags & FLAG_CURVE:
@@ -429,7 +429,7 @@ def own_motion(r):
     return 0 if r.flags & FLAG_RAPID else (1 if r.kind == KIND_LINEAR else (2 if r.kind == KIND_CW else 3))
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def piece_motion(r, piece):
     """Return the G number of a piece."""
     if piece.kind == PIECE_ARC:
@@ -437,7 +437,7 @@ def piece_motion(r, piece):
     return 0 if r.flags & FLAG_RAPID and piece.kind == PIECE_LINE else 1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def put_command(buf, r, motion, out, at):
     """Write G0–G3 in the statement's own way (`G01`, `g1`)."""
     own = own_motion(r)

@@ -34,31 +34,31 @@ BED = np.dtype(
 _REACHED, _STEPS = 1e-10, 20
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def mixed(corexy, x, y):
     """Map a place by the belts to motor coordinates: CoreXY a = x + y, b = x − y."""
     return (x + y, x - y) if corexy else (x, y)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def unmixed(corexy, a, b):
     """Invert `mixed`."""
     return ((a + b) / 2, (a - b) / 2) if corexy else (a, b)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def to_motors(way, x, y):
     """Map a place by the belts to motor coordinates, whatever the machine is."""
     return mixed(way.corexy != 0.0, x, y)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def from_motors(way, a, b):
     """Invert `to_motors`."""
     return unmixed(way.corexy != 0.0, a, b)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _polynomial(a, p, q):
     """Return Σ a_ij p^i q^j for coefficients a [10]."""
     linear = a[0] + a[1] * p + a[2] * q
@@ -67,7 +67,7 @@ def _polynomial(a, p, q):
     return linear + square + cubic
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _derivatives(a, p, q):
     """Return the derivatives of `_polynomial` by p and q."""
     by_p = a[1] + 2 * a[3] * p + a[4] * q
@@ -77,7 +77,7 @@ def _derivatives(a, p, q):
     return by_p, by_q
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _waved(way, p, q):
     """Return what bent rails add to x and to y."""
     x, y = 0.0, 0.0
@@ -90,7 +90,7 @@ def _waved(way, p, q):
     return x, y
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _waved_derivatives(way, p, q):
     """Return the derivatives of `_waved`: of x by p and by q, of y by p and by q."""
     xp, xq, yp, yq = 0.0, 0.0, 0.0, 0.0
@@ -105,7 +105,7 @@ def _waved_derivatives(way, p, q):
     return xp, xq, yp, yq
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def onto_bed(way, x, y):
     """Map a place given by the belts to the bed: the place plus the frame's polynomials and waves of it."""
     if way.framed == 0.0:
@@ -116,7 +116,7 @@ def onto_bed(way, x, y):
     return x, y + _polynomial(way.terms[1], p, q) + by_y
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def slopes(way, x, y):
     """Return the derivatives of `onto_bed` at belts (x, y): of x by x and by y, of y by x and by y."""
     if way.framed == 0.0:
@@ -129,7 +129,7 @@ def slopes(way, x, y):
     return 1.0 + (xp + wxp) / wide, (xq + wxq) / deep, (yp + wyp) / wide, 1.0 + (yq + wyq) / deep
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def off_bed(way, x, y):
     """Return the place by the belts whose image on the bed is (x, y): Newton's method on `onto_bed`."""
     if way.framed == 0.0:
@@ -147,21 +147,21 @@ def off_bed(way, x, y):
     return u, v
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def printed(way, a, b):
     """Return the place on the bed for belts of the two motors at a and b."""
     x, y = from_motors(way, a, b)
     return onto_bed(way, x, y)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def wanted(way, x, y):
     """Return where the belts of the two motors have to be for the place (x, y) on the bed."""
     u, v = off_bed(way, x, y)
     return to_motors(way, u, v)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def anchor(way, x, y):
     """Shift the frame's constant terms so that the place (x, y), where a layer starts, stays where it is."""
     if way.framed != 0.0:

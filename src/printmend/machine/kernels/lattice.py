@@ -25,7 +25,7 @@ class Lattice(NamedTuple):
     bed: np.record
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def motors_reach(way, c_max):
     """Return how many steps a motor makes at most for controls of at most ``c_max``; ``way`` is a record of BED."""
     return 2 * c_max if way.corexy != 0.0 else c_max

@@ -13,32 +13,32 @@ PUSHED, FREE, PULLED = -1, 0, 1  # the branch that holds the belt: lower, none, 
 RESOLUTION = 2.0**36
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def clip(position, lower, upper):
     """Return where a belt at ``position`` is once its motor has arrived."""
     return min(max(position, lower), upper)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def contact(position, lower, upper):
     """Return what `clip` returns, and which branch moved the belt: `PUSHED`, `PULLED`, or `FREE` where none did."""
     after = clip(position, lower, upper)
     return after, PULLED if after < position else PUSHED if after > position else FREE
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def rest(lower, upper, share):
     """Return where a belt that nothing has moved yet rests: at ``share`` of its play, 0 pushed, 1 pulled."""
     return (1 - share) * lower + share * upper
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def fine(steps):
     """Round a number of full steps to the lattice's resolution."""
     return np.rint(steps * RESOLUTION) / RESOLUTION
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def anchor(lower, upper, share):
     """Return what to add to both branches so that a belt at rest between them is at its nominal position.
 

@@ -9,7 +9,7 @@ import numpy as np
 from printmend.jit import inner
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def branch_at(values, table, first, rate, last, m):
     """Return a branch of a transmission at motor position m; beyond the table it continues with slope 1."""
     place = (m - first) * rate
@@ -22,7 +22,7 @@ def branch_at(values, table, first, rate, last, m):
     return below + (place - i) * (values[table + i + 1] - below)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def push_at(values, table, first, rate, last, m):
     """Return where a screw pushes the nozzle along one axis at motor position m; beyond the table that is constant."""
     place = (m - first) * rate

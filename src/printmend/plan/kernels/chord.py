@@ -45,13 +45,13 @@ REST_SHARE = 0.5  # of a chord: before a shorter rest it is cut in the middle
 _FAR_MM = 12.0  # for how much of a motor's way the curvature of its tables is looked up
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _bulge(model, length):
     """Return how far a chord of that length may bulge; short ones may twice as far, or the firmware would go slowly."""
     return model.head.chord * (2.0 if length < SHORT_MM else 1.0)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def along_curve(model, curve, state, mode0, mode1, t):
     """Return the motor positions at t of the curve, on its way from where the motors are."""
     x, y, _ = place(curve, t)
@@ -59,7 +59,7 @@ def along_curve(model, curve, state, mode0, mode1, t):
     return motor_along(model, state, 0, mode0, u0, t), motor_along(model, state, 1, mode1, u1, t)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _exactly(model, curve, k, mode, t):
     """Return where motor k puts its belt where it is wanted at t, pushing in the sense of ``mode``."""
     x, y, _ = place(curve, t)
@@ -67,7 +67,7 @@ def _exactly(model, curve, k, mode, t):
     return backward(model, k, LOWER if mode > 0 else UPPER, u0 if k == 0 else u1)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _made_up(model, curve, k, mode, t):
     """Return how far motor k must lead its exact position at t, because an input shaper takes a share of its ripple.
 
@@ -97,7 +97,7 @@ def _made_up(model, curve, k, mode, t):
 
 
 # These kernels take many parameters: the curve, the motors and their modes, and what may be spared.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _score(model, curve, state, mode0, mode1, t, end, m0, m1, spare_aside, spare_along):
     """Return the largest error of the chord from t to ``end`` in units of what is allowed; the motors end at (m0, m1).
 
@@ -122,7 +122,7 @@ def _score(model, curve, state, mode0, mode1, t, end, m0, m1, spare_aside, spare
     return worst
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _longest(model, curve, state, mode0, mode1, t, whole, bound, shortest):
     """Return the length, in t, of the longest admissible chord, by growing and shrinking a guess from the curvature."""
     x, y = printed(model, middle(state, 0), middle(state, 1))
@@ -150,7 +150,7 @@ def _longest(model, curve, state, mode0, mode1, t, whole, bound, shortest):
     return whole / 2 if rest < step else step  # two equal chords instead of one and a rest
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _look_mm(model, way0, way1, m0, m1, most, even):
     """Return the distance [mm] between two checks of a line from motors (m0, m1); they go (way0, way1) a mm of path."""
     bend0 = sharpest(model, 0, m0, m0 + LOOK_AHEAD_MM * way0) * way0 * way0
@@ -165,7 +165,7 @@ def _look_mm(model, way0, way1, m0, m1, most, even):
 
 # Long because its checks along the line are one loop. Its many parameters are the line, where the motors are on it,
 # and how far the command may stray.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most, even):
     """Return (end, m0, m1): where the longest straight command from t ends that stays near a line's exact command.
 
@@ -241,7 +241,7 @@ def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most
     return end, from0 + d0, from1 + d1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _is_even(model, curve):
     """Say whether a line's width shows and follows the speed of one axis, as on an outer wall along an axis."""
     x, y = abs(curve.x1 - curve.x0), abs(curve.y1 - curve.y0)
@@ -249,7 +249,7 @@ def _is_even(model, curve):
 
 
 # As `_reach`.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest):
     """Return (end, m0, m1): where the longest admissible chord of a line ends; t if that would be a short one.
 
@@ -272,7 +272,7 @@ def _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest):
     return end, m0, m1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     """Return (end, m0, m1): where the longest admissible chord from t ends, and the motors there.
 
@@ -337,7 +337,7 @@ _LOOKS_A_RAD = 16.0
 _SWEEP_SHARE = 0.2  # by which the sweep may differ from the wanted one; beyond it the circle goes the other way round
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def on_arc(x0, y0, x1, y1, center, sweep, s):
     """Return the place at the share s of an arc from (x0, y0) to (x1, y1), whose radius may change a little."""
     dx, dy = x0 - center[0], y0 - center[1]
@@ -347,7 +347,7 @@ def on_arc(x0, y0, x1, y1, center, sweep, s):
     return center[0] + cosine * dx - sine * dy, center[1] + sine * dx + cosine * dy
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _find_center(state, x0, y0, x1, y1, x2, y2):
     """Put the centre and the sweep of the circle through three places into ``state``; return whether there is one."""
     ax, ay, bx, by = x1 - x0, y1 - y0, x2 - x0, y2 - y0
@@ -364,7 +364,7 @@ def _find_center(state, x0, y0, x1, y1, x2, y2):
 
 
 # From here on the many parameters are the curve, where the motors are on it, and the record in hand.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def arc(model, curve, state, mode0, mode1, t, stop, u0, u1, record, quantum):
     """Return (end, m0, m1): where the longest admissible arc from t ends, and the motors there; t where there is none.
 
@@ -400,7 +400,7 @@ def arc(model, curve, state, mode0, mode1, t, stop, u0, u1, record, quantum):
     return t, state.mended.m[0], state.mended.m[1]
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _arc_score(model, curve, state, mode0, mode1, t, step, from_x, from_y, to_x, to_y, start_error):
     """Return the largest error of the arc in hand, from t on, in units of what is allowed."""
     looks = np.int64(

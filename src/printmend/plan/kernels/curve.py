@@ -30,13 +30,13 @@ HIGHEST_MM = 1e4  # no printer is higher: a line of such a length would be cut a
 _LOOKS = 24  # places of an arc at which it is asked whether it leaves the bed
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def norm(x, y):
     """Return √(x² + y²) without `hypot`'s care for huge numbers, and so faster."""
     return np.sqrt(x * x + y * y)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def set_line(curve, x0, y0, z0, x1, y1, z1):
     """Fill a curve with a straight line."""
     curve.arc = 0.0
@@ -45,7 +45,7 @@ def set_line(curve, x0, y0, z0, x1, y1, z1):
     curve.share, curve.least = 1.0, max(MIN_PIECE_MM, curve.length / CHORDS_A_RECORD)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def copy_curve(curve, to):
     """Make ``to`` the same curve."""
     to.arc, to.plane, to.ca, to.cb, to.phi, to.sweep = (
@@ -61,7 +61,7 @@ def copy_curve(curve, to):
 
 
 # Its many parameters are the numbers of one arc, each of which becomes a field of the curve.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def set_arc(curve, x0, y0, z0, x1, y1, z1, ca, cb, plane, clockwise, turns):
     """Fill a curve with an arc about (ca, cb) in its plane: 0 XY, 1 ZX, 2 YZ. Ends that coincide make a full circle."""
     set_line(curve, x0, y0, z0, x1, y1, z1)
@@ -83,7 +83,7 @@ def set_arc(curve, x0, y0, z0, x1, y1, z1, ca, cb, plane, clockwise, turns):
     curve.least = max(MIN_PIECE_MM, curve.length / CHORDS_A_RECORD)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def trace(curve, r):
     """Fill a curve with a record's motion."""
     if r.kind == KIND_CW or r.kind == KIND_CCW:
@@ -93,7 +93,7 @@ def trace(curve, r):
         set_line(curve, r.x0, r.y0, r.z0, r.x1, r.y1, r.z1)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def place(curve, t):
     """Return (x, y, z) at t."""
     if t >= 1.0:
@@ -112,7 +112,7 @@ def place(curve, t):
     return x, a, b
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def stays_near(model, curve):
     """Say whether all of a curve lies where the model knows the machine."""
     if not max(abs(curve.z0), abs(curve.z1)) <= HIGHEST_MM:
@@ -126,13 +126,13 @@ def stays_near(model, curve):
     return True
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def is_flat_arc(curve):
     """Say whether a curve is an arc that is seen as one from above."""
     return curve.arc != 0.0 and curve.plane == 0.0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def aside_and_along(curve, x, y, t):
     """Return how far (x, y) lies from the whole curve and, along it, from the place of t [mm]."""
     at_x, at_y, _ = place(curve, t)
@@ -150,7 +150,7 @@ def aside_and_along(curve, x, y, t):
     return norm(x - at_x, y - at_y), 0.0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def distance(curve, x, y):
     """Return the distance [mm] of (x, y) to the curve seen from above, and the parameter of its foot, unclamped."""
     if is_flat_arc(curve) and curve.r0 > 0.0:
@@ -164,7 +164,7 @@ def distance(curve, x, y):
     return line_distance(curve.x0, curve.y0, curve.x1, curve.y1, x, y)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def line_distance(x0, y0, x1, y1, x, y):
     """Return the distance [mm] of (x, y) to a line, and the parameter of its foot, unclamped."""
     dx, dy = x1 - x0, y1 - y0

@@ -67,7 +67,7 @@ GAUSS_PLACES = (0.1127016653792583, 0.5, 0.8872983346207417)
 GAUSS_WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def put(pieces, n, kind, x, y, z, share, feed):
     """Write piece n without an arc's centre; return the number of the next."""
     p = pieces[n]
@@ -76,7 +76,7 @@ def put(pieces, n, kind, x, y, z, share, feed):
     return n + 1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _feed(state, record, ratio):
     """Return the F for a command ``ratio`` times as long as its path; a change too small to see keeps the last F."""
     feed = record.feed * min(max(ratio, 0.2), 5.0)
@@ -90,7 +90,7 @@ def _feed(state, record, ratio):
     return feed
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _crossing_accel(model, counts, record, d0, d1, loose0, loose1):
     """Return the acceleration [mm/s²] of a command by (d0, d1) mm of the motors; 0 keeps the file's own.
 
@@ -118,7 +118,7 @@ def _crossing_accel(model, counts, record, d0, d1, loose0, loose1):
 
 
 # From here on the many parameters are the arrays of one file's way through `mend`, the record in hand, a piece's end.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _dead_move(model, state, counts, pieces, n, record, m0, m1, z, quantum, loose):
     """Write a move that extrudes nothing and during which the nozzle stands still, or comes to its place.
 
@@ -138,7 +138,7 @@ def _dead_move(model, state, counts, pieces, n, record, m0, m1, z, quantum, loos
     return n
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row, layers, errors):
     """Write the piece of an extruding move from t to end, and add up its error; ``state`` holds an arc's centre."""
     length = (end - t) * curve.length
@@ -179,7 +179,7 @@ def draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row
     return n
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, layers, errors, quantum):
     """Write the stretch of an arc as an arc, shifted by the play's sides; nothing where it would not fit."""
     x0, y0, _ = place(curve, t)
@@ -203,7 +203,7 @@ def _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, lay
     return draw(model, curve, state, pieces, n, record, PIECE_ARC, t, stop, m0, m1, x, y, row, layers, errors)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _next_turn_place(run, k, s):
     """Pass the turns of motor k that end at s of the run or before; return where the next one begins or ends."""
     turns, next_turn = run.turns[k], run.turn[k]
@@ -215,14 +215,14 @@ def _next_turn_place(run, k, s):
     return turn.begin if turn.begin > s + NEAR_MM else turn.end
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _overshoot(run, k, s):
     """Return how far motor k's belt must overshoot at s of the run, where its next turn begins."""
     turn = run.turns[k, run.turn[k]]
     return turn.tip if abs(turn.begin - s) <= NEAR_MM else 0.0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _engage(model, state, counts, run, k, start, end, s, stop, begin, span):
     """Choose how motor k goes from belt ``start`` to ``end``, from s to ``stop`` of the run; as `prepare`.
 
@@ -260,7 +260,7 @@ def _engage(model, state, counts, run, k, start, end, s, stop, begin, span):
 
 
 # Long because a stretch is engaged, drawn as arcs or chords, and judged with the same dozen numbers.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors, quantum, run, begin, span):
     """Write an extruding move: slack, then chords (or arcs) along each stretch in which no motor turns back.
 

@@ -31,7 +31,7 @@ from printmend.plan.kernels.state import (
 )
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def event(model, state, counts, r):
     """Update what is known of the belts after homing, an event or a lost place."""
     known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
@@ -74,7 +74,7 @@ def event(model, state, counts, r):
             counts.anywhere = counts.anywhere or r.event == EVENT_EXCLUDE
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def follow_copied(model, state, counts, r, known):
     """Follow a move that is written as it is, because its place is unknown or not all of it can be read."""
     counts.copied += 1

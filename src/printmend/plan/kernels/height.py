@@ -36,7 +36,7 @@ ZED = 2  # the motor of Z
 MOST_PARTS = 4096  # that a rising curve is cut into
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def push(model, m):
     """Return where the screw pushes the nozzle when its motor is at m [mm]."""
     h = model.head
@@ -45,14 +45,14 @@ def push(model, m):
     return x, push_at(model.tables, h.push[1], first, rate, last, m)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def lift(model, state, m):
     """Move the motor of Z, and the nozzle with it."""
     if m != state.mended.m[ZED]:
         pull(model, state.mended, ZED, m)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def lift_raw(model, state, counts, z):
     """Move Z of the machine that reads the file as it is; return its push and its height."""
     if counts.height == 0:
@@ -62,7 +62,7 @@ def lift_raw(model, state, counts, z):
     return x, y, (state.raw.low[ZED] + state.raw.high[ZED]) / 2
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def note_height(layers, row, which, error, weight):
     """Add one sample of the error in height, before (0) or after (1) mending."""
     error = min(abs(error), 1e6)
@@ -71,7 +71,7 @@ def note_height(layers, row, which, error, weight):
     layer.rise_most[which] = max(layer.rise_most[which], error)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def commanded(model, record, m, quantum):
     """Round a motor position of Z as it will be written, and keep it within the machine."""
     low, high = min(model.head.z_limits[0], record.z0, record.z1), max(model.head.z_limits[1], record.z0, record.z1)
@@ -79,7 +79,7 @@ def commanded(model, record, m, quantum):
     return record.z1 if abs(m - record.z1) <= quantum / 2 else np.rint(m / quantum) * quantum
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _loosen_nut(model, belts):
     """Note that the nut of the screw may be anywhere in its play."""
     belts.low[ZED] = forward(model, ZED, LOWER, belts.m[ZED])
@@ -87,7 +87,7 @@ def _loosen_nut(model, belts):
     belts.side[ZED] = 0.0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def find(model, state, counts, record, quantum):
     """Find the height again at a move that names it; return the motor position at the move's end."""
     z = record.z1
@@ -101,7 +101,7 @@ def find(model, state, counts, record, quantum):
     return m
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _settle_home(model, belts, z):
     """Put Z to its end stop, and the nut on the flank that homing pressed it to (see `state.settle_home`)."""
     side = model.head.z_home_side
@@ -114,7 +114,7 @@ def _settle_home(model, belts, z):
         belts.side[ZED] = side
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def height_event(model, state, counts, r):
     """Update what is known of Z after homing, an event or a lost height."""
     known = (r.flags & FLAG_KNOWN_Z1) != 0
@@ -144,7 +144,7 @@ def height_event(model, state, counts, r):
             _loosen_nut(model, state.mended)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def follow_copied_height(model, state, counts, r):
     """Follow Z through a move that is written as it is."""
     if not r.flags & FLAG_KNOWN_Z1:
@@ -154,13 +154,13 @@ def follow_copied_height(model, state, counts, r):
         lift_raw(model, state, counts, r.z1)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def is_flat(curve):
     """Say whether a curve stays at one height, so that the push is constant along it."""
     return curve.plane == 0.0 and curve.z0 == curve.z1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def parts_of(model, curve):
     """Return into how many straight parts a rising curve must be cut for the push to be linear on each."""
     if is_flat(curve):
@@ -174,13 +174,13 @@ def parts_of(model, curve):
     return max(1, np.int64(min(np.ceil(max(rise / model.head.rise, chords)), 1e9)))
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def is_too_long(model, curve):
     """Say whether a rising curve has more parts than can be cut, as hundreds of turns in one command would."""
     return parts_of(model, curve) > MOST_PARTS
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def aim(model, curve, moved, m0, m1):
     """Fill ``moved`` with where the belts must go for a curve; Z's motor goes from m0 to m1, and the z of ``moved`` is
     m."""

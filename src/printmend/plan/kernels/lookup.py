@@ -73,7 +73,7 @@ class Model(NamedTuple):
     tables: np.ndarray
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def set_chords(model, tolerance, ease):
     """Write how far lines of each role may be off: half of a tolerance [mm], and more where a move buys little.
 
@@ -88,14 +88,14 @@ def set_chords(model, tolerance, ease):
         model.head.chords[role] = coarser / 2.0 if role != TRAVEL else tolerance / 2.0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def forward(model, motor, branch, m):
     """Return the belt position [mm] of a branch at motor position m [mm]; beyond the table the slope is 1."""
     h = model.head
     return branch_at(model.tables, h.table[motor, branch], h.first[motor], h.rate[motor], h.last[motor], m)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def backward(model, motor, branch, u):
     """Return the motor position [mm] at which a branch is at u [mm]: the inverse of `forward`."""
     h, tables = model.head, model.tables
@@ -114,24 +114,24 @@ def backward(model, motor, branch, u):
     return first + (i - 1 + (u - below) / (tables[table + i] - below)) / rate
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def is_taut(model, motor):
     """Say whether both branches of a motor are the same."""
     return model.head.taut[motor] != 0.0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def is_corexy(model):
     return model.head.bed_map.corexy != 0.0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def is_framed(model):
     """Say whether the frame is crooked."""
     return model.head.bed_map.framed != 0.0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def is_near(model, x, y):
     """Say whether a place is on the bed or within a bed's length of it: further out nothing is known."""
     wide, deep = model.head.bed[1] - model.head.bed[0], model.head.bed[3] - model.head.bed[2]
@@ -139,31 +139,31 @@ def is_near(model, x, y):
     return across and model.head.bed[2] - deep <= y <= model.head.bed[3] + deep
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def to_motors(model, x, y):
     """Map a place by the belts to motor coordinates."""
     return bed.to_motors(model.head.bed_map, x, y)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def from_motors(model, a, b):
     """Invert `to_motors`."""
     return bed.from_motors(model.head.bed_map, a, b)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def printed(model, u0, u1):
     """Return the place on the bed for belt positions u0, u1 of the two motors."""
     return bed.printed(model.head.bed_map, u0, u1)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def wanted(model, x, y):
     """Return the belt positions of the two motors that put the nozzle at (x, y) on the bed."""
     return bed.wanted(model.head.bed_map, x, y)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def sharpest(model, motor, m0, m1):
     """Return the largest curvature [1/mm] of a motor's branches between two motor positions."""
     h = model.head

@@ -104,7 +104,7 @@ LOOKS_FROM_HOME = 256  # places of a line from home that are looked at: 1.2 mm a
 
 # The kernels here, in `draw` and in `predict` have many parameters: the arrays of one file's way through the planner,
 # which `Planner` allocates once, and the record in hand.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _come_from_unknown(model, state, counts, pieces, n, record, e0, e1, z, quantum):
     """Come from an unknown place to just before belts (e0, e1); return (n, m0, m1), the motors to go on from.
 
@@ -131,7 +131,7 @@ def _come_from_unknown(model, state, counts, pieces, n, record, e0, e1, z, quant
     return n, to0, to1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum, to0, to1):
     """Write a move that draws nothing, so that only its end must be right.
 
@@ -161,7 +161,7 @@ def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum, to0
     return put(pieces, n, PIECE_LINE, x, y, z, end - t, record.feed)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _name_place_again(model, state, pieces, n, record, quantum):
     """Write a move that names the place where the head is by its number on the mended machine."""
     x, y, m0, m1, _ = command(model, state.mended.m[0], state.mended.m[1], record, quantum)
@@ -170,7 +170,7 @@ def _name_place_again(model, state, pieces, n, record, quantum):
     return put(pieces, n, PIECE_LINE, x, y, record.z1, 1.0, record.feed)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _move_z(model, state, counts, pieces, n, record, kind, x, y, m, quantum, free):
     """Write a move that draws nothing: the motor of Z goes to m, the nozzle to (x, y) against the screw's push.
 
@@ -202,7 +202,7 @@ def _move_z(model, state, counts, pieces, n, record, kind, x, y, m, quantum, fre
     return put(pieces, n, kind, at_x, at_y, m, 0.0, state.feed)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _raise(model, state, counts, pieces, n, records, count, i, quantum):
     """Write a move that names Z alone or stands still in x and y: the belts move against the push of the new height."""
     record = records[i]
@@ -220,7 +220,7 @@ def _raise(model, state, counts, pieces, n, records, count, i, quantum):
     return _move_z(model, state, counts, pieces, n, record, PIECE_LINE, record.x1, record.y1, m, quantum, free)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row, layers, errors, quantum, run):
     """Write an extruding move of a machine with a bad screw: a rising curve is cut where the push bends."""
     if not record.flags & FLAG_KNOWN_Z1:
@@ -256,7 +256,7 @@ def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row
     return n
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _note_copied(model, curve, state, counts, pieces, n, record, records, count, i, layers, errors, samples):
     """Predict a line that is copied because not all of it can be read: it is off as much as before mending."""
     drawn = record.flags & FLAG_EXTRUDING != 0
@@ -270,14 +270,14 @@ def _note_copied(model, curve, state, counts, pieces, n, record, records, count,
         state.feed = record.feed
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _extend(low, high, x, y):
     """Move the corners of a rectangle so that (x, y) lies in it."""
     low[0], low[1] = min(low[0], x), min(low[1], y)
     high[0], high[1] = max(high[0], x), max(high[1], y)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _from_home(model, record, m0, m1):
     """Return how far a straight command to motors (m0, m1) may stray from its line [mm] if its start is unknown.
 
@@ -296,7 +296,7 @@ def _from_home(model, record, m0, m1):
     return most
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _count_left(counts, record, extruding):
     """Count an extruding move that stays as it is or has an unknown start, and keep the lines of the first few."""
     if extruding and counts.unknown < UNKNOWN_LINES:

@@ -21,13 +21,13 @@ from printmend.plan.kernels.lookup import printed, to_motors
 from printmend.plan.kernels.state import pull
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def samples_of(model, length):
     """Return at how many places a path of that length is looked at; no bed is longer than 4096 mm."""
     return 1 if length <= model.head.look else np.int64(np.ceil(min(length, 4096.0) / model.head.look))
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def note(layers, row, errors, which, error, weight):
     """Add one sample of the contour error, before (0) or after (1) mending."""
     error = min(error, 1e6)
@@ -37,7 +37,7 @@ def note(layers, row, errors, which, error, weight):
     errors[which, min(np.int64(error * (1.0 / ERROR_BIN_MM)), ERROR_BINS - 1)] += weight
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def with_doubt(belts, error):
     """Add to an error [mm] the standard deviation of belts that may be anywhere between ``low`` and ``high``."""
     wide0, wide1 = belts.high[0] - belts.low[0], belts.high[1] - belts.low[1]
@@ -46,7 +46,7 @@ def with_doubt(belts, error):
     return np.sqrt(error * error + (wide0 * wide0 + wide1 * wide1) / 12.0)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _nearest(records, count, i, curve, x, y):
     """Return the distance of a printed place to the wanted path around record i, ahead of it or behind."""
     best, t = distance(curve, x, y)
@@ -69,7 +69,7 @@ def _nearest(records, count, i, curve, x, y):
     return best
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def follow_raw(model, state, x, y):
     """Move the machine that reads the file as it is."""
     m0, m1 = to_motors(model, x, y)
@@ -77,7 +77,7 @@ def follow_raw(model, state, x, y):
     pull(model, state.raw, 1, m1)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _go(samples, axis, change):
     """Note which way an axis of the bed goes."""
     if change > 0.0:
@@ -86,7 +86,7 @@ def _go(samples, axis, change):
         samples.ways[axis] = -1.0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def keep(samples, state, curve, s, length, x, y, row):
     """Keep a place of the extruded path, the curve at ``s`` printed at (x, y), if the last kept one is far enough back.
 
@@ -124,7 +124,7 @@ def keep(samples, state, curve, s, length, x, y, row):
 
 
 # Its many parameters are the arrays of one file's way through `mend`, handed on as they are.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def predict_raw(model, curve, state, counts, records, count, i, noted, row, layers, errors, samples, moved):
     """Print a move as the file has it; where ``noted``, add up its distance to the wanted path."""
     straight = curve.arc == 0.0
@@ -161,7 +161,7 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
         lift_raw(model, state, counts, curve.z1)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def layer_of(state, counts, layers, record):
     """Return the row of the layer that an extruding record belongs to: by the slicer's comments, else by height."""
     if record.layer > 0:

@@ -19,7 +19,7 @@ from printmend.plan.kernels.lookup import (
 LAG_PER_TOLERANCE = 4.0  # how far a belt may lag behind a turn while it is pushed in its direction, per tolerance
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def open_interval(model, belts):
     """Note that both belts may be anywhere in their play: the intervals from ``low`` to ``high`` become all of it."""
     for k in range(2):
@@ -28,7 +28,7 @@ def open_interval(model, belts):
         belts.high[k] = forward(model, k, UPPER, belts.m[k])
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def settle_home(model, belts, axes, x, y):
     """Put the motors that homed ``axes`` (bits) to (x, y), and their belts on the side that homing pressed them to.
 
@@ -58,19 +58,19 @@ def settle_home(model, belts, axes, x, y):
         belts.side[k] = side if at_home else 0.0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def middle(state, k):
     """Return the middle of where belt k of the mended machine may be."""
     return (state.mended.low[k] + state.mended.high[k]) / 2
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def is_sure(state, k):
     """Say whether it is known where belt k of the mended machine is."""
     return state.mended.high[k] - state.mended.low[k] <= HOLD_MM
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def pull(model, belts, k, to):
     """Move motor k to ``to`` and its belt with it.
 
@@ -91,7 +91,7 @@ def pull(model, belts, k, to):
     belts.m[k], belts.side[k] = to, side
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def arrive(model, state, m0, m1):
     """Move both motors of the mended machine, and the belts that they pull."""
     if m0 != state.mended.m[0]:
@@ -100,7 +100,7 @@ def arrive(model, state, m0, m1):
         pull(model, state.mended, 1, m1)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def command(model, m0, m1, record, quantum):
     """Round and clamp the command for motors (m0, m1): return (x, y, m0, m1, how far it was clamped)."""
     x, y = from_motors(model, m0, m1)
@@ -115,7 +115,7 @@ def command(model, m0, m1, record, quantum):
     return x, y, m0, m1, clamp
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def prepare(model, state, k, start, end, anywhere, trend, hold):
     """Choose how motor k goes from belt position ``start`` to ``end``, on a path along which the belt has a ``trend``.
 
@@ -167,7 +167,7 @@ def prepare(model, state, k, start, end, anywhere, trend, hold):
     return (1 if forwards else -1), first, second
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def motor_at(model, state, k, mode, u):
     """Return the motor position that brings the belt of motor k to u if the motor moves only as ``mode`` says."""
     if mode == 2:
@@ -179,7 +179,7 @@ def motor_at(model, state, k, mode, u):
     return state.mended.m[k]
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def motor_along(model, state, k, mode, u, t):
     """Return the motor position at t of the curve: as `motor_at`, or on its way through the slack."""
     if mode == 0:
@@ -187,7 +187,7 @@ def motor_along(model, state, k, mode, u, t):
     return motor_at(model, state, k, mode, u)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def followed(model, k, mode, now, m):
     """Return where the belt of motor k will be once the motor is at m, if the belt is at ``now``."""
     if mode == 2:
@@ -199,7 +199,7 @@ def followed(model, k, mode, now, m):
     return now
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def travel_motor(model, state, k, start, end):
     """Return the motor position that brings belt k to ``end`` on a move that draws nothing."""
     m, now = state.mended.m[k], middle(state, k)

@@ -40,7 +40,7 @@ LEGS_TRIED = 3  # for a crossing, the longest first
 RECORDS_AHEAD = 256  # among which the end of a travel is looked for
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def arrival(model, records, count, i):
     """Return (seen, moves, z, way) of the end of the travel of record i.
 
@@ -63,7 +63,7 @@ def arrival(model, records, count, i):
     return False, False, 0.0, 0.0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def arriving_push(model, state, z, way):
     """Return the screw's push at height z, reached on a ``way`` up or down; for way 0 the present push."""
     if way == 0.0:
@@ -71,7 +71,7 @@ def arriving_push(model, state, z, way):
     return push(model, backward(model, ZED, LOWER if way > 0.0 else UPPER, z))
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def plan_travel(model, state, records, count, i, run, across, along):
     """Fill ``run`` with the legs of the travel that record i begins, and where the motors go at the end of each.
 
@@ -108,20 +108,20 @@ def plan_travel(model, state, records, count, i, run, across, along):
             _choose_leg(model, state, run, k, n, next0 if k == 0 else next1)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _is_move(r):
     """Say whether a record is a straight move that can be planned."""
     known = r.flags & FLAG_KNOWN_X1 != 0 and r.flags & FLAG_KNOWN_Y1 != 0
     return r.kind == KIND_LINEAR and known and r.flags & FLAG_OPAQUE == 0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _is_still(r):
     """Say whether a record stands still in x and y."""
     return r.x0 == r.x1 and r.y0 == r.y1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _choose_leg(model, state, run, k, n, ahead):
     """Choose the leg on which motor k crosses its slack, to the side on which it drives its belt along the next line.
 
@@ -149,7 +149,7 @@ def _choose_leg(model, state, run, k, n, ahead):
     run.legs[n - 1].motor[k] = np.nan
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _cross_on_leg(model, run, k, n, m, belt, lag, side, crossed):
     """Write where motor k goes if it crosses to ``side`` on a leg; return where its belt, now at ``belt``, will end.
 

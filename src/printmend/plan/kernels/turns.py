@@ -63,7 +63,7 @@ MOST_NODES_A_CURVE = 256  # that one curve may add to a path
 
 
 # Its many parameters are the arrays of one file's way through `mend`, and how the Z screw pushes the path aside.
-@inner(error_model="numpy", _nrt=False)
+@inner
 def survey(model, state, counts, records, count, i, curve, run, across, along, rising):
     """Fill ``run`` with the turns of the path that record i begins: extruding moves, each from where the last ended.
 
@@ -108,7 +108,7 @@ def survey(model, state, counts, records, count, i, curve, run, across, along, r
         _cross_along_path(run, k, n)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _cross_together(run, n):
     """Let both motors cross their slack together on the first bit of path behind a corner, where the path goes back."""
     turns0, turns1 = run.turns[0], run.turns[1]
@@ -135,7 +135,7 @@ def _cross_together(run, n):
                 _put_turn(turn, corner + later * TOGETHER_MM, end, turn.trend, rise, 0.0, corner)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _waited_shares(run, at, slack0, slack1):
     """Return for which share of the bit of path behind node ``at`` each motor waits while the other crosses alone.
 
@@ -153,7 +153,7 @@ def _waited_shares(run, at, slack0, slack1):
     return min(max(alone1, LEAST_WAIT_SHARE), 1.0 - LEAST_WAIT_SHARE), 0.0
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _cross_along_path(run, k, n):
     """Where motor k crosses its slack behind a corner, let the other motor, whose belt stood until there, cross as
     well.
@@ -188,7 +188,7 @@ def _cross_along_path(run, k, n):
         before.share = 1.0 - left / whole
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _add_nodes(model, curve, run, n, across, along):
     """Add the nodes of a curve to the run; return how many there are."""
     steps = 1
@@ -211,14 +211,14 @@ def _add_nodes(model, curve, run, n, across, along):
     return n
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _put_node(model, node, s, x, y, ends_move):
     """Fill a node with the place (x, y) at length s of the path."""
     node.s, node.ends_move = s, ends_move
     node.belt[0], node.belt[1] = wanted(model, x, y)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _turns(model, state, counts, run, k, n):
     """Find the reversals of motor k that exceed twice the tolerance; its belt does not follow smaller ones."""
     turns, turn = run.turns[k], 0
@@ -258,13 +258,13 @@ def _turns(model, state, counts, run, k, n):
     _close(turns[turn])
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _close(turn):
     """Put a turn at infinity, which is never reached, behind the last turn of a motor."""
     turn.begin = turn.end = turn.corner = np.inf
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _slack_at_start(model, state, counts, k, start, trend):
     """Return how far motor k is from where it will push its belt; 0 if the belt is not where it should be."""
     if counts.anywhere != 0 or not is_sure(state, k) or state.mended.side[k] == trend:
@@ -275,14 +275,14 @@ def _slack_at_start(model, state, counts, k, start, trend):
     return abs(backward(model, k, LOWER if trend > 0 else UPPER, now) - state.mended.m[k])
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _put_turn(turn, begin, end, trend, rise, tip, corner):
     """Fill a turn; its belt rises by ``rise`` on the stretch, ``tip`` of which it has risen before."""
     turn.begin, turn.end, turn.trend, turn.rise = begin, end, trend, rise - tip
     turn.motor_begin, turn.tip, turn.corner = np.nan, tip, corner
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _cross(model, run, turn, k, at, q, trend, slack, floor):
     """Fill the turn at node ``at`` if its slack can be crossed while printing on; return 1 then, otherwise 0.
 
@@ -328,20 +328,20 @@ def _cross(model, run, turn, k, at, q, trend, slack, floor):
     return 1
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _is_steep(run, k, a, most):
     """Say whether belt k goes by at least ``most`` a mm of path from node ``a`` to the next."""
     long = run.nodes[a + 1].s - run.nodes[a].s
     return abs(run.nodes[a + 1].belt[k] - run.nodes[a].belt[k]) >= most * long
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _is_sharp(run, k, at):
     """Say whether belt k moves fast on both sides of node ``at``."""
     return _is_steep(run, k, at - 1, CORNER_SLOPE) and _is_steep(run, k, at, CORNER_SLOPE)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _is_corner(run, k, at, n):
     """Say whether belt k turns back at node ``at`` abruptly, not along a curve."""
     if at == 0 or at == n - 1:
@@ -349,7 +349,7 @@ def _is_corner(run, k, at, n):
     return _is_sharp(run, k, at) or _is_steep(run, k, at - 1, UPRIGHT_SLOPE) or _is_steep(run, k, at, UPRIGHT_SLOPE)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _stretch_around_corner(model, run, k, at, n, slack, floor):
     """Return the stretch around node ``at`` on which belt k may stand, the corner's tip cut off.
 
@@ -385,7 +385,7 @@ def _stretch_around_corner(model, run, k, at, n, slack, floor):
     return begin, end, 1.0 - min(rest / (slack + drop), 0.5), ahead
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _stretch_beside_corner(model, run, k, at, n, trend, floor):
     """Return the stretch before or after node ``at`` on which the other motor goes furthest, possibly an empty one.
 
@@ -421,7 +421,7 @@ def _stretch_beside_corner(model, run, k, at, n, trend, floor):
     return best_begin, best_end, tip
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _stretch(run, k, at, n, trend, drop, floor):
     """Return the stretch [mm of path] around node ``at`` on which belt k lies no more than ``drop`` below its peak.
 
@@ -445,7 +445,7 @@ def _stretch(run, k, at, n, trend, drop, floor):
     return min(max(begin, floor), end), end
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _place_of_fall(run, k, inside, outside, trend, peak, drop):
     """Return where belt k has fallen by ``drop``, between a node inside the stretch and one outside."""
     low, high = trend * (peak - run.nodes[inside].belt[k]), trend * (peak - run.nodes[outside].belt[k])
@@ -455,7 +455,7 @@ def _place_of_fall(run, k, inside, outside, trend, peak, drop):
     return s + (drop - low) / (high - low) * (run.nodes[outside].s - s)
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _ends_within(run, at, n, begin, end):
     """Return the first and the last end of a move between ``begin`` and ``end``; (end, begin) where there is none."""
     first, last = end, begin
@@ -472,7 +472,7 @@ def _ends_within(run, at, n, begin, end):
     return first, last
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def _belt_at(run, k, at, n, s):
     """Return where belt k is wanted at s, near node ``at``."""
     a = at

@@ -177,7 +177,7 @@ class Pairs(NamedTuple):
     stamp: np.ndarray
 
 
-@inner(_nrt=False)
+@inner(error_model="python")
 def cost_to_go(motors, reach, motor, t, k, m):
     """Return one motor's least cost to go from state (k, m) of tick t."""
     if t + 1 == motors.togo.shape[1]:
@@ -190,7 +190,7 @@ def cost_to_go(motors, reach, motor, t, k, m):
     return least
 
 
-@inner(_nrt=False)
+@inner(error_model="python")
 def list_choices(motors, task, choices, reached, motor, state, t, clock, dearest):
     """List what a motor can do from one of its states at a tick, at a loss of at most ``dearest``."""
     now, then = (clock + 1) & 1, clock & 1
@@ -230,7 +230,7 @@ def list_choices(motors, task, choices, reached, motor, state, t, clock, dearest
         choices.many[motor, state, part] += 1
 
 
-@inner(_nrt=False)
+@inner(error_model="python")
 def follow_known(motors, task, choices, reached, pairs, kept, bound, t, clock):
     """Make the known plan's next state the first of the pairs; return its bound."""
     first, both, sign = pairs.after[0], 0.0, 1.0 if task.cross[t] >= 0 else -1.0
@@ -249,7 +249,7 @@ def follow_known(motors, task, choices, reached, pairs, kept, bound, t, clock):
 
 
 # Its many parameters are the records of the search and the numbers that are others for each state.
-@inner(_nrt=False)
+@inner(error_model="python")
 def pair_choices(motors, task, choices, reached, pairs, kept, s, bound, t, clock, leader, slack, bar, total):
     """Pair what the motors can do from state ``s``: return the least bound, the bar above it, and how many pairs.
 
@@ -295,7 +295,7 @@ def pair_choices(motors, task, choices, reached, pairs, kept, s, bound, t, clock
 
 
 # Its many parameters are the four records of `follow` and the numbers that change hands from chunk to chunk.
-@inner
+@inner(error_model="python", _nrt=True)
 def sweep(t0, t1, clock, slack, motors, task, choices, reached, pairs, kept, bounds, kept_count, way, base, used):
     """Go over ticks t0 to t1; return how many states are kept, how much of ``way`` is used, and the least bound.
 

@@ -13,7 +13,7 @@ from printmend.machine.kernels.lattice import motors_reach
 from printmend.machine.kernels.play import clip
 
 
-@inner(inline="always")
+@inner(error_model="python", _nrt=True, inline="always")
 def first_nearest(ex, ey):
     """Return the first pair (i, j), i before j, with the least ex[i] + ey[j].
 
@@ -62,7 +62,7 @@ def plan_increments(targets, start, table_x, table_y, controls, imagined):
         imagined[t + 1, 0], imagined[t + 1, 1] = px, py
 
 
-@inner(inline="always")
+@inner(error_model="python", _nrt=True, inline="always")
 def reach(position, motor, c_max, lower, upper, out):
     """Fill out [2·c_max + 1] with the positions after each control; NaN where the motor would leave its tables."""
     for k in range(out.shape[0]):
@@ -96,7 +96,7 @@ def plan_play(targets, machine, c_max, controls, imagined):
         imagined[t + 1, 0], imagined[t + 1, 1] = px, py
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def bed_errors(bed, c_max, qa, qb, target_x, target_y, x, y, errors):
     """Fill x, y and errors [(2·c_max + 1)²] with where each control puts the nozzle, and how far that is, squared.
 
@@ -145,13 +145,13 @@ def plan_both(targets, machine, c_max, controls, imagined):
         imagined[t + 1, 0], imagined[t + 1, 1] = printed(bed, pa, pb)
 
 
-@inner(inline="always")
+@inner(error_model="python", _nrt=True, inline="always")
 def sign(c):
     """Return −1, 0 or 1."""
     return (c > 0) - (c < 0)
 
 
-@inner(inline="always")
+@inner(error_model="python", _nrt=True, inline="always")
 def joint_displacement(nx, ny, cx, cy, cells_x, cells_y, unit, rolled):
     """Return the displacement of control (cx, cy) from nominal (nx, ny) by the one-tick table."""
     if not rolled:

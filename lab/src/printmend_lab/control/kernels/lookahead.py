@@ -22,7 +22,7 @@ def next_different(targets, out):
             out[t] = t + 1 if targets[t + 1] != targets[t] else out[t + 1]
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def direction(targets, following, t, position):
     """Return the sign of the next move that a carriage at ``position`` will have to make: to the first target, from t
     on, that is more than half a step away. Looks at a few changes of target; 0 where none of them is."""

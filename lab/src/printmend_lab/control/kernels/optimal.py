@@ -17,14 +17,14 @@ import numpy as np
 from printmend.jit import entry, inner
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def lesser(one, other, out):
     """Fill out with the lesser of two arrays, entry by entry of the first."""
     for i in range(one.shape[0]):
         out[i] = min(one[i], other[i])
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def spread(costs, base, m0, m1, rows, n0, n1, c_max, first, second):
     """Return the least costs about each of the motor indices n0…n1, c_max to either side, in one of the scratches.
 
@@ -62,7 +62,7 @@ def spread(costs, base, m0, m1, rows, n0, n1, c_max, first, second):
 
 
 # From here on the many parameters are the arrays of one motor's `window`, and where in `costs` a tick's costs lie.
-@inner
+@inner(error_model="python", _nrt=True)
 def advance(
     costs, base0, left0, right0, base, left, right, target, places, first, last, low, high, c_max, missed, one, other
 ):  # fmt: skip
@@ -92,7 +92,7 @@ def advance(
             costs[at + highest] = min(costs[at + highest], best + missed[highest - left])
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def parent(costs, base0, left0, right0, k, m, first, last, low, high, c_max):
     """Return the state (k, m) of the tick before from which (k, m) is reached at least cost."""
     best, best_k, best_m = np.inf, -1, -1
@@ -116,7 +116,7 @@ def parent(costs, base0, left0, right0, k, m, first, last, low, high, c_max):
     return best_k, best_m
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def settled(costs, base, begin, end, left, right, first, last, low, high, c_max, states, seen):
     """Return the last tick, and its state, that the cheapest ways to all states of tick ``end`` have in common.
 
@@ -152,7 +152,7 @@ def settled(costs, base, begin, end, left, right, first, last, low, high, c_max,
     return t, states[now, 0, 0], states[now, 0, 1]
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def way_back(costs, base, begin, t, k, m, left, right, first, last, low, high, c_max, motor):
     """Fill motor[begin : t + 1] with the indices of the cheapest way to state (k, m) of tick t."""
     motor[t] = m

@@ -36,7 +36,7 @@ class Print(NamedTuple):
     bed: np.ndarray
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def tick_cost(shares, wanted, t, x0, y0, x, y):
     """Return what tick t costs, which leads the nozzle from (x0, y0) to (x, y); ``shares`` of area and of squares.
 
@@ -53,7 +53,7 @@ def tick_cost(shares, wanted, t, x0, y0, x, y):
     return shares[0] * area + shares[1] * squared
 
 
-@inner(error_model="numpy", _nrt=False)
+@inner
 def edited(shares, wanted, machine, plan, new, t, later, axis, step):
     """Run the machine from tick t with controls[t, axis] + step and controls[later, axis] − step.
 

@@ -367,7 +367,7 @@ def lengths_left(lengths, motor, side, along, fixed, error, weight, harmonics, p
         left[at] = _left(gram)
 
 
-@inner(error_model="numpy")
+@inner(_nrt=True)
 def _left(gram):
     """Return what the best fit leaves: ``gram`` [1 + C, 1 + C] holds the products, in its lower triangle, first those
     of the error."""
@@ -400,7 +400,7 @@ def lower_inverse(factor, out):
     invert_lower(factor, out)
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def invert_lower(factor, out):
     """Fill out [N, N], zeros, with the inverse of the lower triangle of ``factor``, row by row: L X = I, forwards."""
     for i in range(factor.shape[0]):
@@ -415,7 +415,7 @@ def invert_lower(factor, out):
             row[j] *= share
 
 
-@inner
+@inner(error_model="python", _nrt=True)
 def cholesky(matrix):
     """Turn the upper triangle of a positive definite matrix [N, N] into Lᵀ, row by row, and write L below it."""
     size = matrix.shape[0]
