@@ -10,9 +10,10 @@ that of crossing the slack at the least (klippy_least.py), places where the nozz
 and where it nearly stands (below 6 mm/s; Klipper takes a right angle at 5), motion commands after ÷ before, that at the
 least (klippy_least.py), bytes after ÷ before.
 * misses an aim: 0.012 mm, 1 % of time beyond the least, 10 % of stops.
-With --bead two more are filled in, each from a run with pressure advance and an input shaper (klippy_bead.py): how
-uneven the bead is, of the original on a sound printer and of the mended file on the broken one; * is more than 1.1
-times as uneven.
+With --bead five more are filled in (klippy_bead.py), how uneven the bead is: with pressure advance and an input shaper
+of the original on a sound printer and of the mended file on the broken one; with pressure advance alone of both, and of
+the original where a sound printer stands still for as long as its crossings take. * is more than 1.1 times as uneven as
+on the sound printer.
 
 Of several families the files take one after the other. With --results each line is kept: begun again, it goes on. With
 --csv the table is written there, too. With --moves a larger file ends after so many extruding moves. With --crossing
@@ -32,7 +33,7 @@ from bench_corpus import around
 from klippy_bead import ADVANCED, SHAPED, bead_deviation
 from klippy_cases import arguments, cases, drawn, text_of
 from klippy_judge import Judged, Track, deposits, judge_both, wanted_path
-from klippy_least import TOLERANCE_MM, crossings, least_moves_times
+from klippy_least import TOLERANCE_MM, Crossing, crossings, least_moves_times, standing
 from klippy_run import FAST, RefusedByPlanner, plan
 from printmend.corruption import Corruption, corruption_toml
 from printmend.errors import PrintmendError
@@ -68,6 +69,9 @@ class Row:
     bytes_times: float
     bead_sound: float
     bead_mended: float
+    unshaped_sound: float
+    unshaped_mended: float
+    unshaped_standing: float
     complaints: str
 
 
@@ -87,13 +91,18 @@ def both(
     return judge_both(original, corrected, printer, true, text, mended)
 
 
-def beads(text: bytes, mended: bytes, printer: Printer, corruption: Corruption, folder: Path) -> tuple[float, float]:
-    """Return how uneven the bead of a file is on a sound printer, and that of its mended form on a broken one."""
-    original = plan(ADVANCED + text, printer, folder, extras=SHAPED)
-    corrected = plan(ADVANCED + mended, printer, folder, extras=SHAPED, around=original)
-    wanted, true = wanted_path(original), TruePrinter.of(corruption_toml(corruption), printer)
-    sound = bead_deviation(original, Track(original, printer), wanted)
-    return sound, bead_deviation(corrected, Track(corrected, printer, true), wanted)
+def bead(
+    text: bytes, files: list[bytes], printer: Printer, true: TruePrinter, folder: Path, extras: str
+) -> list[float]:
+    """Return how uneven the bead of a file is on a sound printer, that of its mended form, the first of ``files``, on a
+    broken one, and that of the others on the sound one again."""
+    original = plan(ADVANCED + text, printer, folder, extras=extras)
+    wanted = wanted_path(original)
+    found = [bead_deviation(original, Track(original, printer), wanted)]
+    for each, one in zip(files, [true, None, None], strict=False):
+        planned = plan(ADVANCED + each, printer, folder, extras=extras, around=original)
+        found.append(bead_deviation(planned, Track(planned, printer, one), wanted))
+    return [round(each, 4) for each in found]
 
 
 def mend(source: Path, model: Path, output: Path, *more: str) -> dict:
@@ -124,20 +133,25 @@ def judged(source: Path, family: str, options: argparse.Namespace, folder: Path)
     top = b"M83\n" if any("put M83 at" in said for said in report["warnings"]) else b""
     before, after, complaints = both(top + text, top + output.read_bytes(), printer, corruption, folder / "run")
     machine = corruption.lower(printer)
-    least_s, least_times = 0.0, 1.0
+    found: list[Crossing] = []
+    least_times = 1.0
     if isinstance(machine, Mechanism):
         moves = read_gcode(plain, printer=printer).moves
-        least_s = sum(cost for cost, _ in crossings(straightened(moves, TOLERANCE_MM), machine))
+        found = crossings(straightened(moves, TOLERANCE_MM), machine)
         least_times = least_moves_times(moves, machine)
-    sound, bent = float("nan"), float("nan")
+    uneven = [float("nan")] * 5
     if options.bead:
-        sound, bent = beads(top + text, top + output.read_bytes(), printer, corruption, folder / "run")
+        true = TruePrinter.of(corruption_toml(corruption), printer)
+        mended, still = top + output.read_bytes(), top + standing(text, found)
+        uneven = bead(top + text, [mended], printer, true, folder / "run", SHAPED)
+        uneven += bead(top + text, [mended, still], printer, true, folder / "run", "")
     return Row(
         source.name, report["duration"]["firmware"], family, round(before.rms_mm, 4), round(after.rms_mm, 4),
         round(after.max_mm, 4), round(report["after"]["rms_mm"], 4), round(before.job_s, 1), round(after.job_s, 1),
-        round(before.job_s + least_s, 1), before.stops, after.stops, before.corners, after.corners,
+        round(before.job_s + sum(each.least_s for each in found), 1), before.stops, after.stops, before.corners,
+        after.corners,
         round(after.moves / max(before.moves, 1), 2), round(least_times, 2),
-        round(len(output.read_bytes()) / len(text), 2), round(sound, 3), round(bent, 3), "; ".join(complaints)[:200],
+        round(len(output.read_bytes()) / len(text), 2), *uneven, "; ".join(complaints)[:200],
     )  # fmt: skip
 
 
@@ -152,6 +166,9 @@ def in_words(row: Row) -> str:
         (f"{row.slow_mended:6}", row.slow_mended > 1.1 * row.slow + 1), (f"{row.moves_times:6.2f}", False),
         (f"{row.moves_least_times:6.2f}", False), (f"{row.bytes_times:6.2f}", False), (f"{row.bead_sound:7.3f}", False),
         (f"{row.bead_mended:7.3f}", row.bead_mended > 1.1 * row.bead_sound),
+        (f"{row.unshaped_sound:7.3f}", False),
+        (f"{row.unshaped_mended:7.3f}", row.unshaped_mended > 1.1 * row.unshaped_sound),
+        (f"{row.unshaped_standing:7.3f}", False),
     ]  # fmt: skip
     line = "".join(text + ("*" if missed else " ") for text, missed in figures)
     return f"{line} {row.file} ({row.fault})" + (f"  COMPLAINS: {row.complaints}" if row.complaints else "")
@@ -183,7 +200,7 @@ def main() -> None:
         known = dict(json.loads(line) for line in options.results.read_text().splitlines())
     rows = []
     print("  before    after      max  promise   time s  time %   least  stops   after corners  after", end="")
-    print("  moves  least  bytes   sound  mended  file")
+    print("  moves  least  bytes   sound  mended   sound  mended   stops  file")
     with tempfile.TemporaryDirectory() as name:
         for source, family in cases(options):
             key = " ".join(map(str, (source, family, options.severity, options.seed, options.moves, options.preset)))

@@ -16,6 +16,8 @@ that it parts: Klipper brakes for both of its corners by their angles (its docs/
 commands as straight strips of that half width cover the exact command, whatever joins them. The frame is left out.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bench_corpus import around
@@ -107,8 +109,18 @@ def _arrived(moves: Moves, first: int) -> np.ndarray | None:
     return way[:2] if np.hypot(*way[:2]) > 0 and moves.line[first] == moves.line[first - 1] + 1 else None
 
 
-def crossings(moves: Moves, machine: Mechanism) -> list[tuple[float, float]]:
-    """Return what each crossing costs at the least and as one straight command [s], of a cartesian machine."""
+class Crossing(NamedTuple):
+    """A crossing of slack before a line of the file, ``amid`` a path or at its beginning: what it costs at the least,
+    and as one straight command [s]."""
+
+    line: int
+    amid: bool
+    least_s: float
+    straight_s: float
+
+
+def crossings(moves: Moves, machine: Mechanism) -> list[Crossing]:
+    """Return the crossings of a cartesian machine."""
     start, end, found = moves.start_mm[:, :2], moves.end_mm[:, :2], []
     length = np.linalg.norm(end - start, axis=1)
     drawn = np.flatnonzero(moves.extruding & moves.known[:, :2].all(axis=1) & (length > 0))
@@ -135,11 +147,25 @@ def crossings(moves: Moves, machine: Mechanism) -> list[tuple[float, float]]:
                         way[k] = np.copysign(slack, u[i] - u[at])
                         before = places[at] - places[at - 1] if at else _arrived(moves, int(run[0]))
                         straight = straight_s(before, way, places[here + 1] - places[here], speed[here])
-                        found.append((least_s(slack, speed[here]), straight))
+                        found.append(
+                            Crossing(int(moves.line[run[here]]), at > 0, least_s(slack, speed[here]), straight)
+                        )
                     trend, at = np.sign(u[i] - u[at]), i
             came[k] = trend
         travelled = run[-1] + 1
     return found
+
+
+def standing(text: bytes, found: list[Crossing]) -> bytes:
+    """Return a file whose nozzle stands for as long as each crossing amid a path takes at the least."""
+    spent_s: dict[int, float] = {}
+    for each in found:
+        if each.amid:
+            spent_s[each.line] = max(spent_s.get(each.line, 0.0), each.least_s)
+    lines = text.splitlines(keepends=True)
+    for line, s in spent_s.items():
+        lines[line] = f"G4 P{1000 * s:.3f}\n".encode() + lines[line]
+    return b"".join(lines)
 
 
 def least_moves_times(moves: Moves, machine: Mechanism) -> float:
@@ -193,7 +219,7 @@ def main() -> None:
             continue
         machine = drawn(family, options).lower(around(printer, moves))
         found, times = crossings(moves, machine), least_moves_times(read, machine)  # type: ignore[arg-type] — gain tables are no family here
-        least, straight = np.sum(found, axis=0) if found else (0.0, 0.0)
+        least, straight = (sum(getattr(each, name) for each in found) for name in ("least_s", "straight_s"))
         print(f"{len(found):7} {least:8.2f} {straight:11.2f} {times:6.2f}  {source.name} ({family})", flush=True)
 
 
