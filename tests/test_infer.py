@@ -286,13 +286,16 @@ def test_dropping_a_member_is_as_if_it_had_not_been_there(rng: np.random.Generat
     members, offered = ((2, 1), (0, 0), (1, 0)), np.array([0, 3, 4])
     state = search.posterior(members, 1.0, rounds=0)
     less = search.beside(state).without((0, 0))
-    gains = less.gains(offered)
+    gains = less.gains(offered, -np.inf)
     fewer = (members[0], members[2])
     without = search.posterior(fewer, 1.0, rounds=0)
-    assert less.score == pytest.approx(without.score, rel=1e-9)
+    assert state.score + less.told == pytest.approx(without.score, rel=1e-9)
     grown = [search.posterior((*fewer, (b, variant)), 1.0, rounds=0) for b, variant in gains.keys.tolist()]
     assert sorted(gains.keys.tolist()) == [[b, variant] for b in offered for variant in range(2)]
     np.testing.assert_allclose(gains.values, [each.score - without.score for each in grown], rtol=1e-9)
+    for least in np.linspace(-20.0, 5.0, 11):  # a bound leaves out none that is as good
+        above = gains.keys[less.told + gains.values > least].tolist()
+        assert [each for each in less.gains(offered, least).keys.tolist() if each in above] == above
 
 
 def test_what_is_given_is_summed_out(rng: np.random.Generator) -> None:

@@ -6,9 +6,9 @@ from printmend.jit import entry
 
 
 @entry
-def gains(information, pull, sds, out):
+def gains(information, pull, sds, asked, out):
     """Fill out [B, V] with ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) of blocks of P columns with the sizes ``sds``
-    [B, V, P]: S is their ``information`` [B, P, P] and r their ``pull`` [B, P].
+    [B, V, P] that are ``asked`` [B, V] for: S is their ``information`` [B, P, P] and r their ``pull`` [B, P].
 
     1 + V S is factored with r as its last column. No pivot is below 1 but by rounding.
     """
@@ -16,6 +16,8 @@ def gains(information, pull, sds, out):
     rest = np.empty((width, width + 1))
     for b in range(sds.shape[0]):
         for v in range(sds.shape[1]):
+            if not asked[b, v]:
+                continue
             for i in range(width):
                 for j in range(i, width):
                     rest[i, j] = information[b, i, j] * sds[b, v, i] * sds[b, v, j]

@@ -301,7 +301,7 @@ def _beside(search: Search, likeliest: State) -> tuple[list[int], Set]:
     found += beside.gains(search.offered(members)).above(LEAST_LOG_WEIGHT).keys[:, 0].tolist()
     for at, member in enumerate(members):
         others = (*members[:at], *members[at + 1 :])
-        gains = beside.without(member).gains(search.offered(others)).above(LEAST_LOG_WEIGHT)
+        gains = beside.without(member).gains(search.offered(others), LEAST_LOG_WEIGHT).above(LEAST_LOG_WEIGHT)
         found += gains.keys[:, 0].tolist()
         if set(gains.keys[:, 0]) == {member[0]} and gains.values.max() > -LEAST_LOG_WEIGHT:
             sure.append(member)

@@ -52,12 +52,13 @@ class Gains:
     values: np.ndarray
 
     def without(self, key: tuple[int, int]) -> "Gains":
-        kept = (self.keys != key).any(axis=1)
-        return Gains(self.keys[kept], self.values[kept])
+        return self._where((self.keys != key).any(axis=1))
 
     def above(self, log_weight: float) -> "Gains":
         """Return those that weigh more than e^``log_weight`` of the largest, or of adding nothing."""
-        kept = self.values > log_weight + self.values.max(initial=0.0)
+        return self._where(self.values > log_weight + self.values.max(initial=0.0))
+
+    def _where(self, kept: np.ndarray) -> "Gains":
         return Gains(self.keys[kept], self.values[kept])
 
     def best(self) -> tuple[tuple[int, int], float]:
@@ -120,7 +121,7 @@ class Search:
             if len(half):
                 told -= products(half, group.columns)
             information.append(told)
-        return Beside(self, state, state.score, state.root.T @ half, tuple(information), slope)
+        return Beside(self, state, state.root.T @ half, tuple(information), slope)
 
     def given(self, members: Set, sigma_mm: float) -> "Search":
         """Return the search beside members that stay, whatever their sizes: these are summed out."""
@@ -172,6 +173,12 @@ class Search:
             found[block.at] = block.positive
         return found
 
+    def chosen(self, blocks: np.ndarray) -> np.ndarray:
+        """Return which of all blocks are among some."""
+        found = np.zeros(len(self.dictionary.blocks), bool)
+        found[blocks] = True
+        return found
+
     def offered(self, members: Set) -> np.ndarray:
         """Return the blocks that a set may take in."""
         slot, most = self._slots
@@ -210,39 +217,32 @@ def search_of(dictionary: Dictionary, rows: Rows, weight: np.ndarray) -> Search:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """What rows tell of the blocks of each group [B, P, P], and how they pull on all columns [P], beside a set with a
-    ``score``: that of a state, or all of it but one member.
+    """What rows tell of the blocks of each group [B, P, P], and how they pull on all columns [P], beside a state.
 
     ``reach`` [A, P]: how far the state's sizes move for a size of a column.
     """
 
     search: Search
     state: State
-    score: float
     reach: np.ndarray
     information: tuple[np.ndarray, ...]
     slope: np.ndarray
 
-    def gains(self, offered: np.ndarray) -> Gains:
-        """Return what each alternative of the ``offered`` blocks adds to the score of the set that has none of them."""
-        found: list[tuple[np.ndarray, np.ndarray]] = []
-        chosen = np.zeros(len(self.search.dictionary.blocks), bool)
-        chosen[offered] = True
-        for group, information in zip(self.search.groups, self.information, strict=True):
-            mine = chosen[group.blocks]
-            if not mine.any():
-                continue
-            # all of a group: hardly any is not offered, and picking costs more than their gains
-            slope = self.slope[group.columns]
-            gains = _gains(information, slope, group.sds_mm) + group.log_odds
-            if group.positive:
-                gains += _halved(information, slope, group.sds_mm)
-            found.append((group.keys[mine].reshape(-1, 2), gains[mine].ravel()))
-        if not found:
-            return Gains(np.zeros((0, 2), np.int64), np.zeros(0))
-        return Gains(np.concatenate([keys for keys, _ in found]), np.concatenate([gains for _, gains in found]))
+    @cached_property
+    def told(self) -> list[np.ndarray]:
+        """What each alternative [B, V] of each group adds to the state's score."""
+        groups = zip(self.search.groups, self.information, strict=True)
+        return [group.gains(known, self.slope[group.columns]) for group, known in groups]
 
-    def without(self, *members: tuple[int, int]) -> "Beside":
+    def gains(self, offered: np.ndarray) -> Gains:
+        """Return what each alternative of the ``offered`` blocks adds to the state's score."""
+        chosen = self.search.chosen(offered)
+        kept = [chosen[group.blocks] for group in self.search.groups]
+        keys = [group.keys[mine].reshape(-1, 2) for group, mine in zip(self.search.groups, kept, strict=True)]
+        values = [told[mine].ravel() for told, mine in zip(self.told, kept, strict=True)]
+        return Gains(np.concatenate(keys), np.concatenate(values))
+
+    def without(self, *members: tuple[int, int]) -> "Less":
         """Return the same beside the state without some members: their sizes are 0.
 
         How likely that was to come out, before the rows and after, is their evidence (Dickey 1971). Each is taken to
@@ -253,8 +253,8 @@ class Beside:
         owns = [every[self.state.members.index(member)] for member in members]
         own = np.concatenate([np.arange(each.start, each.stop) for each in owns])
         root = np.asarray(np.linalg.qr(self.state.root[:, own], mode="r")).T
-        freed = np.linalg.solve(root, self.reach[own])
-        pull = np.linalg.solve(root, self.state.mean_mm[own])
+        inverse = inverse_of(root)
+        pull = inverse @ self.state.mean_mm[own]
         sds_mm = np.concatenate([block.sds_mm[v] for block, (_, v) in zip(blocks, members, strict=True)])
         told = float(np.log(sds_mm / np.abs(np.diag(root))).sum() - pull @ pull / 2)
         for block, (_, v), each in zip(blocks, members, owns, strict=True):
@@ -262,11 +262,41 @@ class Beside:
             if block.positive:
                 sure = self.state.mean_mm[each] / np.linalg.norm(self.state.root[:, each])
                 told -= float(log_below(sure)[0]) + np.log(2)
-        information = tuple(
-            each + products(freed, group.columns)
-            for group, each in zip(self.search.groups, self.information, strict=True)
-        )
-        return Beside(self.search, self.state, self.score + told, self.reach, information, self.slope + freed.T @ pull)
+        return Less(self, told, told + float(pull @ pull) / 2, (inverse @ self.reach[own]).T, pull)
+
+
+@dataclass(frozen=True, eq=False)
+class Less:
+    """A state without some members, which adds ``told`` to its score.
+
+    What is ``freed`` [P, K] adds to what the rows tell of all columns, and ``pull`` [K] along it on them. Beside a
+    block the members gain at worst nothing from the rows. So with the block in their place the state's score rises by
+    what the block gains beside them and ``more``, at most.
+    """
+
+    beside: Beside
+    told: float
+    more: float
+    freed: np.ndarray
+    pull: np.ndarray
+
+    def gains(self, offered: np.ndarray, least: float) -> Gains:
+        """Return what each alternative of the ``offered`` blocks adds to the score without the members, where that may
+        be ``least`` above the state's."""
+        search = self.beside.search
+        chosen, keys, values = search.chosen(offered), [np.zeros((0, 2), np.int64)], [np.zeros(0)]
+        for group, known, told in zip(search.groups, self.beside.information, self.beside.told, strict=True):
+            may = chosen[group.blocks][:, None] & (group.positive | (told + self.more > least))
+            which = np.flatnonzero(may.any(axis=1))
+            if len(which):
+                columns = group.columns[which]
+                freed = self.freed[columns]
+                information = known[which] + freed @ np.swapaxes(freed, 1, 2)
+                slope = self.beside.slope[columns] + freed @ self.pull
+                gains = group.gains(information, slope, which, may[which])
+                keys.append(group.keys[may])
+                values.append(gains[may[which]])
+        return Gains(np.concatenate(keys), np.concatenate(values))
 
 
 def _columns_of(blocks: Iterable[Block]) -> np.ndarray:
@@ -289,23 +319,23 @@ class _Group:
         """The block and the number of each alternative [B, V, 2]."""
         return np.stack(np.broadcast_arrays(self.blocks[:, None], np.arange(self.sds_mm.shape[1])), axis=2)
 
-
-def _halved(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.ndarray:
-    """Return what blocks of one column gain beside that [B, V] because their size must be positive."""
-    shrunk = sds[:, :, 0] ** 2
-    spread = 1 + shrunk * np.maximum(information[:, :, 0], 0.0)
-    return np.asarray(log_below(pull * np.sqrt(shrunk / spread)) + np.log(2))
-
-
-def _gains(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.ndarray:
-    """Return what blocks gain in log evidence [B, V], with the sizes ``sds`` [B, V, P]."""
-    if sds.shape[2] == 1:
-        shrunk = sds[:, :, 0] ** 2
+    def gains(
+        self, information: np.ndarray, pull: np.ndarray, which: np.ndarray | slice = slice(None),
+        asked: np.ndarray | None = None,
+    ) -> np.ndarray:  # fmt: skip
+        """Return what ``which`` blocks [B] add to a score [B, V], given their ``information`` [B, P, P] and how they
+        ``pull`` [B, P]; of several columns only alternatives that are ``asked`` [B, V] for."""
+        sds_mm = self.sds_mm[which]
+        if sds_mm.shape[2] > 1:
+            out = np.empty(sds_mm.shape[:2])
+            kernels.gains(information, pull, sds_mm, np.ones(out.shape, bool) if asked is None else asked, out)
+            return out + self.log_odds[which]
+        shrunk = sds_mm[:, :, 0] ** 2
         spread = 1 + shrunk * np.maximum(information[:, :, 0], 0.0)
-        return np.asarray(0.5 * shrunk * pull**2 / spread - 0.5 * np.log(spread))
-    out = np.empty(sds.shape[:2])
-    kernels.gains(information, pull, sds, out)
-    return out
+        told = 0.5 * shrunk * pull**2 / spread - 0.5 * np.log(spread)
+        if self.positive:
+            told += log_below(pull * np.sqrt(shrunk / spread)) + np.log(2)
+        return np.asarray(told + self.log_odds[which])
 
 
 def searched(search: Search, start: Set, sigma_mm: float, *, by_two: bool = False) -> State:
@@ -347,9 +377,9 @@ def _exchanged(search: Search, state: State, beside: Beside) -> State | None:
         less = beside.without(member)
         stays = search.needed(state.members, member)  # in one size or another
         offered = np.array([member[0]]) if stays else search.offered(others)
-        choice, gain = less.gains(offered).without(member).best()
+        choice, gain = less.gains(offered, LEAST_BETTER).without(member).best()
         members = (*others, choice) if stays or gain > 0 else others
-        if less.score + (gain if stays else max(gain, 0.0)) > state.score + LEAST_BETTER:
+        if less.told + (gain if stays else max(gain, 0.0)) > LEAST_BETTER:
             tried = search.posterior(members, state.sigma_mm)
             if tried.score > state.score + LEAST_BETTER:
                 return tried
@@ -368,10 +398,10 @@ def _for_two(search: Search, state: State, beside: Beside) -> State | None:
         others = tuple(member for member in state.members if member not in pair)
         if not any(search.needed((*others, one), one) for one in pair):
             less = beside.without(*pair)
-            choice, gain = less.gains(np.array([b for b, _ in pair])).best()
-            found.append((less.score + gain, (*others, choice)))
-    score, members = max(found, default=(-np.inf, ()))
-    if score <= state.score + LEAST_BETTER:
+            choice, gain = less.gains(np.array([b for b, _ in pair]), LEAST_BETTER).best()
+            found.append((less.told + gain, (*others, choice)))
+    told, members = max(found, default=(-np.inf, ()))
+    if told <= LEAST_BETTER:
         return None
     tried = search.posterior(members, state.sigma_mm)
     return tried if tried.score > state.score + LEAST_BETTER else None
