@@ -91,17 +91,17 @@ def both(
     return judge_both(original, corrected, printer, true, text, mended)
 
 
-def bead(
-    text: bytes, files: list[bytes], printer: Printer, true: TruePrinter, folder: Path, extras: str
+def beads(
+    text: bytes, others: list[tuple[bytes, TruePrinter | None]], printer: Printer, folder: Path, extras: str = ""
 ) -> list[float]:
-    """Return how uneven the bead of a file is on a sound printer, that of its mended form, the first of ``files``, on a
-    broken one, and that of the others on the sound one again."""
+    """Return how uneven the bead of a file is on a sound printer, and that of each other on its printer, None for the
+    sound one."""
     original = plan(ADVANCED + text, printer, folder, extras=extras)
     wanted = wanted_path(original)
     found = [bead_deviation(original, Track(original, printer), wanted)]
-    for each, one in zip(files, [true, None, None], strict=False):
-        planned = plan(ADVANCED + each, printer, folder, extras=extras, around=original)
-        found.append(bead_deviation(planned, Track(planned, printer, one), wanted))
+    for other, true in others:
+        planned = plan(ADVANCED + other, printer, folder, extras=extras, around=original)
+        found.append(bead_deviation(planned, Track(planned, printer, true), wanted))
     return [round(each, 4) for each in found]
 
 
@@ -143,14 +143,13 @@ def judged(source: Path, family: str, options: argparse.Namespace, folder: Path)
     if options.bead:
         true = TruePrinter.of(corruption_toml(corruption), printer)
         mended, still = top + output.read_bytes(), top + standing(text, found)
-        uneven = bead(top + text, [mended], printer, true, folder / "run", SHAPED)
-        uneven += bead(top + text, [mended, still], printer, true, folder / "run", "")
+        uneven = beads(top + text, [(mended, true)], printer, folder / "run", SHAPED)
+        uneven += beads(top + text, [(mended, true), (still, None)], printer, folder / "run")
     return Row(
         source.name, report["duration"]["firmware"], family, round(before.rms_mm, 4), round(after.rms_mm, 4),
         round(after.max_mm, 4), round(report["after"]["rms_mm"], 4), round(before.job_s, 1), round(after.job_s, 1),
-        round(before.job_s + sum(each.least_s for each in found), 1), before.stops, after.stops, before.corners,
-        after.corners,
-        round(after.moves / max(before.moves, 1), 2), round(least_times, 2),
+        round(before.job_s + sum(each.least_s for each in found), 1), before.stops, after.stops,
+        before.corners, after.corners, round(after.moves / max(before.moves, 1), 2), round(least_times, 2),
         round(len(output.read_bytes()) / len(text), 2), *uneven, "; ".join(complaints)[:200],
     )  # fmt: skip
 

@@ -296,6 +296,7 @@ def test_dropping_a_member_is_as_if_it_had_not_been_there(rng: np.random.Generat
     for least in np.linspace(-20.0, 5.0, 11):  # a bound leaves out none that is as good
         above = gains.keys[less.told + gains.values > least].tolist()
         assert [each for each in less.gains(offered, least).keys.tolist() if each in above] == above
+    assert not len(search.narrowed([]).gains(search.narrowed([]).posterior((), 1.0), np.zeros(0, int)).keys)
 
 
 def test_what_is_given_is_summed_out(rng: np.random.Generator) -> None:

@@ -7,7 +7,7 @@ must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard 
 """
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -173,11 +173,14 @@ class Search:
             found[block.at] = block.positive
         return found
 
-    def chosen(self, blocks: np.ndarray) -> np.ndarray:
-        """Return which of all blocks are among some."""
-        found = np.zeros(len(self.dictionary.blocks), bool)
-        found[blocks] = True
-        return found
+    def chosen(self, blocks: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+        """Yield the number of each group that has any of some blocks, and which of its blocks [B] these are."""
+        chosen = np.zeros(len(self.dictionary.blocks), bool)
+        chosen[blocks] = True
+        for number, group in enumerate(self.groups):
+            mine = chosen[group.blocks]
+            if mine.any():
+                yield number, mine
 
     def offered(self, members: Set) -> np.ndarray:
         """Return the blocks that a set may take in."""
@@ -228,19 +231,23 @@ class Beside:
     information: tuple[np.ndarray, ...]
     slope: np.ndarray
 
+    def told(self, number: int) -> np.ndarray:
+        """Return what each alternative [B, V] of the group of this number adds to the state's score."""
+        if number not in self._told:
+            group = self.search.groups[number]
+            self._told[number] = group.gains(self.information[number], self.slope[group.columns])
+        return self._told[number]
+
     @cached_property
-    def told(self) -> list[np.ndarray]:
-        """What each alternative [B, V] of each group adds to the state's score."""
-        groups = zip(self.search.groups, self.information, strict=True)
-        return [group.gains(known, self.slope[group.columns]) for group, known in groups]
+    def _told(self) -> dict[int, np.ndarray]:
+        return {}
 
     def gains(self, offered: np.ndarray) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the state's score."""
-        chosen = self.search.chosen(offered)
-        kept = [chosen[group.blocks] for group in self.search.groups]
-        keys = [group.keys[mine].reshape(-1, 2) for group, mine in zip(self.search.groups, kept, strict=True)]
-        values = [told[mine].ravel() for told, mine in zip(self.told, kept, strict=True)]
-        return Gains(np.concatenate(keys), np.concatenate(values))
+        found = []
+        for number, mine in self.search.chosen(offered):
+            found.append((self.search.groups[number].keys[mine].reshape(-1, 2), self.told(number)[mine].ravel()))
+        return _gathered(found)
 
     def without(self, *members: tuple[int, int]) -> "Less":
         """Return the same beside the state without some members: their sizes are 0.
@@ -283,20 +290,26 @@ class Less:
     def gains(self, offered: np.ndarray, least: float) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the score without the members, where that may
         be ``least`` above the state's."""
-        search = self.beside.search
-        chosen, keys, values = search.chosen(offered), [np.zeros((0, 2), np.int64)], [np.zeros(0)]
-        for group, known, told in zip(search.groups, self.beside.information, self.beside.told, strict=True):
-            may = chosen[group.blocks][:, None] & (group.positive | (told + self.more > least))
+        found = []
+        for number, mine in self.beside.search.chosen(offered):
+            group = self.beside.search.groups[number]
+            may = mine[:, None] & (group.positive | (self.beside.told(number) + self.more > least))
             which = np.flatnonzero(may.any(axis=1))
-            if len(which):
-                columns = group.columns[which]
-                freed = self.freed[columns]
-                information = known[which] + freed @ np.swapaxes(freed, 1, 2)
-                slope = self.beside.slope[columns] + freed @ self.pull
-                gains = group.gains(information, slope, which, may[which])
-                keys.append(group.keys[may])
-                values.append(gains[may[which]])
-        return Gains(np.concatenate(keys), np.concatenate(values))
+            if not len(which):
+                continue
+            columns = group.columns[which]
+            freed = self.freed[columns]
+            information = self.beside.information[number][which] + freed @ np.swapaxes(freed, 1, 2)
+            slope = self.beside.slope[columns] + freed @ self.pull
+            found.append((group.keys[may], group.gains(information, slope, which, may[which])[may[which]]))
+        return _gathered(found)
+
+
+def _gathered(found: Sequence[tuple[np.ndarray, np.ndarray]]) -> Gains:
+    """Return the keys and the values of several groups as one."""
+    none = (np.zeros((0, 2), np.int64), np.zeros(0))
+    keys, values = zip(none, *found, strict=True)
+    return Gains(np.concatenate(keys), np.concatenate(values))
 
 
 def _columns_of(blocks: Iterable[Block]) -> np.ndarray:
