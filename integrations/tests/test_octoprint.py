@@ -501,7 +501,7 @@ def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint, hold: Pat
         page.locator("#files .search-query").fill("shown2")  # a page of the list has few files
         entry = page.locator("#files .entry").filter(has_text="shown2.mended.gcode")
         expect(entry.locator(".printmend")).to_have_text(re.compile(r"^mended 0\.\d+ mm → 0\.00\d mm$"))
-        entry.scroll_into_view_if_needed()
+        entry.hover(force=True)  # scrolls there; OctoPrint draws its list anew, and this asks again
         page.screenshot(path=PICTURES / "octoprint-files.png")
         learned(octoprint.base / "printer.mend.json", 0.3)
         settings = settings_of(page)
