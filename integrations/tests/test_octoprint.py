@@ -181,7 +181,7 @@ def test_upload_and_print_prints_the_mended_copy_alone(octoprint: OctoPrint) -> 
     lines = [line for line in lines if line]
     wait_for(lambda: octoprint.state() == "Operational" and lines[-1] in octoprint.sent(), "the print")
     sent = octoprint.sent()
-    begin = next(row for row in range(len(sent)) if sent[row] == lines[0] and sent[row : row + 2] == lines[:2])
+    begin = max(row for row in range(len(sent)) if sent[row : row + 2] == lines[:2])  # the last print of several
     assert sent[begin : begin + len(lines)] == lines
     original = {line.split(";")[0].strip() for line in text.decode().splitlines()} - set(lines)
     assert not original & set(sent)
