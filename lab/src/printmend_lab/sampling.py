@@ -39,7 +39,8 @@ from printmend.corruption.transmission import (
 )
 from printmend.effects import EFFECTS, Acts, Effect, Of, Scene, Term
 from printmend.effects.effect import drawn_sizes
-from printmend.effects.sized import Sized
+from printmend.effects.sized import TINY_MM, Sized, belts_mm
+from printmend.effects.words import PLACES
 from printmend.errors import ConfigError
 from printmend.infer.fit import home_sd_of
 from printmend.infer.machine import machine_of
@@ -341,12 +342,13 @@ def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged"
 # Draw printers and sessions from the priors, print and measure them: the data of the engine's calibration test.
 
 MOST_LOG_ODDS = 50.0  # of what is always there
-CHANGING = ("breathing", "friction", "uneven_play", "rub")  # effects that add to a belt's play and take away from it
 
 
 def drawn_parts(scene: Scene, rng: np.random.Generator) -> list[Sized]:
     """Draw the effects of a printer, its print and its measurement, each by its odds and with sizes by its prior."""
-    parts = _possible([part for effect in EFFECTS.values() if effect.from_home for part in _drawn(effect, scene, rng)])
+    parts: list[Sized] = []
+    while not parts or not _is_possible(parts, scene):
+        parts = [part for effect in EFFECTS.values() if effect.from_home for part in _drawn(effect, scene, rng)]
     if scene.homed:
         mechanism, _ = machine_of(scene, [part for part in parts if EFFECTS[part.effect].of is Of.MACHINE])
         scene = replace(scene, home_sd_mm=home_sd_of(mechanism, scene))
@@ -365,17 +367,14 @@ def _drawn(effect: Effect, scene: Scene, rng: np.random.Generator) -> Iterator[S
             yield Sized(effect.name, term.where, term.shape, drawn_sizes(term, rng))
 
 
-def _possible(parts: Sequence[Sized]) -> list[Sized]:
-    """Return parts as a machine can have them: no belt has less than no play, however much of it comes and goes."""
-    kept = list(parts)
-    for motor in range(2):
-        mine = [part for part in kept if part.where == motor]
-        most_mm = sum(float(np.abs(part.sizes_mm).sum()) for part in mine if part.effect in CHANGING)
-        own_mm = sum(float(part.sizes_mm[0]) for part in mine if part.effect == "play")
-        kept = [part for part in kept if part.effect != "play" or part.where != motor]
-        if own_mm or most_mm:
-            kept.append(Sized("play", motor, (), np.array([max(own_mm, most_mm)])))
-    return kept
+def _is_possible(parts: Sequence[Sized], scene: Scene) -> bool:
+    """Say whether a machine can have all parts: no belt has less than no play anywhere."""
+    for motor, span_mm in enumerate(scene.motor_span_mm):
+        drive = [part for part in parts if EFFECTS[part.effect].acts is Acts.DRIVE and part.where == motor]
+        pushed, pulled = belts_mm(scene, motor, drive, np.linspace(*span_mm, PLACES))
+        if (pulled < pushed - TINY_MM).any():
+            return False
+    return True
 
 
 def measured(

@@ -161,6 +161,7 @@ def _sizes(
 
 
 LEAST_LOG_WEIGHT = -9.0  # the chain leaves out sets less likely than e^−9 of the likeliest
+LEAST_CHAINED = -3.0  # logarithm of the odds of a block beside the likeliest set: below, it is drawn apart
 STEPS = 150  # of the chain
 MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better mended
 
@@ -261,9 +262,10 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
 
     A step takes one member away, or none, and chooses what comes in its place, or nothing, by what each adds to the
     score (Gibbs sampling). Members that nothing replaces stay. How often the chain is somewhere counts for nothing: it
-    seldom goes where two members have to change at once, and then stays there for long.
+    seldom goes where two members have to change at once, and then stays there for long. What is unlikely beside the
+    likeliest set is no part of the chain: of the many such blocks each may come to any set, whatever others do.
     """
-    blocks, certain = _beside(search, likeliest)
+    whole, (blocks, certain, unlikely) = search, _beside(search, likeliest)
     number = {b: at for at, b in enumerate(blocks)}
     every, sure = (tuple((number[b], variant) for b, variant in some) for some in (likeliest.members, certain))
     search = search.narrowed(blocks)
@@ -290,22 +292,40 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
         members = (*others, *((b, variant) for b, variant in chosen))
     sets, weights = list(scores), np.exp(np.array(list(scores.values())) - max(scores.values()))
     drawn = rng.choice(len(sets), DRAWS, p=weights / weights.sum())
-    return [tuple(sorted((blocks[b], variant) for b, variant in (*staying, *sets[each]))) for each in drawn]
+    chained = [tuple((blocks[b], variant) for b, variant in (*staying, *sets[each])) for each in drawn]
+    return [tuple(sorted(each)) for each in _with_unlikely(whole, chained, unlikely, rng)]
 
 
-def _beside(search: Search, likeliest: State) -> tuple[list[int], Set]:
-    """Return the blocks of the likeliest set, and those that may well come beside one, or in its place; and the members
-    whose place none does."""
+def _with_unlikely(search: Search, sets: list[Set], unlikely: Gains, rng: np.random.Generator) -> Iterator[Set]:
+    """Yield sets with what is unlikely, of each slot one block at most, as often as it is there."""
+    slots: dict[tuple[str, int], list[int]] = {}
+    for at, b in enumerate(unlikely.keys[:, 0].tolist()):
+        slots.setdefault(search.dictionary.blocks[b].slot, []).append(at)
+    odds = np.exp(unlikely.values)
+    chosen = [
+        rng.choice([-1, *own], len(sets), p=np.append(1.0, odds[own]) / (1.0 + odds[own].sum()))  # −1: none
+        for own in slots.values()
+    ]
+    for members, some in zip(sets, np.array(chosen, np.int64).reshape(-1, len(sets)).T, strict=True):
+        for b, variant in unlikely.keys[some[some >= 0]].tolist():
+            if b in search.offered(members):
+                members = (*members, (b, variant))
+        yield members
+
+
+def _beside(search: Search, likeliest: State) -> tuple[list[int], Set, Gains]:
+    """Return the blocks of the likeliest set, and those that may well come beside one, or in its place; the members
+    whose place none does; and what all other blocks add beside the set."""
     members, beside = likeliest.members, search.beside(likeliest)
-    found, sure = [b for b, _ in members], []
-    found += beside.gains(search.offered(members)).above(LEAST_LOG_WEIGHT).keys[:, 0].tolist()
+    found, sure, more = [b for b, _ in members], [], beside.gains(search.offered(members))
+    found += more.keys[more.values > LEAST_CHAINED, 0].tolist()
     for at, member in enumerate(members):
         others = (*members[:at], *members[at + 1 :])
         gains = beside.without(member).gains(search.offered(others), LEAST_LOG_WEIGHT).above(LEAST_LOG_WEIGHT)
         found += gains.keys[:, 0].tolist()
         if set(gains.keys[:, 0]) == {member[0]} and gains.values.max() > -LEAST_LOG_WEIGHT:
             sure.append(member)
-    return list(dict.fromkeys(found)), tuple(sure)
+    return list(dict.fromkeys(found)), tuple(sure), more.of(~np.isin(more.keys[:, 0], found))
 
 
 def _nats(fit: Fit) -> tuple[float, ...]:

@@ -52,13 +52,14 @@ class Gains:
     values: np.ndarray
 
     def without(self, key: tuple[int, int]) -> "Gains":
-        return self._where((self.keys != key).any(axis=1))
+        return self.of((self.keys != key).any(axis=1))
 
     def above(self, log_weight: float) -> "Gains":
         """Return those that weigh more than e^``log_weight`` of the largest, or of adding nothing."""
-        return self._where(self.values > log_weight + self.values.max(initial=0.0))
+        return self.of(self.values > log_weight + self.values.max(initial=0.0))
 
-    def _where(self, kept: np.ndarray) -> "Gains":
+    def of(self, kept: np.ndarray) -> "Gains":
+        """Return those that are ``kept`` [K]."""
         return Gains(self.keys[kept], self.values[kept])
 
     def best(self) -> tuple[tuple[int, int], float]:
