@@ -1,9 +1,10 @@
 """Simulation-based calibration of the engine (Talts et al. 2018): are the ranks of what is true even among the draws?
 
-    .venv/bin/python benchmarks/bench_sbc.py --seed 1 --draws 200 [--figure docs/figures/sbc.png]
+    .venv/bin/python benchmarks/bench_sbc.py --seed 1 --draws 200 [--by scan] [--figure docs/figures/sbc.png]
 
 Each draw takes a printer, a session and an instrument from the priors of the effects (the lab's `sampling`), prints the
-marks of `printmend probe`, adds noise of 0.02 or 0.05 mm, learns, and draws machines. Three figures are ranked among
+marks of `printmend probe`, adds noise of 0.02 or 0.05 mm, learns, and draws machines. One flatbed scan knows neither
+place nor turn on the bed: what of an error is one of these is left out. Three figures are ranked among
 theirs: one random size of the effects that most printers may have (`WEIGHTS`), the shift of one random place of the bed
 by the machine's effects, and the root mean square of what the acting model leaves over a part in the middle. Even ranks
 give a χ² of the number of bins less one, and p is the chance of a larger one. Beside them stands how many of what is
@@ -27,8 +28,8 @@ from printmend.effects.effect import LONG_MOVE_MM, Places
 from printmend.effects.sized import Sized
 from printmend.infer.fit import begun, fitted
 from printmend.infer.machine import DRAWS, Part, machine_of
-from printmend.infer.posterior import posterior_of
-from printmend.path import Trace
+from printmend.infer.posterior import of_shape, posterior_of
+from printmend.path import FLATBED, Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend_lab.sampling import drawn_parts, measured
@@ -40,7 +41,7 @@ BINS = 12
 WEIGHTS = ("play", "pulley", "skew", "aspect")  # effects whose sizes are ranked
 
 
-def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float, float] | None:
+def ranks_of(preset: str, by: str, rng: np.random.Generator) -> tuple[float, float, float] | None:
     """Return the ranks, from 0 to 1, of one drawn printer's size, of its place and of what mending leaves; None for
     another turn."""
     printer = read_printer(preset)
@@ -48,7 +49,8 @@ def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float, float
     path = np.concatenate([np.array(printer.home_mm)[None], plan.waypoints_mm])
     dots = np.zeros(len(path), bool)
     dots[1 + plan.rows] = True
-    every = Trace(path, np.where(dots[:, None], path, np.nan), homed=True)
+    known = np.where(dots[:, None], path, np.nan)
+    every = Trace(path, known, homed=True, placed=by == "dots", instrument=FLATBED if by == "scan" else None)
     scene = scene_of(every, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
     true = drawn_parts(scene, rng)
     trace = measured(path, dots, scene, true, float(rng.choice([0.02, 0.05])), rng)
@@ -61,6 +63,10 @@ def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float, float
     true_mm, places = _printed(true, places, scene)
     drawn_mm = _all_moved([(part, part.draws_mm) for part in posterior.parts], places, scene)
     acts_mm = _all_moved([(part, part.acts_mm[:, None]) for part in posterior.parts], places, scene)
+    if not scene.placed:
+        true_mm, drawn_mm, acts_mm = (
+            of_shape(each, places).transpose(1, 0, 2) for each in (true_mm, drawn_mm, acts_mm)
+        )
     one, axis = int(rng.integers(len(places))), int(rng.integers(2))
     left = (np.sqrt(np.mean(np.square(each - acts_mm).sum(axis=1), axis=0)) for each in (true_mm, drawn_mm))
     return (
@@ -84,7 +90,7 @@ def _weight(true: Sequence[Sized], parts: Sequence[Part], scene: Scene, rng: np.
 def ranked(options: argparse.Namespace, case: tuple[int]) -> dict[str, object]:
     """Return the ranks of one draw."""
     begun = time.process_time()
-    ranks = ranks_of(options.preset, np.random.default_rng([options.seed, *case]))
+    ranks = ranks_of(options.preset, options.by, np.random.default_rng([options.seed, *case]))
     return {"ranks": ranks, "cpu_s": round(time.process_time() - begun, 2)}
 
 
@@ -129,6 +135,7 @@ def _all_moved(parts: list[tuple[Sized | Part, np.ndarray]], places: Places, sce
 def main() -> None:
     parser = parser_of(__doc__, draws=200)
     parser.add_argument("--preset", choices=("ender3", "corexy"), default="ender3")
+    parser.add_argument("--by", choices=("dots", "scan"), default="dots", help="what was measured")
     parser.add_argument("--figure", type=Path)
     options = parsed(parser)
     rows = []

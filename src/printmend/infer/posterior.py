@@ -233,7 +233,7 @@ def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
             drawn_mm += columns @ part.draws_mm
             acts_mm[:, :, at] = columns @ part.acts_mm
     acts, drawn = (
-        (each if scene.placed else _of_shape(each, places)).reshape(2 * len(places), -1) for each in (acts_mm, drawn_mm)
+        (each if scene.placed else of_shape(each, places)).reshape(2 * len(places), -1) for each in (acts_mm, drawn_mm)
     )
     products, pull = acts.T @ acts, acts.T @ drawn
     kept = machine & np.array([part.acts_mm.any() for part in parts], bool)
@@ -248,7 +248,7 @@ def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
         yield part if does else replace(part, acts_mm=np.zeros_like(part.acts_mm))
 
 
-def _of_shape(moved_mm: np.ndarray, places: Places) -> np.ndarray:
+def of_shape(moved_mm: np.ndarray, places: Places) -> np.ndarray:
     """Return what of errors [N, 2, D] no shift and no turn of the whole print makes, as [2, N, D]."""
     x, y = (places.bed_mm - places.bed_mm.mean(axis=0)).T
     rigid = np.stack([[np.ones_like(x), 0 * x], [0 * x, np.ones_like(x)], [-y, x]]).reshape(3, -1)
