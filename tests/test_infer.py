@@ -272,6 +272,22 @@ def test_sets_are_drawn_by_their_weight(rng: np.random.Generator) -> None:
     assert shares == pytest.approx(weights / weights.sum(), abs=0.025)
 
 
+def test_of_many_unlikely_causes_as_many_are_drawn_as_there_should_be(rng: np.random.Generator) -> None:
+    """Sixty places where a cause of two shapes may be, each unlikely and unseen, beside one cause that is there."""
+    odds, one = np.exp(-4.0), np.ones(12)
+    causes = (("scale", 0, 1.0), *(("skew", where, shape) for where in range(60) for shape in (1.0, 2.0)))
+    blocks = tuple(
+        Block(name, where, (shape,), slice(b, b + 1), np.ones((1, 1)), np.array([0.0 if name == "scale" else -4.0]))
+        for b, (name, where, shape) in enumerate(causes)
+    )
+    columns = np.hstack([np.ones((12, 1)), np.zeros((12, 120))])
+    rows = Rows(np.arange(12), np.ones((12, 2)), 5.0 + rng.standard_normal(12), one, one)
+    search = search_of(Dictionary(blocks, columns), rows, one)
+    drawn = [each for _ in range(10) for each in drawn_sets(search, search.posterior(((0, 0),), 1.0, rounds=0), rng)]
+    assert all(len({blocks[b].slot for b, _ in members}) == len(members) for members in drawn)
+    assert np.mean([len(members) - 1 for members in drawn]) == pytest.approx(60 * 2 * odds / (1 + 2 * odds), abs=0.2)
+
+
 def test_dropping_a_member_is_as_if_it_had_not_been_there(rng: np.random.Generator) -> None:
     """The gains beside a set whose member was taken out are those of the smaller set: by how much its score grows."""
     columns = rng.standard_normal((40, 9)) + 0.8 * rng.standard_normal((40, 1))
