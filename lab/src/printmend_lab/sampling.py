@@ -346,9 +346,9 @@ MOST_LOG_ODDS = 50.0  # of what is always there
 
 def drawn_parts(scene: Scene, rng: np.random.Generator) -> list[Sized]:
     """Draw the effects of a printer, its print and its measurement, each by its odds and with sizes by its prior."""
-    parts: list[Sized] = []
-    while not parts or not _is_possible(parts, scene):
-        parts = [part for effect in EFFECTS.values() if effect.from_home for part in _drawn(effect, scene, rng)]
+    from_home = [effect for effect in EFFECTS.values() if effect.from_home]
+    while not _is_possible(parts := [part for effect in from_home for part in _drawn(effect, scene, rng)], scene):
+        pass
     if scene.homed:
         mechanism, _ = machine_of(scene, [part for part in parts if EFFECTS[part.effect].of is Of.MACHINE])
         scene = replace(scene, home_sd_mm=home_sd_of(mechanism, scene))
