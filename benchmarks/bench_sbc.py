@@ -3,13 +3,13 @@
     .venv/bin/python benchmarks/bench_sbc.py --seed 1 --draws 200 [--by scan] [--figure docs/figures/sbc.png]
 
 Each draw takes a printer, a session and an instrument from the priors of the effects (the lab's `sampling`), prints the
-marks of `printmend probe`, adds noise of 0.02 or 0.05 mm, learns, and draws machines. One flatbed scan knows neither
-place nor turn on the bed: what of an error is one of these is left out. Three figures are ranked among
+marks of `printmend probe`, adds noise of 0.02 or 0.05 mm, learns, and draws machines. Three figures are ranked among
 theirs: one random size of the effects that most printers may have (`WEIGHTS`), the shift of one random place of the bed
-by the machine's effects, and the root mean square of what the acting model leaves over a part in the middle. Even ranks
-give a χ² of the number of bins less one, and p is the chance of a larger one. Beside them stands how many of what is
-true lie in the 90 % range of the draws, and above it. With --rows a stopped run goes on where it was, and says at once
-what its draws show.
+by the machine's effects, and the root mean square of what the acting model leaves over a part in the middle. One
+flatbed scan knows neither place nor turn on the bed, so that errors count without these. Even ranks give a χ² of the
+number of bins less one, and p is the chance of a larger one. Beside them stands how many of what is true lie in the
+90 % range of the draws, and above it. With --rows a stopped run goes on where it was, and says at once what its draws
+show.
 """
 
 import argparse

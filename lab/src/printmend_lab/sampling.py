@@ -38,11 +38,11 @@ from printmend.corruption.transmission import (
     WrongRadius,
 )
 from printmend.effects import EFFECTS, Acts, Effect, Of, Scene, Term
-from printmend.effects.effect import SCALE_MM, drawn_sizes
+from printmend.effects.effect import drawn_sizes
 from printmend.effects.sized import TINY_MM, Sized, belts_mm
 from printmend.effects.words import PLACES
 from printmend.errors import ConfigError
-from printmend.infer.fit import home_sd_of, turned
+from printmend.infer.fit import home_sd_of, turn_of, turned
 from printmend.infer.machine import machine_of
 from printmend.machine import contacts_of
 from printmend.path import Trace
@@ -395,10 +395,9 @@ def measured(
     others = [
         part for part in parts if EFFECTS[part.effect].of is not Of.MACHINE or EFFECTS[part.effect].acts is Acts.NOT
     ]
-    turns = [part for part in others if part.effect == "turn"]  # no linear effect, where it is large
-    others = [part for part in others if part.effect != "turn"]
-    printed = mechanism.bed.printed(contacts.belt_mm) + added_mm(others, empty, scene, contacts)
-    printed = turned(printed, np.arctan(sum(part.sizes_mm[0] for part in turns) / SCALE_MM), scene)
+    linear = [part for part in others if part.effect != "turn"]
+    printed = mechanism.bed.printed(contacts.belt_mm) + added_mm(linear, empty, scene, contacts)
+    printed = turned(printed, turn_of(others), scene)
     printed = printed + noise_mm * rng.standard_normal(printed.shape)
     known = dots & (contacts.row >= 0).all(axis=1)
     return replace(empty, measured_mm=np.where(known[:, None], printed, np.nan))

@@ -135,8 +135,7 @@ def fitted(
         if fit is not None and _typical_mm(newer) > WORSE * _typical_mm(fit):
             break  # its contacts are no better than the last
         fit, mechanism, parts = replace(newer, turned_rad=turned_rad), newer.mechanism, newer.parts()
-        turns_mm = [] if trace.wall_rows.any() else [part.sizes_mm[0] for part in parts if part.effect == "turn"]
-        turned_rad = math.atan(sum(turns_mm) / SCALE_MM)
+        turned_rad = 0.0 if trace.wall_rows.any() else turn_of(parts)
     assert fit is not None
     del contacts, places, rows  # of a long trace they take more than all the rest
     return fit if quick else _on_all_marks(fit, turned_back(whole, fit.turned_rad, scene))
@@ -180,6 +179,11 @@ def _with_turn(rows: Rows, places: Places, by_rad: float, scene: Scene) -> Rows:
     few, here = narrowed(places, rows)
     more_mm = np.einsum("mc,mc->m", here.along, _turned_mm(few, by_rad, scene)[here.mark])
     return replace(rows, error_mm=rows.error_mm + more_mm)
+
+
+def turn_of(parts: Sequence[Sized]) -> float:
+    """Return by how many rad the effects of a turn among some parts turn a print."""
+    return math.atan(sum(part.sizes_mm[0] for part in parts if part.effect == "turn") / SCALE_MM)
 
 
 def turned(places_mm: np.ndarray, by_rad: float, scene: Scene) -> np.ndarray:

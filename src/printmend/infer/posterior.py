@@ -265,23 +265,23 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     seldom goes where two members have to change at once, and then stays there for long. What is unlikely beside the
     likeliest set is no part of the chain: of the many such blocks each may come to any set, whatever others do.
     """
-    whole, (blocks, certain, unlikely) = search, _beside(search, likeliest)
+    blocks, certain, unlikely = _beside(search, likeliest)
     number = {b: at for at, b in enumerate(blocks)}
     every, sure = (tuple((number[b], variant) for b, variant in some) for some in (likeliest.members, certain))
-    search = search.narrowed(blocks)
+    few = search.narrowed(blocks)
     # What is above 0 is not summed out: a set may ask for less, and its score has to say so.
-    staying: Set = tuple(member for member in sure if not search.dictionary.blocks[member[0]].positive)
+    staying: Set = tuple(member for member in sure if not few.dictionary.blocks[member[0]].positive)
     members: Set = tuple(member for member in every if member not in staying)
-    search = search.given(staying, likeliest.sigma_mm)
+    few = few.given(staying, likeliest.sigma_mm)
     known: dict[Set, Gains] = {}
     scores: dict[Set, float] = {}
     for _ in range(STEPS):
-        free = [one for one in members if one not in sure and not search.needed((*staying, *members), one)]
+        free = [one for one in members if one not in sure and not few.needed((*staying, *members), one)]
         taken = [*free, None][int(rng.integers(len(free) + 1))]
         others = tuple(sorted(member for member in members if member != taken))
         if others not in known:
-            without = search.posterior(others, likeliest.sigma_mm, rounds=0)
-            known[others] = search.gains(without, search.offered((*staying, *others))).above(LEAST_LOG_WEIGHT)
+            without = few.posterior(others, likeliest.sigma_mm, rounds=0)
+            known[others] = few.gains(without, few.offered((*staying, *others))).above(LEAST_LOG_WEIGHT)
             scores[others] = without.score
             for key, gain in zip(map(tuple, known[others].keys.tolist()), known[others].values.tolist(), strict=True):
                 at = bisect(others, key)
@@ -293,7 +293,7 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     sets, weights = list(scores), np.exp(np.array(list(scores.values())) - max(scores.values()))
     drawn = rng.choice(len(sets), DRAWS, p=weights / weights.sum())
     chained = [tuple((blocks[b], variant) for b, variant in (*staying, *sets[each])) for each in drawn]
-    return [tuple(sorted(each)) for each in _with_unlikely(whole, chained, unlikely, rng)]
+    return [tuple(sorted(each)) for each in _with_unlikely(search, chained, unlikely, rng)]
 
 
 def _with_unlikely(search: Search, sets: list[Set], unlikely: Gains, rng: np.random.Generator) -> Iterator[Set]:
