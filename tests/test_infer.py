@@ -18,9 +18,9 @@ from printmend.effects.words import Found
 from printmend.infer.fit import fitted, home_sd_of, weighed
 from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, seen
 from printmend.infer.machine import DRAWS, machine_of
-from printmend.infer.posterior import drawn_sets, posterior_of
+from printmend.infer.posterior import drawn_of, drawn_sets, posterior_of
 from printmend.infer.scatter import inverse_of, log_below
-from printmend.infer.search import search_of, searched
+from printmend.infer.search import State, search_of, searched
 from printmend.learn.learned import learn, learn_model
 from printmend.machine import healthy_mechanism, print_from_home
 from printmend.model.model import LEAST_WAVE_MM
@@ -286,6 +286,31 @@ def test_of_many_unlikely_causes_as_many_are_drawn_as_there_should_be(rng: np.ra
     drawn = [each for _ in range(10) for each in drawn_sets(search, search.posterior(((0, 0),), 1.0, rounds=0), rng)]
     assert all(len({blocks[b].slot for b, _ in members}) == len(members) for members in drawn)
     assert np.mean([len(members) - 1 for members in drawn]) == pytest.approx(60 * 2 * odds / (1 + 2 * odds), abs=0.2)
+
+
+def test_what_is_there_for_sure_may_be_of_any_likely_size(rng: np.random.Generator) -> None:
+    """One cause is there for sure; each of the sizes that it may usually have is drawn as often as it weighs."""
+    column = np.ones((12, 1))
+    blocks = (Block("scale", 0, (), slice(0, 1), np.array([[4.0], [8.0], [40.0]]), np.zeros(3)),)
+    one = np.ones(12)
+    rows = Rows(np.arange(12), np.ones((12, 2)), 8.0 + rng.standard_normal(12), one, one)
+    search = search_of(Dictionary(blocks, column), rows, one)
+    states = [search.posterior(((0, variant),), 1.0, rounds=0) for variant in range(3)]
+    weights = np.exp([state.score for state in states])
+    drawn = Counter(each for _ in range(40) for ((_, each),) in drawn_sets(search, states[1], rng))
+    assert np.array([drawn[v] for v in range(3)]) / (40 * DRAWS) == pytest.approx(weights / weights.sum(), abs=0.025)
+
+
+def test_what_must_be_above_0_is_drawn_so(rng: np.random.Generator) -> None:
+    """Of two sizes that hang together, one above 0, both are drawn as by trying until the one is above 0."""
+    mean, root = np.array([-0.5, 1.0]), np.array([[1.0, 0.8], [0.0, 0.5]])
+    state = State(((0, 0), (1, 0)), np.arange(2), mean, root, 1.0, 0.0)
+    drawn = drawn_of(state, np.array([True, False]), 20000, rng)
+    tried = mean[:, None] + root.T @ rng.standard_normal((2, 80000))
+    tried = tried[:, tried[0] > 0]
+    assert drawn[0].min() > 0
+    assert drawn.mean(axis=1) == pytest.approx(tried.mean(axis=1), abs=0.02)
+    assert np.cov(drawn) == pytest.approx(np.cov(tried), abs=0.02)
 
 
 def test_dropping_a_member_is_as_if_it_had_not_been_there(rng: np.random.Generator) -> None:

@@ -163,6 +163,7 @@ def _sizes(
 LEAST_LOG_WEIGHT = -9.0  # the chain leaves out sets less likely than e^−9 of the likeliest
 LEAST_CHAINED = -3.0  # logarithm of the odds of a block beside the likeliest set: below, it is drawn apart
 STEPS = 150  # of the chain
+TRIES = 64  # draws for each of sizes that must be above 0
 MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better mended
 
 
@@ -199,10 +200,9 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     for members, count in sets.items():
         state = states[members]
         mine = slice(first_draw, first_draw := first_draw + count)
-        root = np.linalg.cholesky(state.covariance + 1e-14 * np.eye(len(state.columns)))
-        sizes_mm = state.mean_mm[:, None] + root @ rng.standard_normal((len(state.columns), count))
+        sizes_mm = drawn_of(state, fit.search.positive[state.columns], count, rng)
         for (b, _), own in zip(members, fit.dictionary.own(members), strict=True):
-            draws[b][:, mine] = np.maximum(sizes_mm[own], 0.0) if blocks[b].positive else sizes_mm[own]
+            draws[b][:, mine] = sizes_mm[own]
     acts = {part.key: part.sizes_mm for part in fit.parts() if EFFECTS[part.effect].acts is not Acts.NOT}
     parts = []
     for b in order:
@@ -210,6 +210,15 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
         acts_mm = acts.get(key) if b in likely else None
         parts.append(Part(*key, np.zeros(len(draws[b])) if acts_mm is None else acts_mm, draws[b]))
     return Posterior(fit.scene, tuple(acting(fit.scene, parts)), len(likely), fit.state.sigma_mm, _nats(fit))
+
+
+def drawn_of(state: State, positive: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw sizes [P, count] of a set; those ``positive`` [P] that come out below 0 are drawn anew."""
+    sizes_mm = state.mean_mm[:, None] + state.root.T @ rng.standard_normal((len(state.columns), count))
+    covariance, mean_mm = state.covariance[:, positive], state.mean_mm[positive, None]
+    tried = mean_mm + np.linalg.cholesky(covariance[positive]) @ rng.standard_normal((len(mean_mm), TRIES * count))
+    above = np.concatenate([tried[:, (tried >= 0).all(axis=0)], np.maximum(tried, 0.0)], axis=1)[:, :count]
+    return np.asarray(sizes_mm + covariance @ np.linalg.solve(covariance[positive], above - sizes_mm[positive]))
 
 
 def after_homing(part: Part, scene: Scene) -> Part:
@@ -265,9 +274,9 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     seldom goes where two members have to change at once, and then stays there for long. What is unlikely beside the
     likeliest set is no part of the chain: of the many such blocks each may come to any set, whatever others do.
     """
-    blocks, certain, unlikely = _beside(search, likeliest)
+    blocks, sizes, unlikely = _beside(search, likeliest)
     number = {b: at for at, b in enumerate(blocks)}
-    every, sure = (tuple((number[b], variant) for b, variant in some) for some in (likeliest.members, certain))
+    every, sure = (tuple((number[b], variant) for b, variant in some) for some in (likeliest.members, sizes))
     few = search.narrowed(blocks)
     # What is above 0 is not summed out: a set may ask for less, and its score has to say so.
     staying: Set = tuple(member for member in sure if not few.dictionary.blocks[member[0]].positive)
@@ -293,7 +302,16 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     sets, weights = list(scores), np.exp(np.array(list(scores.values())) - max(scores.values()))
     drawn = rng.choice(len(sets), DRAWS, p=weights / weights.sum())
     chained = [tuple((blocks[b], variant) for b, variant in (*staying, *sets[each])) for each in drawn]
-    return [tuple(sorted(each)) for each in _with_unlikely(search, chained, unlikely, rng)]
+    return [tuple(sorted(each)) for each in _with_unlikely(search, _resized(chained, sizes, rng), unlikely, rng)]
+
+
+def _resized(sets: list[Set], sizes: dict[tuple[int, int], Gains], rng: np.random.Generator) -> list[Set]:
+    """Return the sets with each member that nothing replaces in one of the alternatives in size that it may have."""
+    for member, gains in sizes.items():
+        odds = np.exp(gains.values - gains.values.max())
+        chosen = map(tuple, gains.keys[rng.choice(len(odds), len(sets), p=odds / odds.sum())].tolist())
+        sets = [tuple(own if each == member else each for each in some) for some, own in zip(sets, chosen, strict=True)]
+    return sets
 
 
 def _with_unlikely(search: Search, sets: list[Set], unlikely: Gains, rng: np.random.Generator) -> Iterator[Set]:
@@ -313,19 +331,19 @@ def _with_unlikely(search: Search, sets: list[Set], unlikely: Gains, rng: np.ran
         yield members
 
 
-def _beside(search: Search, likeliest: State) -> tuple[list[int], Set, Gains]:
+def _beside(search: Search, likeliest: State) -> tuple[list[int], dict[tuple[int, int], Gains], Gains]:
     """Return the blocks of the likeliest set, and those that may well come beside one, or in its place; the members
-    whose place none does; and what all other blocks add beside the set."""
+    whose place none does, with their alternatives in size; and what all other blocks add beside the set."""
     members, beside = likeliest.members, search.beside(likeliest)
-    found, sure, more = [b for b, _ in members], [], beside.gains(search.offered(members))
+    found, sure, more = [b for b, _ in members], {}, beside.gains(search.offered(members))
     found += more.keys[more.values > LEAST_CHAINED, 0].tolist()
     for at, member in enumerate(members):
         others = (*members[:at], *members[at + 1 :])
         gains = beside.without(member).gains(search.offered(others), LEAST_LOG_WEIGHT).above(LEAST_LOG_WEIGHT)
         found += gains.keys[:, 0].tolist()
         if set(gains.keys[:, 0]) == {member[0]} and gains.values.max() > -LEAST_LOG_WEIGHT:
-            sure.append(member)
-    return list(dict.fromkeys(found)), tuple(sure), more.of(~np.isin(more.keys[:, 0], found))
+            sure[member] = gains
+    return list(dict.fromkeys(found)), sure, more.of(~np.isin(more.keys[:, 0], found))
 
 
 def _nats(fit: Fit) -> tuple[float, ...]:

@@ -101,7 +101,7 @@ class Search:
         # the least that any sizes leave: rounding of the mean counts by its square alone
         quadratic = self.gram.square / variance - mean @ (2 * pull - mean - scaled @ mean / variance)
         evidence = -0.5 * (self.gram.count * np.log(variance) + log_det + quadratic)
-        positive = self._positive[columns]
+        positive = self.positive[columns]
         spread = np.sqrt(np.diag(covariance)[positive])
         evidence += float(np.sum(log_below(mean[positive] / spread) + np.log(2)))
         return State(members, columns, mean * sd, inverse * sd, float(np.sqrt(variance)), float(evidence + odds))
@@ -167,7 +167,7 @@ class Search:
         return [self.gram.within(group.columns) for group in self.groups]
 
     @cached_property
-    def _positive(self) -> np.ndarray:
+    def positive(self) -> np.ndarray:
         """Which columns [P] have sizes above 0."""
         found = np.zeros(len(self.gram.slope), bool)
         for block in self.dictionary.blocks:
