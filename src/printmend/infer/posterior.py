@@ -161,7 +161,6 @@ def _sizes(
 
 
 LEAST_LOG_WEIGHT = -9.0  # the chain leaves out sets less likely than e^−9 of the likeliest
-LEAST_CHAINED = -3.0  # logarithm of the odds of a block beside the likeliest set: below, it is drawn apart
 STEPS = 150  # of the chain
 TRIES = 64  # draws for each of sizes that must be above 0
 MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better mended
@@ -271,10 +270,10 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
 
     A step takes one member away, or none, and chooses what comes in its place, or nothing, by what each adds to the
     score (Gibbs sampling). Members that nothing replaces stay. How often the chain is somewhere counts for nothing: it
-    seldom goes where two members have to change at once, and then stays there for long. What is unlikely beside the
-    likeliest set is no part of the chain: of the many such blocks each may come to any set, whatever others do.
+    seldom goes where two members have to change at once, and then stays there for long. What may only come beside the
+    likeliest set is no part of the chain: each of these many blocks may come to any set, whatever others do.
     """
-    blocks, sizes, unlikely = _beside(search, likeliest)
+    blocks, sizes, more = _beside(search, likeliest)
     number = {b: at for at, b in enumerate(blocks)}
     every, sure = (tuple((number[b], variant) for b, variant in some) for some in (likeliest.members, sizes))
     few = search.narrowed(blocks)
@@ -302,7 +301,7 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     sets, weights = list(scores), np.exp(np.array(list(scores.values())) - max(scores.values()))
     drawn = rng.choice(len(sets), DRAWS, p=weights / weights.sum())
     chained = [tuple((blocks[b], variant) for b, variant in (*staying, *sets[each])) for each in drawn]
-    return [tuple(sorted(each)) for each in _with_unlikely(search, _resized(chained, sizes, rng), unlikely, rng)]
+    return [tuple(sorted(each)) for each in _with_more(search, _resized(chained, sizes, rng), more, rng)]
 
 
 def _resized(sets: list[Set], sizes: dict[tuple[int, int], Gains], rng: np.random.Generator) -> list[Set]:
@@ -314,29 +313,28 @@ def _resized(sets: list[Set], sizes: dict[tuple[int, int], Gains], rng: np.rando
     return sets
 
 
-def _with_unlikely(search: Search, sets: list[Set], unlikely: Gains, rng: np.random.Generator) -> Iterator[Set]:
-    """Yield sets with what is unlikely, of each slot one block at most, as often as it is there."""
+def _with_more(search: Search, sets: list[Set], more: Gains, rng: np.random.Generator) -> Iterator[Set]:
+    """Yield sets with what may come to them, of each slot one block at most, as often as it is there."""
     slots: dict[tuple[str, int], list[int]] = {}
-    for at, b in enumerate(unlikely.keys[:, 0].tolist()):
+    for at, b in enumerate(more.keys[:, 0].tolist()):
         slots.setdefault(search.dictionary.blocks[b].slot, []).append(at)
-    odds = np.exp(unlikely.values)
+    odds = np.exp(more.values)
     chosen = [
         rng.choice([-1, *own], len(sets), p=np.append(1.0, odds[own]) / (1.0 + odds[own].sum()))  # −1: none
         for own in slots.values()
     ]
     for members, some in zip(sets, np.array(chosen, np.int64).reshape(-1, len(sets)).T, strict=True):
-        for b, variant in unlikely.keys[some[some >= 0]].tolist():
+        for b, variant in more.keys[some[some >= 0]].tolist():
             if b in search.offered(members):
                 members = (*members, (b, variant))
         yield members
 
 
 def _beside(search: Search, likeliest: State) -> tuple[list[int], dict[tuple[int, int], Gains], Gains]:
-    """Return the blocks of the likeliest set, and those that may well come beside one, or in its place; the members
-    whose place none does, with their alternatives in size; and what all other blocks add beside the set."""
+    """Return the blocks of the likeliest set, and those that may come in the place of one; the members whose place none
+    does, with their alternatives in size; and what all other blocks add beside the set."""
     members, beside = likeliest.members, search.beside(likeliest)
     found, sure, more = [b for b, _ in members], {}, beside.gains(search.offered(members))
-    found += more.keys[more.values > LEAST_CHAINED, 0].tolist()
     for at, member in enumerate(members):
         others = (*members[:at], *members[at + 1 :])
         gains = beside.without(member).gains(search.offered(others), LEAST_LOG_WEIGHT).above(LEAST_LOG_WEIGHT)
