@@ -298,17 +298,21 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
         choice = int(np.argmax(gains + rng.gumbel(size=len(gains))))  # the largest is one drawn by its weight
         chosen = known[others].keys[choice : choice + 1].tolist()  # none where it is the last
         members = (*others, *((b, variant) for b, variant in chosen))
-    sets, weights = list(scores), np.exp(np.array(list(scores.values())) - max(scores.values()))
-    drawn = rng.choice(len(sets), DRAWS, p=weights / weights.sum())
+    sets, drawn = list(scores), rng.choice(len(scores), DRAWS, p=_chances(np.array(list(scores.values()))))
     chained = [tuple((blocks[b], variant) for b, variant in (*staying, *sets[each])) for each in drawn]
     return [tuple(sorted(each)) for each in _with_more(search, _resized(chained, sizes, rng), more, rng)]
+
+
+def _chances(scores: np.ndarray) -> np.ndarray:
+    """Return the chances of alternatives by their scores."""
+    odds = np.exp(scores - scores.max())
+    return np.asarray(odds / odds.sum())
 
 
 def _resized(sets: list[Set], sizes: dict[tuple[int, int], Gains], rng: np.random.Generator) -> list[Set]:
     """Return the sets with each member that nothing replaces in one of the alternatives in size that it may have."""
     for member, gains in sizes.items():
-        odds = np.exp(gains.values - gains.values.max())
-        chosen = map(tuple, gains.keys[rng.choice(len(odds), len(sets), p=odds / odds.sum())].tolist())
+        chosen = map(tuple, gains.keys[rng.choice(len(gains.keys), len(sets), p=_chances(gains.values))].tolist())
         sets = [tuple(own if each == member else each for each in some) for some, own in zip(sets, chosen, strict=True)]
     return sets
 
@@ -318,9 +322,8 @@ def _with_more(search: Search, sets: list[Set], more: Gains, rng: np.random.Gene
     slots: dict[tuple[str, int], list[int]] = {}
     for at, b in enumerate(more.keys[:, 0].tolist()):
         slots.setdefault(search.dictionary.blocks[b].slot, []).append(at)
-    odds = np.exp(more.values)
     chosen = [
-        rng.choice([-1, *own], len(sets), p=np.append(1.0, odds[own]) / (1.0 + odds[own].sum()))  # −1: none
+        rng.choice([-1, *own], len(sets), p=_chances(np.append(0.0, more.values[own])))  # −1: none
         for own in slots.values()
     ]
     for members, some in zip(sets, np.array(chosen, np.int64).reshape(-1, len(sets)).T, strict=True):
