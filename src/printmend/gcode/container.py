@@ -18,7 +18,7 @@ from printmend.gcode.machine import Flavour, detect_flavour
 from printmend.messages import say
 
 Text = bytes | memoryview
-CHUNK_BYTES = 4 << 20  # read at once
+CHUNK_BYTES = 2 << 20  # read at once
 MAX_LINE_BYTES = 1 << 20  # a longer line is no G-code
 HINT_BYTES = 1 << 20  # of a file's beginning and of its end, where slicers say what it is
 _TEXT_SHARE = 0.7  # of the bytes in a file's head that G-code has as printable characters and line ends
