@@ -115,7 +115,7 @@ def _key(case: Case) -> str:
 def _head(options: argparse.Namespace) -> str:
     """Return what made a file of rows: the command without the options that change no row, the seed, and the commit."""
     words = [Path(sys.argv[0]).name, *sys.argv[1:]]
-    for option in ("--rows", "--workers"):
+    for option in ("--rows", "--workers", "--figure"):
         while option in words:
             at = words.index(option)
             del words[at : at + 2]
