@@ -162,7 +162,7 @@ def _sizes(
 
 LEAST_LOG_WEIGHT = -9.0  # the chain leaves out sets less likely than e^−9 of the likeliest
 STEPS = 150  # of the chain
-TRIES = 64  # draws for each of sizes that must be above 0
+TRIES = 64  # draws for each one whose sizes have to be above 0
 MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better mended
 
 
@@ -212,9 +212,10 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
 
 
 def drawn_of(state: State, positive: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw sizes [P, count] of a set; those ``positive`` [P] that come out below 0 are drawn anew."""
+    """Draw sizes [P, count] of a set. The ``positive`` ones [P] are drawn until none is below 0; after `TRIES` they are
+    cut there. The others follow by their covariance."""
     sizes_mm = state.mean_mm[:, None] + state.root.T @ rng.standard_normal((len(state.columns), count))
-    covariance, mean_mm = state.covariance[:, positive], state.mean_mm[positive, None]
+    covariance, mean_mm = state.root.T @ state.root[:, positive], state.mean_mm[positive, None]
     tried = mean_mm + np.linalg.cholesky(covariance[positive]) @ rng.standard_normal((len(mean_mm), TRIES * count))
     above = np.concatenate([tried[:, (tried >= 0).all(axis=0)], np.maximum(tried, 0.0)], axis=1)[:, :count]
     return np.asarray(sizes_mm + covariance @ np.linalg.solve(covariance[positive], above - sizes_mm[positive]))
