@@ -272,6 +272,29 @@ def test_sets_are_drawn_by_their_weight(rng: np.random.Generator) -> None:
     assert shares == pytest.approx(weights / weights.sum(), abs=0.025)
 
 
+def test_causes_that_change_at_once_are_drawn_by_their_weight(rng: np.random.Generator) -> None:
+    """Eight causes that have nothing to do with each other: each of the twelve shapes of one is as likely as alone."""
+    causes, shapes, length, one = 8, 12, 20, np.ones(160)
+    columns, error = np.zeros((160, causes * shapes)), 0.5 * rng.standard_normal(160)
+    for cause in range(causes):
+        mine, own = slice(cause * length, (cause + 1) * length), slice(cause * shapes, (cause + 1) * shapes)
+        columns[mine, own] = rng.standard_normal((length, 1)) + 0.15 * rng.standard_normal((length, shapes))
+        error[mine] += 2.0 * columns[mine, own.start]
+    blocks = tuple(
+        Block("skew", b // shapes, (float(b),), slice(b, b + 1), np.ones((1, 1)), np.array([-4.0]))
+        for b in range(causes * shapes)
+    )
+    search = search_of(Dictionary(blocks, columns), Rows(np.arange(160), np.ones((160, 2)), error, one, one), one)
+    scores = np.array([search.posterior(((b, 0),), 0.5, rounds=0).score for b in range(causes * shapes)])
+    weights = np.array([np.exp(some - some.max()) for some in scores.reshape(causes, shapes)])
+    weights /= weights.sum(axis=1, keepdims=True)
+    likeliest = tuple((int(b), 0) for b in shapes * np.arange(causes) + weights.argmax(axis=1))
+    state = search.posterior(likeliest, 0.5, rounds=0)
+    drawn = [each for _ in range(10) for each in drawn_sets(search, state, rng)]
+    other = np.mean([len(set(members) - set(likeliest)) for members in drawn])
+    assert other == pytest.approx(np.sum(1 - weights.max(axis=1)), abs=0.15)
+
+
 def test_of_many_unlikely_causes_as_many_are_drawn_as_there_should_be(rng: np.random.Generator) -> None:
     """Sixty places where a cause of two shapes may be, each unlikely and unseen, beside one cause that is there."""
     odds, one = np.exp(-4.0), np.ones(12)

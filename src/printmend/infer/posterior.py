@@ -1,12 +1,12 @@
 """The posterior of a machine: draws from all likely sets of effects, weighted by evidence.
 
-Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999): those that a chain from the
-likeliest comes by (Madigan & York 1995). A draw is one of these sets, with sizes from its posterior. An effect of
-the likeliest set acts where its mean lowers the expected square of the drawn machines' errors, and hardly any of them
-gains nothing by it.
+Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999). Chains that begin with the
+likeliest set draw them (Madigan & York 1995). A draw is one set, with sizes from its posterior. An effect of the
+likeliest set acts where its mean lowers the expected square of the drawn machines' errors, and hardly any of them gains
+nothing by it.
 """
 
-from bisect import bisect
+import itertools
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -160,8 +160,8 @@ def _sizes(
     return sizes
 
 
-LEAST_LOG_WEIGHT = -9.0  # the chain leaves out sets less likely than e^−9 of the likeliest
-STEPS = 150  # of the chain
+LEAST_LOG_WEIGHT = -9.0  # a chain's step leaves out sets less likely than e^−9 of the likeliest
+ROUNDS = 3  # of the chain of each draw
 TRIES = 64  # draws for each one whose sizes have to be above 0
 MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better mended
 
@@ -267,41 +267,64 @@ def of_shape(moved_mm: np.ndarray, places: Places) -> np.ndarray:
 
 
 def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> list[Set]:
-    """Return a set for each draw, by its weight among all that a chain came by.
+    """Return a set for each draw: where a chain of its own ends that began with the likeliest set.
 
-    A step takes one member away, or none, and chooses what comes in its place, or nothing, by what each adds to the
-    score (Gibbs sampling). Members that nothing replaces stay. How often the chain is somewhere counts for nothing: it
-    seldom goes where two members have to change at once, and then stays there for long. What may only come beside the
-    likeliest set is no part of the chain: each of these many blocks may come to any set, whatever others do.
+    Members that nothing replaces stay, and are drawn in one of their sizes. What may only come beside the likeliest set
+    is no part of the chains: each of these many blocks may come to any set, whatever others do.
     """
-    blocks, sizes, more = _beside(search, likeliest)
-    number = {b: at for at, b in enumerate(blocks)}
-    every, sure = (tuple((number[b], variant) for b, variant in some) for some in (likeliest.members, sizes))
-    few = search.narrowed(blocks)
+    rivals, sizes, more = _beside(search, likeliest)
+    alternatives: dict[int, list[int]] = {}
+    for b, variant in dict.fromkeys([*likeliest.members, *itertools.chain(*rivals)]):
+        alternatives.setdefault(b, []).append(variant)
+    few = search.narrowed(alternatives)
+    number = {(b, v): (at, n) for at, (b, some) in enumerate(alternatives.items()) for n, v in enumerate(some)}
+    key = {own: each for each, own in number.items()}
+    every, sure = (tuple(number[member] for member in some) for some in (likeliest.members, sizes))
     # What is above 0 is not summed out: a set may ask for less, and its score has to say so.
     staying: Set = tuple(member for member in sure if not few.dictionary.blocks[member[0]].positive)
-    members: Set = tuple(member for member in every if member not in staying)
-    few = few.given(staying, likeliest.sigma_mm)
-    known: dict[Set, Gains] = {}
-    scores: dict[Set, float] = {}
-    for _ in range(STEPS):
-        free = [one for one in members if one not in sure and not few.needed((*staying, *members), one)]
+    chain = _Chain(few.given(staying, likeliest.sigma_mm), staying, likeliest.sigma_mm, {})
+    sets: list[Set] = [tuple(member for member in every if member not in staying)] * DRAWS
+    for some in rivals * ROUNDS:
+        blocks = frozenset(number[each][0] for each in some)
+        for _ in range(1 + len(set(likeliest.members).intersection(some))):  # as many are taken away, or none is
+            sets = [chain.stepped(members, blocks, rng) for members in sets]
+    chained = [tuple(key[member] for member in (*staying, *members)) for members in sets]
+    return [tuple(sorted(each)) for each in _with_more(search, _resized(chained, sizes, rng), more, rng)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Chain:
+    """Steps among sets beside members that are ``staying``. ``known`` is what may come to sets that were asked for."""
+
+    search: Search
+    staying: Set
+    sigma_mm: float
+    known: dict[tuple[Set, frozenset[int]], Gains]
+
+    def stepped(self, members: Set, rivals: frozenset[int], rng: np.random.Generator) -> Set:
+        """Take away one member that is among the blocks ``rivals``, or none, and choose which of them comes in its
+        place, or nothing, by what each adds to the score (Gibbs sampling).
+
+        Which of n members goes has the chance 1 ÷ (n + 1), so that the step from the larger set is the rarer one.
+        """
+        whole = (*self.staying, *members)
+        free = [one for one in members if one[0] in rivals and not self.search.needed(whole, one)]
         taken = [*free, None][int(rng.integers(len(free) + 1))]
         others = tuple(sorted(member for member in members if member != taken))
-        if others not in known:
-            without = few.posterior(others, likeliest.sigma_mm, rounds=0)
-            known[others] = few.gains(without, few.offered((*staying, *others))).above(LEAST_LOG_WEIGHT)
-            scores[others] = without.score
-            for key, gain in zip(map(tuple, known[others].keys.tolist()), known[others].values.tolist(), strict=True):
-                at = bisect(others, key)
-                scores[*others[:at], key, *others[at:]] = without.score + gain
-        gains = np.append(known[others].values, 0.0)
-        choice = int(np.argmax(gains + rng.gumbel(size=len(gains))))  # the largest is one drawn by its weight
-        chosen = known[others].keys[choice : choice + 1].tolist()  # none where it is the last
-        members = (*others, *((b, variant) for b, variant in chosen))
-    sets, drawn = list(scores), rng.choice(len(scores), DRAWS, p=_chances(np.array(list(scores.values()))))
-    chained = [tuple((blocks[b], variant) for b, variant in (*staying, *sets[each])) for each in drawn]
-    return [tuple(sorted(each)) for each in _with_more(search, _resized(chained, sizes, rng), more, rng)]
+        gains = self._gains(others, rivals)
+        count = len(free) + (taken is None)
+        weights = np.append(gains.values + np.log(count / (count + 1)), 0.0)
+        choice = int(np.argmax(weights + rng.gumbel(size=len(weights))))  # the largest is one drawn by its weight
+        chosen = gains.keys[choice : choice + 1].tolist()  # none where it is the last
+        return (*others, *((b, variant) for b, variant in chosen))
+
+    def _gains(self, others: Set, rivals: frozenset[int]) -> Gains:
+        if (others, rivals) not in self.known:
+            state = self.search.posterior(others, self.sigma_mm, rounds=0)
+            offered = self.search.offered((*self.staying, *others))
+            gains = self.search.gains(state, offered[np.isin(offered, list(rivals))])
+            self.known[others, rivals] = gains.above(LEAST_LOG_WEIGHT)
+        return self.known[others, rivals]
 
 
 def _chances(scores: np.ndarray) -> np.ndarray:
@@ -334,18 +357,24 @@ def _with_more(search: Search, sets: list[Set], more: Gains, rng: np.random.Gene
         yield members
 
 
-def _beside(search: Search, likeliest: State) -> tuple[list[int], dict[tuple[int, int], Gains], Gains]:
-    """Return the blocks of the likeliest set, and those that may come in the place of one; the members whose place none
-    does, with their alternatives in size; and what all other blocks add beside the set."""
+def _beside(search: Search, likeliest: State) -> tuple[list[Set], dict[tuple[int, int], Gains], Gains]:
+    """Return each group of members of the likeliest set with what may come in their place; the members whose place
+    nothing does, with their alternatives in size; and what all other blocks add beside the set."""
     members, beside = likeliest.members, search.beside(likeliest)
-    found, sure, more = [b for b, _ in members], {}, beside.gains(search.offered(members))
+    rivals: list[Set] = []
+    sure, more = {}, beside.gains(search.offered(members))
     for at, member in enumerate(members):
         others = (*members[:at], *members[at + 1 :])
         gains = beside.without(member).gains(search.offered(others), LEAST_LOG_WEIGHT).above(LEAST_LOG_WEIGHT)
-        found += gains.keys[:, 0].tolist()
-        if set(gains.keys[:, 0]) == {member[0]} and gains.values.max() > -LEAST_LOG_WEIGHT:
+        blocks = {member[0], *gains.keys[:, 0].tolist()}
+        if blocks == {member[0]} and gains.values.max() > -LEAST_LOG_WEIGHT:
             sure[member] = gains
-    return list(dict.fromkeys(found)), sure, more.of(~np.isin(more.keys[:, 0], found))
+            continue
+        alike = [each for each in rivals if not blocks.isdisjoint(b for b, _ in each)]
+        group = (member, *map(tuple, gains.keys.tolist()), *itertools.chain(*alike))
+        rivals = [*(each for each in rivals if each not in alike), group]
+    found = [b for b, _ in (*members, *itertools.chain(*rivals))]
+    return rivals, sure, more.of(~np.isin(more.keys[:, 0], found))
 
 
 def _nats(fit: Fit) -> tuple[float, ...]:

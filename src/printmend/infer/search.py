@@ -7,7 +7,7 @@ must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard 
 """
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -114,15 +114,8 @@ class Search:
         """Return what the rows tell of all blocks beside a set."""
         variance = state.sigma_mm**2
         crossing = self.gram.between(state.columns) / variance  # [A, P]
-        half = state.root @ crossing
         slope = self.gram.slope / variance - crossing.T @ state.mean_mm
-        information = []
-        for group, own in zip(self.groups, self._own, strict=True):
-            told = own / variance
-            if len(half):
-                told -= products(half, group.columns)
-            information.append(told)
-        return Beside(self, state, state.root.T @ half, tuple(information), slope)
+        return Beside(self, state, state.root @ crossing, slope)
 
     def given(self, members: Set, sigma_mm: float) -> "Search":
         """Return the search beside members that stay, whatever their sizes: these are summed out."""
@@ -136,11 +129,17 @@ class Search:
         columns = _columns_of(blocks[b] for b, _ in members)
         return columns, np.concatenate([np.zeros(0), *(blocks[b].sds_mm[v] for b, v in members)])
 
-    def narrowed(self, numbers: Sequence[int]) -> "Search":
-        """Return the search among some blocks alone, in this order."""
-        blocks = self.dictionary.blocks
-        columns = _columns_of(blocks[b] for b in numbers)
-        some = Dictionary(laid_side_by_side(blocks[b] for b in numbers), self.dictionary.columns[:, columns])
+    def narrowed(self, numbers: Sequence[int] | Mapping[int, list[int]]) -> "Search":
+        """Return the search among some blocks alone, in this order; of each all alternatives in size, or those that are
+        named."""
+        blocks = [self.dictionary.blocks[b] for b in numbers]
+        columns = _columns_of(blocks)
+        if isinstance(numbers, Mapping):
+            blocks = [
+                replace(block, sds_mm=block.sds_mm[own], log_odds=block.log_odds[own])
+                for block, own in zip(blocks, numbers.values(), strict=True)
+            ]
+        some = Dictionary(laid_side_by_side(blocks), self.dictionary.columns[:, columns])
         return Search(some, self.gram.some(columns))
 
     @cached_property
@@ -162,7 +161,7 @@ class Search:
         ]
 
     @cached_property
-    def _own(self) -> list[np.ndarray]:
+    def own(self) -> list[np.ndarray]:
         """The products of the columns of each group's blocks among themselves."""
         return [self.gram.within(group.columns) for group in self.groups]
 
@@ -221,22 +220,39 @@ def search_of(dictionary: Dictionary, rows: Rows, weight: np.ndarray) -> Search:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """What rows tell of the blocks of each group [B, P, P], and how they pull on all columns [P], beside a state.
+    """What rows tell of blocks beside a state, and how they pull on all columns [P].
 
-    ``reach`` [A, P]: how far the state's sizes move for a size of a column.
+    ``half`` [A, P]: what the root of the state's covariance makes of the products of its columns with all.
     """
 
     search: Search
     state: State
-    reach: np.ndarray
-    information: tuple[np.ndarray, ...]
+    half: np.ndarray
     slope: np.ndarray
+
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """How far the state's sizes move for a size of each column [A, P]."""
+        return np.asarray(self.state.root.T @ self.half)
+
+    def information(self, number: int) -> np.ndarray:
+        """Return what the rows tell of the sizes [B, P, P] of each block of the group of this number."""
+        if number not in self._information:
+            told = self.search.own[number] / self.state.sigma_mm**2
+            if len(self.half):
+                told -= products(self.half, self.search.groups[number].columns)
+            self._information[number] = told
+        return self._information[number]
+
+    @cached_property
+    def _information(self) -> dict[int, np.ndarray]:
+        return {}
 
     def told(self, number: int) -> np.ndarray:
         """Return what each alternative [B, V] of the group of this number adds to the state's score."""
         if number not in self._told:
             group = self.search.groups[number]
-            self._told[number] = group.gains(self.information[number], self.slope[group.columns])
+            self._told[number] = group.gains(self.information(number), self.slope[group.columns])
         return self._told[number]
 
     @cached_property
@@ -300,7 +316,7 @@ class Less:
                 continue
             columns = group.columns[which]
             freed = self.freed[columns]
-            information = self.beside.information[number][which] + freed @ np.swapaxes(freed, 1, 2)
+            information = self.beside.information(number)[which] + freed @ np.swapaxes(freed, 1, 2)
             slope = self.beside.slope[columns] + freed @ self.pull
             found.append((group.keys[may], group.gains(information, slope, which, may[which])[may[which]]))
         return _gathered(found)
