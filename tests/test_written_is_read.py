@@ -24,7 +24,6 @@ from tests.test_greybox_learning import stairs
 ENDER3, COREXY = read_printer("ender3"), read_printer("corexy")
 BENT = Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.3)), Drive(belt=Play(0.2))))
 FIRST = datetime(2025, 1, 1, tzinfo=UTC)
-FEW_STEPS = 30  # of the chain: machines that come from fewer sets are written alike
 
 
 def measured(fault: Corruption, printer: Printer, way: np.ndarray, noise_mm: float = 0.03) -> Trace:
@@ -96,7 +95,7 @@ def is_read(model: SavedModel, trace: Trace, path: Path) -> SavedModel:
 def test_what_is_learned_and_brought_up_to_date_is_read(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("printmend.infer.posterior.STEPS", FEW_STEPS)
+    monkeypatch.setattr("printmend.infer.posterior.ROUNDS", 1)
     printer, trace = ODD[name]()
     path = tmp_path / "printer.mend.json"
     model = is_read(learn_model(trace, printer), trace, path)

@@ -6,10 +6,8 @@ from printmend.effects import EFFECTS
 from printmend_lab.conformance.effects import CHECKS, EffectCandidate
 from tests.conformance import broken_by
 
-FEW_STEPS = 40  # of the chain, which has to find one effect here; `printmend conformance` takes them all
-
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_keeps_what_an_effect_must(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("printmend.infer.posterior.STEPS", FEW_STEPS)
+    monkeypatch.setattr("printmend.infer.posterior.ROUNDS", 1)
     assert broken_by(EffectCandidate(name), CHECKS) == {}

@@ -29,12 +29,11 @@ from printmend.infer.gram import (
     summed,
 )
 from printmend.infer.machine import machine_of
-from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, search_of, searched
+from printmend.infer.search import LEAST_LOG_WEIGHT, LEAST_SIGMA_MM, Search, Set, State, search_of, searched
 from printmend.machine import Contacts, Mechanism, contacts_of, healthy_mechanism
 from printmend.metrics.robust import own_share, scale_of, weights_of
 from printmend.path import Trace
 
-LEAST_BESIDE = -9.0  # of the score that a block adds, below which it is left out of the last fit
 CHUNK_ROWS = 2048  # that are summed at once
 MOST_MARKS = 1200  # marks for the search: more take time and give the same set
 FEW_MARKS = 600  # that a first look is for
@@ -226,7 +225,7 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
         return fit
     members = [b for b, _ in fit.state.members]
     gains = fit.search.gains(fit.state, fit.search.offered(fit.state.members))
-    beside = np.unique(gains.keys[gains.values > LEAST_BESIDE, 0]).tolist()
+    beside = np.unique(gains.keys[gains.values > LEAST_LOG_WEIGHT, 0]).tolist()
     dictionary = fit.search.narrowed((*members, *beside)).dictionary
     numbered: Set = tuple((at, variant) for at, (_, variant) in enumerate(fit.state.members))
     known = slice(0, len(fit.state.columns))  # the members come first

@@ -20,7 +20,7 @@ from printmend.infer.fit import Fit
 from printmend.infer.gram import Block
 from printmend.infer.machine import DRAWS, Part
 from printmend.infer.scatter import log_below
-from printmend.infer.search import LEAST_BETTER, Gains, Search, Set, State
+from printmend.infer.search import LEAST_BETTER, LEAST_LOG_WEIGHT, Gains, Search, Set, State
 from printmend.metrics.robust import DEGREES
 
 # Drawn machines from few numbers, where many sets of effects are equally likely: Gibbs sampling over sets.
@@ -160,7 +160,6 @@ def _sizes(
     return sizes
 
 
-LEAST_LOG_WEIGHT = -9.0  # a chain's step leaves out sets less likely than e^−9 of the likeliest
 ROUNDS = 3  # of the chain of each draw
 TRIES = 64  # draws for each one whose sizes have to be above 0
 MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better mended

@@ -20,6 +20,7 @@ from printmend.infer.scatter import inverse_of, log_below
 
 LEAST_SIGMA_MM = 2e-3  # of any instrument; tables and G-code are written to half of it
 LEAST_BETTER = 1e-6  # of the score: what rounding leaves
+LEAST_LOG_WEIGHT = -9.0  # what is less likely than e^−9 of something else hardly ever happens beside it
 SETTLED_SHARE = 1e-3  # of the noise's variance: a score near its maximum changes by the square
 MOST_STEPS = 80  # of the search: more blocks than any printer's
 Set = tuple[tuple[int, int], ...]  # (block, alternative in size) of each member

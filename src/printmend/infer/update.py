@@ -22,6 +22,7 @@ from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.effects.switch import drawn_shifts_mm, spread_mm
 from printmend.infer.fit import (
     FINER_ROUNDS,
+    WEIGHINGS,
     Fit,
     home_sd_of,
     looked,
@@ -250,7 +251,6 @@ def rebased(part: Part, scene: Scene) -> Part:
 LEAST_CHANCE = 0.05  # parts that fewer of the drawn machines have say nothing: the search offers them anew
 SURE_CHANCE = 0.5  # parts that more of them have are brought up to date; others stay as they were drawn
 PASSES = 3  # of contacts, then search, where anything changed; the last one weighs stories
-WEIGHINGS = 2  # of rows in each pass
 PHASES = 72  # angles by which a pulley may have turned that are tried, then those between the best and its neighbours
 SEEN_SHARE = 0.5  # of its prior deviation that a shift may keep and counts as seen
 SEED = 29
