@@ -36,6 +36,7 @@ ENDER3 = read_printer("ender3")
 SHORT = replace(ENDER3, z=replace(ENDER3.z, max_mm=40.0))
 SCREW = Screw(0.004, 0.06, 1.0, 0.25, 0.4, 0.12)
 DRIVES = (Drive(pulley=EccentricBore(0.3, 1.2), belt=Play(0.3)), Drive(belt=Play(0.2)))
+SOUND = (Drive(), Drive())
 NOISE_MM = 0.03
 
 
@@ -47,11 +48,12 @@ def measured(
     heights: bool = True,
     seed: int = 1,
     frame: CrookedFrame | None = None,
+    drives: tuple[Drive, ...] = DRIVES,
 ) -> Trace:
     """Print way-points [N, 3] after homing and measure them."""
     rng = np.random.default_rng(seed)
     path = np.concatenate([[[*SHORT.home_mm, SHORT.z.home_mm]], waypoints_mm])
-    printed = Twin.of(Corruption(DRIVES, frame, screw), SHORT).follow(path)
+    printed = Twin.of(Corruption(drives, frame, screw), SHORT).follow(path)
     seen = printed + rng.normal(0, noise_mm, printed.shape)
     return Trace(
         path[:, :2], seen[:, :2], z_mm=path[:, 2], z_measured_mm=seen[:, 2] if heights else None, homed=True,
@@ -104,7 +106,7 @@ def bent(told: Learned) -> SavedModel:
 @pytest.fixture(scope="module")
 def low() -> Learned:
     """Five layers of 1.15 mm: little more than half a turn of the screw."""
-    return learn(measured(SCREW, body(5)), SHORT, rng=np.random.default_rng(0))
+    return learn(measured(SCREW, body(5), drives=SOUND), SHORT, rng=np.random.default_rng(0))
 
 
 def test_the_screw_is_found_beside_the_belts(bent: SavedModel) -> None:
@@ -135,7 +137,7 @@ def test_without_noise_it_is_exact() -> None:
 
 
 def test_a_healthy_screw_is_healthy() -> None:
-    model = learned(measured(None, body(12, 1.4)))
+    model = learned(measured(None, body(12, 1.4), drives=SOUND))
     assert model.mechanism.screw is None
     assert "Z healthy" in model.findings[0]
     assert model.document["version"] == 1
@@ -143,13 +145,13 @@ def test_a_healthy_screw_is_healthy() -> None:
 
 def test_no_heights_no_lead() -> None:
     """Layers lying aside show the wobble; what they cannot show is said."""
-    model = learned(measured(SCREW, body(), heights=False))
+    model = learned(measured(SCREW, body(), heights=False, drives=SOUND))
     assert errors_mm(model, replace(SCREW, lead_error=0.0, periodic_mm=0.0, backlash_mm=0.0))[1] < 0.01
     assert any("no heights were measured" in gap for gap in model.findings[1:])
 
 
 def test_an_ordinary_print_says_nothing_of_z() -> None:
-    silent = learned(measured(None, body(4), heights=False))
+    silent = learned(measured(None, body(4), heights=False, drives=SOUND))
     assert "Z" not in " ".join(silent.findings)
 
 
@@ -163,7 +165,7 @@ def test_half_a_turn_is_too_little(low: Learned) -> None:
 
 
 def test_whole_turns_show_one_angle_only() -> None:
-    model = learned(measured(SCREW, body(4, 8.0)))
+    model = learned(measured(SCREW, body(4, 8.0), drives=SOUND))
     for kind in ("wobble", "unevenness"):
         assert any(f"Z {kind}: known only to" in gap for gap in model.findings[1:])
 
@@ -183,7 +185,7 @@ def test_a_tower_completes_a_planar_model(bent: SavedModel) -> None:
     assert errors_mm(again.model, SCREW)[0] == pytest.approx(heights)  # the old one knew it better
     assert errors_mm(again.model, SCREW)[1] < push + 0.001
     other = replace(SCREW, wobble_phase_rad=2.0)
-    turned = update(bent, measured(other, tower(), seed=4), rng=np.random.default_rng(0))
+    turned = update(bent, measured(other, tower(), heights=False, seed=4), rng=np.random.default_rng(0))
     assert errors_mm(turned.model, other)[1] < 0.025
 
 
