@@ -79,9 +79,8 @@ def test_four_dots_of_a_tower_say_nothing_new_of_all_the_bed(old: SavedModel) ->
     }
 
 
-@pytest.mark.parametrize(("points", "seed"), [(200, 1), (60, 3)])
-def test_the_same_machine_stays(old: SavedModel, points: int, seed: int) -> None:
-    updated = update(old, printed(machine(), points, seed), rng=np.random.default_rng(0))
+def test_the_same_machine_stays(old: SavedModel) -> None:
+    updated = update(old, printed(machine(), 200, 1), rng=np.random.default_rng(0))
     assert updated.changes == ()
     assert updated.anew == ()
     assert error_mm(updated.model, machine()) < error_mm(old, machine()) + 0.1 * NOISE_MM
@@ -120,25 +119,12 @@ def test_play_that_grew_is_found(old: SavedModel) -> None:
 
 def test_another_printers_table_is_asked_whose_it_is(old: SavedModel) -> None:
     drives = (Drive(belt=Play(0.6)), Drive(pulley=EccentricBore(0.9, 3.0), belt=Play(0.1)))
-    other = update(old, printed(Corruption(drives), 400, 5, small=False), rng=np.random.default_rng(0))
+    other = update(old, printed(Corruption(drives), 200, 5, small=False), rng=np.random.default_rng(0))
     assert other.words.endswith("is this measurement of the same printer?")
     assert other.model.document["update"]["anew"] == ["X", "Y"]
-    grown = update(old, printed(machine(play_x=1.2, play_y=0.9), 400, 5, small=False), rng=np.random.default_rng(0))
+    grown = update(old, printed(machine(play_x=1.2, play_y=0.9), 200, 5, small=False), rng=np.random.default_rng(0))
     assert grown.anew == ()
     assert [(change.part, change.kind) for change in grown.changes] == [("X", "play"), ("Y", "play")]
-
-
-def test_wavy_guides_stay_known() -> None:
-    wavy = Corruption((Drive(), Drive()), CrookedFrame(x_wave_mm=0.3, x_wave_period_mm=120.0))
-    way = np.vstack([stairs(700), np.random.default_rng(3).uniform(10, 210, (300, 2))])
-    places = Twin.of(wavy, ENDER3).follow(way)
-    first, second = (
-        Trace(way, places + np.random.default_rng(seed).normal(0, NOISE_MM, way.shape), homed=True) for seed in (1, 2)
-    )
-    old = learn_model(first, ENDER3)
-    again = update(old, second, rng=np.random.default_rng(0))
-    assert len(old.mechanism.frame.waves) == len(again.model.mechanism.frame.waves) == 1
-    assert (again.changes, again.anew) == ((), ())
 
 
 def test_skew_that_grew_is_found(old: SavedModel) -> None:
@@ -163,15 +149,9 @@ def test_another_scan_of_another_scale_is_no_change() -> None:
     assert again.model.findings[0].endswith("Y healthy")
 
 
-CHANGES = {
-    "new pulley": Corruption((Drive(pulley=Polygon((6.9, 6.2, 7.1, 6.5), 0.3), belt=Play(0.2)), machine().drives[1])),
-    "repaired": Corruption(),
-}
-
-
-@pytest.mark.parametrize("name", CHANGES)
-def test_never_worse_than_the_new_trace_alone(old: SavedModel, name: str) -> None:
-    now = CHANGES[name]
+def test_never_worse_than_the_new_trace_alone(old: SavedModel) -> None:
+    """X got another pulley, Y was repaired."""
+    now = Corruption((Drive(pulley=Polygon((6.9, 6.2, 7.1, 6.5), 0.3), belt=Play(0.2)), Drive()))
     trace = printed(now, 200, 6)
     updated = update(old, trace, rng=np.random.default_rng(0))
     fresh = learn_model(trace, ENDER3, rng=np.random.default_rng(0))
@@ -179,25 +159,21 @@ def test_never_worse_than_the_new_trace_alone(old: SavedModel, name: str) -> Non
     assert updated.changes or updated.anew
 
 
-def test_an_update_can_be_updated(old: SavedModel, tmp_path: Path) -> None:
-    first = update(old, printed(machine(0.3), 200, 7), rng=np.random.default_rng(0))
-    write_model(tmp_path / "first.mend.json", first.model)
-    second = update(
-        read_model(tmp_path / "first.mend.json"), printed(machine(0.45), 200, 8), rng=np.random.default_rng(0)
-    )
-    (change,) = second.changes
-    assert change.before == pytest.approx(0.3, abs=0.02)
-    assert change.now == pytest.approx(0.45, abs=0.02)
-
-
-def test_frames_are_remembered() -> None:
+def test_skew_and_wavy_guides_are_remembered() -> None:
     printer = read_printer("corexy")  # where a frame mixes both motors
-    crooked = Corruption(machine().drives, CrookedFrame(0.5))
-    old = learn_model(printed(crooked, 400, 0, small=False, printer=printer), printer, rng=np.random.default_rng(0))
-    updated = update(old, printed(crooked, 200, 1, printer=printer), rng=np.random.default_rng(0))
-    assert updated.changes == ()
+    frame = CrookedFrame(0.5, x_wave_mm=0.3, x_wave_period_mm=120.0)
+    crooked = Corruption((machine().drives[0], Drive()), frame)
+    way = np.vstack([stairs(300), np.random.default_rng(3).uniform(10, 210, (200, 2))])
+    places = Twin.of(crooked, printer).follow(way)
+    first, second = (
+        Trace(way, places + np.random.default_rng(seed).normal(0, NOISE_MM, way.shape), homed=True) for seed in (1, 2)
+    )
+    old = learn_model(first, printer)
+    again = update(old, second, rng=np.random.default_rng(0))
+    assert len(old.mechanism.frame.waves) == len(again.model.mechanism.frame.waves) == 1
+    assert (again.changes, again.anew) == ((), ())
     bed = np.array([[20.0, 20.0], [20.0, 200.0], [200.0, 20.0], [200.0, 200.0]])
-    frames = [model.mechanism.frame.apply(bed) for model in (old, updated.model)]
+    frames = [model.mechanism.frame.apply(bed) for model in (old, again.model)]
     assert np.abs(frames[0] - frames[1] - (frames[0] - frames[1]).mean(axis=0)).max() < 0.05
 
 
@@ -205,7 +181,9 @@ def run(*args: object):
     return CliRunner().invoke(group, [str(arg) for arg in args])
 
 
-def test_the_command_says_what_changed(old: SavedModel, tmp_path: Path) -> None:
+def test_the_command_says_what_changed_and_what_it_wrote_is_brought_up_to_date_again(
+    old: SavedModel, tmp_path: Path
+) -> None:
     write_model(tmp_path / "old.mend.json", old)
     write_trace(tmp_path / "trace2.csv", printed(machine(0.35), 200, 9))
     new = tmp_path / "new.mend.json"
@@ -214,6 +192,8 @@ def test_the_command_says_what_changed(old: SavedModel, tmp_path: Path) -> None:
     assert "X belt play grew from 0.20 to 0.3" in result.output
     assert json.loads(new.read_text())["update"]["from"] == old.digest
     assert read_model(new).findings[0].startswith("X pulley eccentric")
+    (change,) = update(read_model(new), printed(machine(0.45), 200, 8), rng=np.random.default_rng(0)).changes
+    assert (change.before, change.now) == (pytest.approx(0.35, abs=0.02), pytest.approx(0.45, abs=0.02))
 
 
 def test_bad_input_ends_in_one_line(old: SavedModel, tmp_path: Path) -> None:
