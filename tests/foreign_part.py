@@ -43,7 +43,7 @@ def plate():
     return body
 
 
-def gcode(shape):
+def gcode(shape, layers=LAYERS):
     """Marlin's G-code of a plate: two walls and infill, the same in each layer."""
     strokes = []
     for k in range(2):
@@ -60,7 +60,7 @@ def gcode(shape):
                 strokes.append(np.array(shapely.affinity.rotate(shapely.LineString(line), 45, origin=(0, 0)).coords))
     area = HEIGHT_MM * (WIDTH_MM - HEIGHT_MM * (1 - math.pi / 4)) / (math.pi * FILAMENT_MM**2 / 4)
     lines = ["G28", "G21", "G90", "M83", "G92 E0"]
-    for layer in range(LAYERS):
+    for layer in range(layers):
         lines += [";LAYER_CHANGE", f"G1 Z{HEIGHT_MM * (layer + 1):.2f} F600", ";TYPE:External perimeter"]
         for stroke in strokes:
             lines.append(f"G0 X{stroke[0, 0]:.4f} Y{stroke[0, 1]:.4f} F7200")

@@ -40,6 +40,7 @@ from printmend.twin.beads import print_beads
 from tests import foreign_part as foreign
 
 PRINTER = read_printer("ender3")
+LAYERS = 4  # the first, whose foot is wider, and some above it
 OUTLINE_MM, HOLE_MM, FOOT_MM, SHRINKS = 0.05, 0.12, 0.15, np.array([0.005, 0.002])
 SLICER = shutil.which("prusa-slicer")
 
@@ -51,7 +52,7 @@ def fit_part(scan, path, filament=None, **measuring):
 def test_the_twin_prints_what_fit_finds(tmp_path):
     """Two renderers that share no code: `fit` finds in the twin's scans what the command line put there."""
     shape, _ = foreign.part(np.random.default_rng(3), sizes=(29, 30))
-    (tmp_path / "part.gcode").write_text(foreign.gcode(shape))
+    (tmp_path / "part.gcode").write_text(foreign.gcode(shape, LAYERS))
     scans = tmp_path / "under.png", tmp_path / "top.png"
     filament = "filament:polymer=pla,x_percent=0.5,y_percent=0.2,outline_mm=0.05,hole_mm=0.12,foot_mm=0.15"
     done = CliRunner().invoke(twin, [
@@ -72,10 +73,10 @@ def test_corners_that_bulge_widen_no_wall(tmp_path):
     """All four corners of a plate bulge in its scan, the one where its outline begins and ends too. `fit` reads the
     walls beside them."""
     shape, path, image = foreign.plate(), tmp_path / "part.gcode", tmp_path / "under.png"
-    path.write_text(foreign.gcode(shape))
+    path.write_text(foreign.gcode(shape, LAYERS))
     rng = np.random.default_rng(6)
     rings = foreign.printed(shape, 0.05, 0.1, (0.0, 0.0), rng, 0.15)
-    image.write_bytes(foreign.scan([(rings, 1.0, 0.03)], rng, below=True, dpi=400))
+    image.write_bytes(foreign.scan([(rings, 1.0, 0.03)], rng, below=True, dpi=300))
     side = fit_part(image, path).estimate.first
     assert side is not None
     assert side.outline_mm == pytest.approx(0.05, abs=0.02)
@@ -85,13 +86,13 @@ def test_corners_that_bulge_widen_no_wall(tmp_path):
 def test_the_twins_corners_bulge(tmp_path):
     """All four, and nothing else: the same place on the glass."""
     path, dark = tmp_path / "part.gcode", []
-    path.write_text(foreign.gcode(foreign.plate()))
+    path.write_text(foreign.gcode(foreign.plate(), LAYERS))
     for corner_mm in (0.0, 0.15):
         image = tmp_path / f"{corner_mm}.png"
         sizes = f"x_percent=0,y_percent=0,outline_mm=0.05,hole_mm=0.1,foot_mm=0,{corner_mm=}"
         done = CliRunner().invoke(twin, [
             str(path), "--printer", "ender3", "--corruption", f"filament:polymer=pla,{sizes}", "-o",
-            str(tmp_path / "t.csv"), "--scan", str(image), "--dpi", "400",
+            str(tmp_path / "t.csv"), "--scan", str(image), "--dpi", "300",
         ])  # fmt: skip
         assert done.exit_code == 0, done.output
         dark.append(np.asarray(Image.open(image).convert("L"), float) < 140)
@@ -100,7 +101,7 @@ def test_the_twins_corners_bulge(tmp_path):
 
 
 def test_the_twins_part_has_lost_its_skirt(tmp_path):
-    text, ring = foreign.gcode(foreign.plate()), [(60, 60), (160, 60), (160, 160), (60, 160), (60, 60)]
+    text, ring = foreign.gcode(foreign.plate(), LAYERS), [(60, 60), (160, 60), (160, 160), (60, 160), (60, 60)]
     skirt = "".join(f"G{min(k, 1)} X{x} Y{y}{' E3' * (k > 0)} F1800\n" for k, (x, y) in enumerate(ring))
     around = text.replace(";TYPE:", f";TYPE:Skirt\n{skirt};TYPE:", 1)
     beads = []
@@ -118,11 +119,11 @@ def part(tmp_path_factory):
     """A folder with part.gcode and its underside and top as they came out."""
     folder, rng = tmp_path_factory.mktemp("fit"), np.random.default_rng(3)
     shape, _ = foreign.part(rng, sizes=(29, 30))
-    (folder / "part.gcode").write_text(foreign.gcode(shape))
+    (folder / "part.gcode").write_text(foreign.gcode(shape, LAYERS))
     upper = foreign.printed(shape, OUTLINE_MM, HOLE_MM, -SHRINKS, rng)
     lower = foreign.printed(shape, OUTLINE_MM + FOOT_MM, HOLE_MM + FOOT_MM, -SHRINKS, rng)
-    (folder / "under.png").write_bytes(foreign.scan([(lower, 1.0, 0.03)], rng, below=True, dpi=400))
-    (folder / "top.png").write_bytes(foreign.scan([(lower, 0.3, 0.3), (upper, 1.0, 0.03)], rng, below=False, dpi=400))
+    (folder / "under.png").write_bytes(foreign.scan([(lower, 1.0, 0.03)], rng, below=True, dpi=300))
+    (folder / "top.png").write_bytes(foreign.scan([(lower, 0.3, 0.3), (upper, 1.0, 0.03)], rng, below=False, dpi=300))
     return folder
 
 
@@ -153,10 +154,10 @@ def test_callipers_give_both_scans_their_scale(tmp_path):
     """A scanner that is 0.4 % off makes holes of 12 mm 0.05 mm too large, in the scan of the top as well."""
     rng = np.random.default_rng(8)
     shape, _ = foreign.part(rng, sizes=(29, 30))
-    (tmp_path / "part.gcode").write_text(foreign.gcode(shape))
+    (tmp_path / "part.gcode").write_text(foreign.gcode(shape, LAYERS))
     lower, upper = (foreign.printed(shape, 0.05 + foot, 0.1 + foot, -SHRINKS, rng) for foot in (0.1, 0.0))
     for name, levels in (("under", [(lower, 1.0, 0.03)]), ("top", [(lower, 0.3, 0.3), (upper, 1.0, 0.03)])):
-        image = foreign.scan(levels, rng, below=name == "under", dpi=400, stretch=(0.004, 0.004))
+        image = foreign.scan(levels, rng, below=name == "under", dpi=300, stretch=(0.004, 0.004))
         (tmp_path / f"{name}.png").write_bytes(image)
     read_mm = []
     for width in choose_widths(read_walls(read_gcode(tmp_path / "part.gcode", printer=PRINTER), PRINTER)):

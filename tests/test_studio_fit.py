@@ -30,9 +30,9 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).mkdir(parents=True)
     (folder / "printers/one" / work.PRINTER).write_text(printer_text(read_printer("ender3")))
     shape, _ = foreign.part(rng, sizes=(29, 30))
-    (folder / "uploads/a").write_text(foreign.gcode(shape))
+    (folder / "uploads/a").write_text(foreign.gcode(shape, layers=4))
     rings = foreign.printed(shape, 0.05, 0.12, (-0.004, -0.004), rng)
-    (folder / "uploads/b").write_bytes(foreign.scan([(rings, 1.0, 0.03)], rng, below=True, dpi=400))
+    (folder / "uploads/b").write_bytes(foreign.scan([(rings, 1.0, 0.03)], rng, below=True, dpi=300))
     return folder
 
 
