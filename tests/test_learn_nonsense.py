@@ -69,7 +69,7 @@ def test_from_too_little_no_pulley_is_made_up(
     shrink: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator
 ) -> None:
     """What hardly moved says nothing of its pulley; the model is no worse than none."""
-    twin, points_mm = broken(), shrink(zigzag(300))
+    twin, points_mm = broken(), shrink(zigzag(150))
     measured_mm = twin.follow(points_mm) + rng.normal(0, 0.05, points_mm.shape)
     model = learn_model(Trace(points_mm, measured_mm), PRINTER, rng=rng)
     other_mm = zigzag(400)[::-1] * 0.5 + 50
@@ -80,7 +80,7 @@ def test_from_too_little_no_pulley_is_made_up(
 
 
 def test_noise_of_millimetres_is_no_fault(rng: np.random.Generator) -> None:
-    points_mm = zigzag(600)
+    points_mm = zigzag(300)
     model = learn_model(Trace(points_mm, points_mm + rng.normal(0, 5, points_mm.shape)), PRINTER, rng=rng)
     other_mm = zigzag(400)[::-1] * 0.5 + 50
     assert np.abs(np.std(Twin(model.mechanism).follow(other_mm) - other_mm, axis=0)).max() < 0.5
@@ -89,8 +89,8 @@ def test_noise_of_millimetres_is_no_fault(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("spoil", [None, "another print's rows", "mirrored"])
 def test_a_table_may_have_most_of_its_rows_on_one_line(spoil: str | None, rng: np.random.Generator) -> None:
     """Along it X stands still, and what a crooked frame adds follows no command of X."""
-    along = np.linspace(10, 210, 140)
-    points_mm = np.vstack([zigzag(60), np.stack([np.full(140, 110.0), along], axis=1)])
+    along = np.linspace(10, 210, 80)
+    points_mm = np.vstack([zigzag(40), np.stack([np.full(80, 110.0), along], axis=1)])
     measured_mm = Twin.of(sample("frame", np.random.default_rng(1)), PRINTER).follow(points_mm)
     if spoil is None:
         learn_model(Trace(points_mm, measured_mm), PRINTER, rng=rng)
@@ -108,7 +108,7 @@ ENDLESS: dict[str, Spoil] = {
 @pytest.mark.parametrize("spoil", ENDLESS.values(), ids=ENDLESS)
 def test_learning_ends_whatever_the_rows_are(spoil: Spoil, rng: np.random.Generator) -> None:
     """What it ends with is a refusal, or a machine that moves nothing far beyond what the rows did."""
-    points_mm = zigzag(200)
+    points_mm = zigzag(90)
     measured_mm = spoil(broken().follow(points_mm) + rng.normal(0, 0.03, points_mm.shape), rng)
     try:
         model = learn_model(Trace(points_mm, measured_mm, homed=True), PRINTER, rng=rng)
