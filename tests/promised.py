@@ -19,7 +19,7 @@ CIRCLE = "G21\nG90\nM83\nG28\nG1 Z0.2 F600\nG0 X140 Y110 F6000\n" + "".join(
 )
 
 
-def measured(corruption: Corruption, noise_mm: float, seed: int, points: int = 700, printer: Printer = ENDER3) -> Trace:
+def measured(corruption: Corruption, noise_mm: float, seed: int, points: int = 350, printer: Printer = ENDER3) -> Trace:
     """Return the marks of a printer, on a way over all of its bed."""
     way = stairs(points)
     noise = np.random.default_rng(seed).normal(0, noise_mm, way.shape)

@@ -49,7 +49,7 @@ def two_faced(family: str | None) -> Mechanism:
     return replace(base, transmissions=(tables[0], tables[1]))
 
 
-def zigzag(count: int = 1000) -> np.ndarray:
+def zigzag(count: int = 700) -> np.ndarray:
     """Way-points over the whole bed: both motors pass every place many times, in either direction."""
     rng = np.random.default_rng(4)
     corners = np.stack([np.where(np.arange(14) % 2, 15.0, 205.0), np.where(np.arange(14) % 2, 205.0, 15.0)], axis=1)

@@ -146,11 +146,10 @@ def test_no_finer_idler_is_the_pulley() -> None:
     assert min(abs(turns - 2) for turns in finer) > OWN_SHARE
 
 
-@pytest.mark.parametrize("preset", ["ender3", "corexy"])
-def test_a_loose_nozzle_is_no_play_of_belts(preset: str, rng: np.random.Generator) -> None:
+def test_a_loose_nozzle_is_no_play_of_belts(rng: np.random.Generator) -> None:
     """It is dragged along within a circle, as a stone on a string is."""
-    printer, play_mm = read_printer(preset), 0.3
-    path = np.vstack([printer.home_mm, rng.uniform(20, 200, (300, 2))])
+    printer, play_mm = read_printer("corexy"), 0.3
+    path = np.vstack([printer.home_mm, rng.uniform(20, 200, (200, 2))])
     at, places = path[0], np.empty_like(path)
     for row, (start, end) in enumerate(itertools.pairwise([path[0], *path])):
         for wanted in np.linspace(start, end, 100):

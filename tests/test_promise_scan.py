@@ -132,7 +132,7 @@ def test_a_scan_of_a_skewed_corexy_leaves_the_direction_of_x(part: Path) -> None
 def test_a_scan_of_a_corexy_with_another_pulley_turns_no_print() -> None:
     """A motor whose scale is off by a tenth leans like a frame that is skewed by 5°: such a one would be seen."""
     corexy, rng = read_printer("corexy"), np.random.default_rng(2)
-    points = np.vstack([[corexy.home_mm], rng.uniform(20, 280, (900, 2))])
+    points = np.vstack([[corexy.home_mm], rng.uniform(20, 280, (300, 2))])
     belts = corexy.to_motor(points - corexy.home_mm) * np.array([0.89, 0.98])
     printed = np.asarray(corexy.from_motor(belts)) + corexy.home_mm + rng.normal(0, 0.02, points.shape)
     model = learn_model(scanned(Trace(points, printed, homed=True), np.zeros((2, 2))), corexy)
@@ -227,7 +227,7 @@ def test_a_length_that_was_given_is_not_asked_for_again() -> None:
 
 
 def test_a_wave_along_the_bed_that_two_scans_show_is_mended(rng: np.random.Generator) -> None:
-    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (400, 2))])
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (250, 2))])
     wave = 0.022 * np.sin(points[:, 1] / 61.0 * 2 * np.pi)
     measured = points + np.stack([np.zeros(len(points)), wave], axis=1) + rng.normal(0, 0.01, points.shape)
     twice = instrument_on_bed(FLATBED, np.eye(2), settled=True)
@@ -247,7 +247,7 @@ def test_a_wave_that_the_carriage_may_have_made_is_left(
     instrument: Instrument, axes: tuple[int, ...], rng: np.random.Generator
 ) -> None:
     """However well a length or the axes are known: the mean of two scans still holds half of either's wave."""
-    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (400, 2))])
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (250, 2))])
     measured = points + rng.normal(0, 0.002, points.shape)
     measured[:, axes] += 0.01 * np.sin(points[:, axes] / 61 * 2 * np.pi)
     model = learn_model(Trace(points, measured, homed=True, placed=False, instrument=instrument), ENDER3)
@@ -273,7 +273,7 @@ def test_a_pulley_of_a_far_other_size_is_learned_from_a_scan() -> None:
 
 def test_small_play_is_as_large_as_it_is_said_to_be(rng: np.random.Generator) -> None:
     """However uneven the carriage runs: it follows the place, and play the direction."""
-    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (400, 2))])
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (250, 2))])
     twin = Twin.of(Corruption((Drive(belt=Play(0.04)), Drive())), ENDER3)
     measured = twin.follow(points) + rng.normal(0, 0.01, points.shape)
     scan = Trace(points, measured, homed=True, placed=False, instrument=replace(FLATBED, wave_mm=0.02))
@@ -284,7 +284,7 @@ def test_small_play_is_as_large_as_it_is_said_to_be(rng: np.random.Generator) ->
 
 def test_a_picture_of_another_size_is_not_mended_until_a_length_is_known(rng: np.random.Generator) -> None:
     """A resolution that was typed in wrongly looks like two axes that are off by the same."""
-    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (400, 2))])
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (250, 2))])
     measured = 1.035 * points + rng.normal(0, 0.005, points.shape)
     scan = Trace(points, measured, homed=True, placed=False, instrument=scanned_at(600.0, stated=300.0))
     model = learn_model(scan, ENDER3)

@@ -22,7 +22,7 @@ from printmend_lab.sampling import sample
 from tests.test_greybox_learning import stairs
 
 ENDER3, COREXY = read_printer("ender3"), read_printer("corexy")
-BENT = Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.3)), Drive(belt=Play(0.2))))
+BENT = Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.3)), Drive()))
 FIRST = datetime(2025, 1, 1, tzinfo=UTC)
 
 
@@ -73,9 +73,11 @@ ODD: dict[str, Callable[[], tuple[Printer, Trace]]] = {
     "stated unsure": lambda: (ENDER3, stated(5.0, 5.0)),
     "a long bed": lambda: (p := shaped(ENDER3, max_mm=1000.0), measured(drawn("ripple"), p, stairs(120, 6.0, 994.0))),
     "screws": screw_driven,
-    "a name": lambda: (named(), measured(BENT, named(), stairs(60))),
     "a large frame": lambda: (COREXY, enlarged(measured(drawn("frame"), COREXY, stairs(120)), 1.5)),
-    "a scan": lambda: (ENDER3, replace(measured(BENT, ENDER3, stairs(120)), placed=False, instrument=FLATBED)),
+    "a scan and a name": lambda: (
+        named(),
+        replace(measured(BENT, named(), stairs(80)), placed=False, instrument=FLATBED),
+    ),
 }
 
 

@@ -14,7 +14,7 @@ from printmend_lab.sampling import sample
 from tests.conformance import broken_by
 from tests.test_control_greedy import assert_same_plan
 
-# Each learns a world or a printer of its own and says nothing that others do not; `printmend conformance` runs them all.
+# Each learns once more and says nothing that others do not; `printmend conformance` runs them all.
 SPARED = (
     "another layer is printed no worse than without a model (gain-table, corexy)",
     "sixty noisy points do no harm (pulley)",
