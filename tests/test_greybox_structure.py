@@ -30,7 +30,7 @@ def learned_layer(
     return Greybox().fit(dataclasses.replace(trace, measured_mm=noisy), ENDER5, rng=rng)
 
 
-@pytest.mark.parametrize("seed", [2, 6])
+@pytest.mark.parametrize("seed", [2])
 def test_a_learned_machine_prints_its_own_layer_again(seed: int) -> None:
     """Whole steps meet the ripple of one step at one phase: it is no ripple then, but an offset."""
     rng = np.random.default_rng(seed)
