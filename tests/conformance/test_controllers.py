@@ -10,7 +10,7 @@ from printmend_lab.path import Layer
 from tests.conformance import broken_by
 
 # `beam` asks `advance` thousands of times a target: one law of each kind, on a part of the layer.
-BEAM_TICKS = 40
+BEAM_TICKS = 16
 BEAM = (
     "controls to 1 lead where imagined (play)", "controls to 3 lead where imagined (corexy)",
     "controls to 1 lead where imagined (joint)", "is repeatable (increments)", "leaves a healthy ender5 alone",
