@@ -28,7 +28,7 @@ from printmend.learn.learned import learn_model, report
 from printmend.measure.table import read_trace, write_trace
 from printmend.mend.mend import check_gcode
 from printmend.messages import catalogue, say
-from printmend.path import FLATBED, Instrument, Trace
+from printmend.path import FLATBED, Trace
 from printmend.printer import Homing, Printer, read_printer
 from printmend.printer.printer import Switch
 from printmend.probe import design_probe
@@ -47,7 +47,7 @@ BROKEN = Corruption(
 
 
 def probe_trace(corruption: Corruption, printer: Printer, noise_mm: float = 0.02, seed: int = 1) -> Trace:
-    plan = design_probe(printer)
+    plan = design_probe(printer, marks=300)
     marks = Twin.of(corruption, printer).follow(plan.waypoints_mm)[plan.rows]
     noise = np.random.default_rng(seed).normal(0, noise_mm, marks.shape)
     return plan.trace(marks + noise)
@@ -148,7 +148,7 @@ def test_what_turns_by_another_length_may_be_an_idler(rng: np.random.Generator) 
 
 def test_an_idler_of_nearly_the_pulleys_size_is_no_elastic_belt(rng: np.random.Generator) -> None:
     phase_rad = 0.5 * np.pi
-    points, others = (np.vstack([[ENDER3.home_mm], rng.uniform(10, 200, (count, 2))]) for count in (1500, 1000))
+    points, others = (np.vstack([[ENDER3.home_mm], rng.uniform(10, 200, (count, 2))]) for count in (800, 1000))
     twin = Twin.of(Corruption((Drive(pulley=EccentricBore(0.1, 1.0)), Drive())), ENDER3)
 
     def printed(at: np.ndarray) -> np.ndarray:
@@ -183,7 +183,7 @@ def test_most_points_lie_in_the_band(examined: Examination) -> None:
             at = one.point_side == side
             curve, half = (np.interp(one.point_motor_mm[at], one.motor_mm, row[side]) for row in (one.error_mm, band))
             off[at] = np.abs(one.point_error_mm[at] - curve) / half
-        assert len(off) > 400
+        assert len(off) > 200
         assert 0.92 < np.mean(off < 1) < 1.0
 
 
@@ -214,13 +214,12 @@ def test_a_healthy_printer_needs_nothing(rng: np.random.Generator, tmp_path: Pat
 
 
 def test_waves_are_drawn_as_they_act(rng: np.random.Generator) -> None:
-    """A small wave that comes with the motor's turn is the pulley's, on a scan as in a table; the rest is no wave."""
+    """A small wave that comes with the motor's turn is the pulley's, on a scan, too; the rest is no wave."""
     slight = Corruption((Drive(pulley=EccentricBore(0.007)), Drive(pulley=EccentricBore(0.1))))
     exact = probe_trace(slight, ENDER3, noise_mm=0.005)
-    for trace in (replace(exact, instrument=FLATBED, placed=False), replace(exact, instrument=Instrument())):
-        portraits = examine(trace, ENDER3, rng=rng).portraits
-        waves = [np.ptp(one.error_mm[0] - one.level(one.motor_mm)) for one in portraits]
-        assert waves == [pytest.approx(0.014, abs=0.003), pytest.approx(0.2, abs=0.01)]
+    portraits = examine(replace(exact, instrument=FLATBED, placed=False), ENDER3, rng=rng).portraits
+    waves = [np.ptp(one.error_mm[0] - one.level(one.motor_mm)) for one in portraits]
+    assert waves == [pytest.approx(0.014, abs=0.003), pytest.approx(0.2, abs=0.01)]
 
 
 @pytest.mark.parametrize("layers", [1, 2])

@@ -105,7 +105,7 @@ def test_a_scale_that_no_scanner_has_is_mended(part: Path) -> None:
     assert scale_words(known) == ()
 
 
-def test_learn_says_what_scale_a_scan_leaves_open() -> None:
+def test_learn_says_what_scale_a_scan_leaves_open(healthy: SavedModel) -> None:
     wide = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.004, y_scale=1.004))
     model = learn_model(scanned(measured(wide, 0.01, 4), np.zeros((2, 2))), ENDER3)
     (said,) = scale_words(model)
@@ -114,7 +114,6 @@ def test_learn_says_what_scale_a_scan_leaves_open() -> None:
     assert "Mending corrects +0.50 % in X and -0.00 % in Y, which may be wrong by 0.2 mm" in scale_in_words(
         np.array([0.005, 0.001]), np.array([0.005, -1e-6]), 0.002
     )
-    healthy = learn_model(scanned(measured(HEALTHY, 0.01, 3), np.zeros((2, 2))), ENDER3)
     assert scale_words(healthy) == ()
 
 
@@ -142,13 +141,12 @@ def test_a_scan_of_a_corexy_with_another_pulley_turns_no_print() -> None:
     assert {fault["kind"] for fault in model.document["diagnosis"]} == {"scale"}
 
 
-@pytest.mark.parametrize("preset", ["ender3", "corexy"])
-def test_a_scan_of_a_skewed_frame_is_mended_whichever_axis_leans(preset: str) -> None:
+def test_a_scan_of_a_skewed_frame_is_mended_whichever_axis_leans() -> None:
     """Which one leans is how the sheet lay; it makes no two causes of one skew, of which neither would be likely.
 
     On a CoreXY two opposite scales would lean, too: a crooked frame comes before them.
     """
-    printer, skewed = read_printer(preset), Corruption((Drive(), Drive()), frame=CrookedFrame(skew_deg=0.6))
+    printer, skewed = read_printer("corexy"), Corruption((Drive(), Drive()), frame=CrookedFrame(skew_deg=0.6))
     model = learn_model(scanned(measured(skewed, 0.01, 4, 300, printer), np.zeros((2, 2))), printer)
     (skew,) = model.document["diagnosis"]
     assert (skew["part"], skew["kind"]) == ("frame", "skew")

@@ -76,12 +76,12 @@ def checked(
 def test_a_tenth_more_play_breaks_a_promise_where_it_can_be_seen(
     bent: SavedModel, noise_mm: float, play_mm: float, result: str, is_stated: bool
 ) -> None:
-    for seed in range(1 if is_stated else 2):  # a stated scatter tells the instrument from the machine, no more
-        verdict = verify(bent, checked(bent, machine(play_mm), noise_mm, seed, is_stated=is_stated))
-        assert verdict.result == result, verdict.words
-        assert f": {result}" in verdict.words
-        assert bool(verdict.changed) == (result == BROKEN)
+    verdict = verify(bent, checked(bent, machine(play_mm), noise_mm, is_stated=is_stated))
+    assert verdict.result == result, verdict.words
+    assert f": {result}" in verdict.words
+    assert bool(verdict.changed) == (result == BROKEN)
     if result == BROKEN:
+        assert "Mend again with the model" in verdict.words
         wanted = stairs(300)
         printed = Twin.of(machine(play_mm), ENDER3).follow(mended_mm(bent, wanted))
         true_mm = float(np.sqrt(np.mean(np.sum((printed - wanted) ** 2, axis=1))))
@@ -111,7 +111,7 @@ def test_a_smaller_change_is_told_beside_a_promise_that_is_kept(bent: SavedModel
     ("corruption", "grown", "instrument", "result"),
     [
         (BENT, 0.002, FLATBED, KEPT),  # no more than such a scanner may do
-        (machine(0.4, 0.3), 0.0, FLATBED, BROKEN),
+        (machine(0.42), 0.0, FLATBED, BROKEN),
     ],
 )
 def test_a_scanners_doubt_hides_no_change_of_the_machine(
@@ -159,7 +159,6 @@ def test_a_check_print_in_a_known_filament_was_mended_with_it(bent: SavedModel) 
     ("corruption", "is_mended", "words"),
     [
         (BENT, False, "Was the mended file printed"),
-        (machine(0.4, 0.3), True, "Mend again with the model"),
         (OTHER, False, "Is it another printer's"),
     ],
 )
