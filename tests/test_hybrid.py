@@ -93,8 +93,11 @@ def test_an_error_that_nobody_wrote_down_is_learned(odd: tuple[Mechanism, Trace,
         assert (table.lower_mm <= table.upper_mm).all()
 
 
-def test_what_was_added_is_saved_and_read_back(odd: tuple[Mechanism, Trace, HybridModel]) -> None:
+def test_what_was_added_is_saved_and_read_back(
+    odd: tuple[Mechanism, Trace, HybridModel], monkeypatch: pytest.MonkeyPatch
+) -> None:
     _, trace, model = odd
+    monkeypatch.setattr(Hybrid, "fit", lambda *_, **__: model)  # it would learn the same again
     saved = learn_model(trace, PRINTER, model="hybrid", rng=np.random.default_rng(0))
     assert saved.learner == "hybrid"
     assert model.residual_after_mm < 0.8 * model.box.residual_after_mm
@@ -111,8 +114,6 @@ def test_known_faults_need_nothing_more(family: str) -> None:
     trace = traced(truth)
     model = Hybrid().fit(trace, PRINTER, rng=np.random.default_rng(0))
     assert misfit_mm(model.mechanism, truth) <= misfit_mm(model.box.mechanism, truth) * 1.02 + 0.002
-    if model.residuals == (None, None) and family == "pulley":
-        assert learn_model(trace, PRINTER, rng=np.random.default_rng(0)).learner == "printmend"
 
 
 @pytest.mark.parametrize("noise_steps", [0.0, 0.25])

@@ -125,8 +125,6 @@ def test_a_part_of_thin_walls_is_known_though_they_moved_by_their_width(tmp_path
     (tmp_path / "other.gcode").write_text(foreign.gcode(foreign.gear(size=28) - foreign.gear(size=28).buffer(-2.2))[0])
     with pytest.raises(ScanError, match="the part of this file"):
         measure_part(tmp_path / "ring.jpg", tmp_path / "other.gcode", PRINTER)
-    with pytest.raises(ScanError, match="--dpi 300"):
-        measure_part(tmp_path / "ring.jpg", tmp_path / "ring.gcode", PRINTER, dpi=600)
 
 
 def test_only_a_part_is_measured():

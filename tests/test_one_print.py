@@ -164,6 +164,7 @@ def test_what_it_shows_of_a_print() -> None:
 
 
 @pytest.mark.parametrize("family", ["friction", "gain-table", "nobody"])
-def test_where_nothing_can_be_gained_or_nobody_knows_the_family_it_says_so(family: str, ender5) -> None:
+def test_where_nothing_can_be_gained_or_nobody_knows_the_family_it_says_so(family: str, ender5, monkeypatch) -> None:
+    monkeypatch.setattr("printmend_lab.env.fleet._DRAWS", 30)
     with pytest.raises(ConfigError):
         draw_scene(np.random.default_rng(0), ender5, family, "damaged", 40)
