@@ -76,16 +76,6 @@ def test_wear_that_was_foretold_moves_what_is_expected(old: tuple[Fit, Posterior
     assert size(grown.now.parts, "play", 0)[1] - size(usual.now.parts, "play", 0)[1] > 0.02
 
 
-def test_play_that_grew_is_found_and_acts(old: tuple[Fit, Posterior]) -> None:
-    found = again(old, printed(machine(play_mm=0.31), 200, 6))
-    assert found.changes == (("play", 0, ()),)
-    acts, mean, sd = size(found.now.parts, "play", 0)
-    assert abs(mean - 0.31) < 3 * sd < 0.03
-    assert acts == pytest.approx(mean, abs=sd)
-    lower, upper = found.fit.mechanism.transmissions[0].branches_mm(np.array([100.0]))
-    assert float(upper[0] - lower[0]) == pytest.approx(acts, abs=1e-6)
-
-
 def test_a_pulley_that_turned_is_found_as_one_angle(old: tuple[Fit, Posterior]) -> None:
     phase = 3.5
     found = again(old, printed(machine(phase=phase), 200, 7))
