@@ -106,7 +106,7 @@ def test_json_is_for_programs(tmp_path: Path) -> None:
 
 
 def test_the_saved_machine_is_the_learned_one(tmp_path: Path, rng: np.random.Generator) -> None:
-    drives = (Drive(pulley=EccentricBore(0.9, 1.0), belt=Play(0.6)), Drive(pulley=Ellipse(7.0, 5.9)))
+    drives = (Drive(pulley=EccentricBore(0.9, 1.0), belt=Play(0.6)), Drive())
     twin = Twin.of(Corruption(drives, CrookedFrame(skew_deg=1.0, x_wave_mm=0.3, x_wave_period_mm=120.0)), ENDER3)
     marks = twin.follow(PLAN.waypoints_mm)[PLAN.rows]
     marks += np.random.default_rng(5).normal(0, 0.01, marks.shape)
