@@ -7,7 +7,7 @@ eq. 17). So contacts and sizes are found in turn, and which of the three terms a
 prior odds, as everywhere. Where in its play the nut rested at first is another.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -16,7 +16,7 @@ import numpy as np
 from printmend.effects.prior import alternatives, lift_rests
 from printmend.errors import TraceError
 from printmend.infer.gram import Block, Dictionary, Rows, block_of, laid_side_by_side
-from printmend.infer.search import LEAST_SIGMA_MM, Set, State, search_of
+from printmend.infer.search import LEAST_LOG_WEIGHT, LEAST_SIGMA_MM, Set, State, search_of
 from printmend.machine.kernels import run
 from printmend.messages import say
 from printmend.metrics.robust import scale_of, weights_of
@@ -66,6 +66,8 @@ def _fitted(
     turns: bool,
 ) -> Height:  # fmt: skip
     (rest_share, log_odds), seen, blocks = rest, np.isfinite(measured_mm), _blocks()
+    sets = list(_sets(blocks, turns))
+    every_set = _alternatives(blocks, sets)
     columns = np.column_stack([commanded_mm, waves_of(commanded_mm, printer.z.mm_per_turn, HARMONICS)])
     sizes, sigma_mm, weight = np.zeros(columns.shape[1] + 2), 0.1, np.ones(int(seen.sum()))
     for _ in range(PASSES):
@@ -76,10 +78,10 @@ def _fitted(
         rows = Rows(
             np.arange(len(wanted_mm)), np.zeros((len(wanted_mm), 2)), wanted_mm, weight, np.ones(len(wanted_mm))
         )
-        search = search_of(Dictionary(blocks, design), rows, weight)
-        state = max(
-            (search.posterior(members, sigma_mm) for members in _sets(blocks, turns)), key=lambda each: each.score
-        )
+        search, rough = (search_of(Dictionary(some, design), rows, weight) for some in (blocks, (every_set,)))
+        weighed = rough.gains(rough.posterior((), sigma_mm, rounds=0), np.zeros(1, int)).values
+        likely = np.flatnonzero(weighed > weighed.max() + LEAST_LOG_WEIGHT)  # under the noise of the last pass
+        state = max((search.posterior(sets[at], sigma_mm) for at in likely), key=lambda each: each.score)
         before, sizes = sizes, _sizes(state, len(sizes))
         backlash_mm, sigma_mm = max(float(sizes[-1]), 0.0), state.sigma_mm
         left_mm = wanted_mm - design @ sizes
@@ -105,6 +107,16 @@ def _sets(blocks: tuple[Block, ...], turns: bool) -> Iterator[Set]:
         sizes[:2] = [[None], [None]]
     for chosen in product(*sizes):
         yield ((0, 0), *((b, size) for b, size in enumerate(chosen, start=1) if size is not None))
+
+
+def _alternatives(blocks: tuple[Block, ...], sets: Sequence[Set]) -> Block:
+    """Return sets as alternatives in size of one block, whose columns are those of all: 0 where a set has none."""
+    sds_mm = np.zeros((len(sets), blocks[-1].at.stop))
+    for own, members in zip(sds_mm, sets, strict=True):
+        for b, variant in members:
+            own[blocks[b].at] = blocks[b].sds_mm[variant]
+    log_odds = np.array([sum(blocks[b].log_odds[variant] for b, variant in members) for members in sets])
+    return Block("lift", 0, (), slice(0, sds_mm.shape[1]), sds_mm, log_odds)
 
 
 def _sizes(state: State, count: int) -> np.ndarray:
