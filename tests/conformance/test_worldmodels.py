@@ -14,12 +14,6 @@ from printmend_lab.sampling import sample
 from tests.conformance import broken_by
 from tests.test_control_greedy import assert_same_plan
 
-# Each learns once more and says nothing that others do not; `printmend conformance` runs them all.
-SPARED = (
-    "another layer is printed no worse than without a model (gain-table, corexy)",
-    "sixty noisy points do no harm (pulley)",
-)
-
 
 @cache
 def candidate(name: str) -> LearnerCandidate:
@@ -30,7 +24,7 @@ def candidate(name: str) -> LearnerCandidate:
 def test_keeps_what_a_world_model_must(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("printmend_lab.conformance.need.NEAR_STEPS", 0.0)  # those that come with printmend are exact
     monkeypatch.setattr("printmend_lab.conformance.learners.HARMLESS_STEPS", 0.0)
-    checks = {label: check for label, check in CHECKS.items() if label not in SPARED}
+    checks = dict(CHECKS)
     if name.startswith("forest"):  # one of 20 trees keeps these laws as one of 100 does, in a fifth of the time
         monkeypatch.setattr("sklearn.ensemble.RandomForestRegressor", partial(RandomForestRegressor, n_estimators=20))
     if name.startswith(("lightgbm", "forest")):
@@ -43,8 +37,6 @@ def test_keeps_what_a_world_model_must(name: str, monkeypatch: pytest.MonkeyPatc
         monkeypatch.setattr("printmend.infer.posterior.ROUNDS", 1)
         # no part of a printer makes a gain table: the search for one takes minutes (`printmend conformance printmend`)
         checks = {label: check for label, check in checks.items() if "gain-table" not in label}
-        # play beside a pulley is learned from sixty points; the test of updates learns it from many
-        checks = {label: check for label, check in checks.items() if "(pulley-play" not in label or "sixty" in label}
     assert broken_by(candidate(name), checks) == {}
 
 
