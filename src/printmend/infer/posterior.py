@@ -285,7 +285,7 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     sets: list[Set] = [tuple(member for member in every if member not in staying)] * DRAWS
     for some in rivals * ROUNDS:
         blocks = frozenset(number[each][0] for each in some)
-        for _ in range(1 + len(set(likeliest.members).intersection(some))):  # as many are taken away, or none is
+        for _ in range(1 + len(set(likeliest.members).intersection(some))):  # a step takes one of them away, or none
             sets = [chain.stepped(members, blocks, rng) for members in sets]
     chained = [tuple(key[member] for member in (*staying, *members)) for members in sets]
     return [tuple(sorted(each)) for each in _with_more(search, _resized(chained, sizes, rng), more, rng)]
