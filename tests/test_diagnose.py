@@ -28,7 +28,7 @@ from printmend.learn.learned import learn_model, report
 from printmend.measure.table import read_trace, write_trace
 from printmend.mend.mend import check_gcode
 from printmend.messages import catalogue, say
-from printmend.path import FLATBED, Trace
+from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import Homing, Printer, read_printer
 from printmend.printer.printer import Switch
 from printmend.probe import design_probe
@@ -214,12 +214,13 @@ def test_a_healthy_printer_needs_nothing(rng: np.random.Generator, tmp_path: Pat
 
 
 def test_waves_are_drawn_as_they_act(rng: np.random.Generator) -> None:
-    """A small wave that comes with the motor's turn is the pulley's, on a scan, too; the rest is no wave."""
+    """A small wave that comes with the motor's turn is the pulley's, on a scan as in a table; the rest is no wave."""
     slight = Corruption((Drive(pulley=EccentricBore(0.007)), Drive(pulley=EccentricBore(0.1))))
     exact = probe_trace(slight, ENDER3, noise_mm=0.005)
-    portraits = examine(replace(exact, instrument=FLATBED, placed=False), ENDER3, rng=rng).portraits
-    waves = [np.ptp(one.error_mm[0] - one.level(one.motor_mm)) for one in portraits]
-    assert waves == [pytest.approx(0.014, abs=0.003), pytest.approx(0.2, abs=0.01)]
+    for trace in (replace(exact, instrument=FLATBED, placed=False), replace(exact, instrument=Instrument())):
+        portraits = examine(trace, ENDER3, rng=rng).portraits
+        waves = [np.ptp(one.error_mm[0] - one.level(one.motor_mm)) for one in portraits]
+        assert waves == [pytest.approx(0.014, abs=0.003), pytest.approx(0.2, abs=0.01)]
 
 
 @pytest.mark.parametrize("layers", [1, 2])

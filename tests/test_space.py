@@ -23,13 +23,13 @@ from printmend_lab.control.space import plan_space
 from printmend_lab.hybrid import HybridModel
 from printmend_lab.protocols import SpaceModel
 from printmend_lab.sampling import sample
-from printmend_lab.space import _screw, fit_space, space_trace
+from printmend_lab.space import fit_space, space_trace
 from tests import naive_control
 
 SCREW = Screw(0.03, 0.1, 1.0, 0.3, 2.0, 0.3)
 
 
-def tower(printer: Printer, seed: int = 1, size_mm: float = 4.0, height_mm: float = 9.0) -> SpacePath:
+def tower(printer: Printer, seed: int = 1, size_mm: float = 12.0, height_mm: float = 9.0) -> SpacePath:
     body = drawn_tower(np.random.default_rng(seed), printer, size_mm=size_mm, height_mm=height_mm)
     return space_path(body, printer, hop_mm=0.4)
 
@@ -102,17 +102,29 @@ def test_contacts_are_the_slow_contacts(seed: int, half: float, share: float) ->
         assert u == (start if side[t] == 0 else centre[at[t]] + side[t] * half)
 
 
+def test_a_screw_is_learned_exactly_from_exact_heights(ender5: Printer) -> None:
+    path = tower(ender5)
+    printed = Twin.of(Corruption(screw=SCREW), ender5).run(path.controls, path.start_steps)
+    step_mm = ender5.z.mm_per_step
+    found = fit_height(path.nominal_steps[:, 2] * step_mm, printed[:, 2] * step_mm, ender5)
+    assert found.backlash_mm == pytest.approx(0.3, abs=1e-3)
+    assert found.terms[0] == pytest.approx(0.03, abs=1e-3)
+    assert np.hypot(*found.terms[1:3]) == pytest.approx(0.1, abs=2e-3)
+    assert np.hypot(*found.terms[3:5]) < 2e-3
+
+
 def test_no_backlash_is_claimed_where_none_shows(ender5: Printer, rng: np.random.Generator) -> None:
     """From noise alone, and from a screw that only goes up."""
-    up = np.repeat(np.arange(0.2, 9.0, 0.04), 2)
-    assert fit_height(up, up - 0.15 + rng.normal(0, 0.05, len(up)), ender5).backlash_mm == 0.0
-    hops = np.repeat(np.concatenate([[z, z + 0.2, z + 0.4, z + 0.2, z] for z in np.arange(0.2, 9.0, 0.2)]), 2)
+    up = np.repeat(np.arange(0.2, 9.0, 0.04), 10)
+    for screw_mm in (up, up - 0.15):
+        assert fit_height(up, screw_mm + rng.normal(0, 0.05, len(up)), ender5).backlash_mm == 0.0
+    hops = np.repeat(np.concatenate([[z, z + 0.2, z + 0.4, z + 0.2, z] for z in np.arange(0.2, 9.0, 0.2)]), 10)
     assert fit_height(hops, hops + rng.normal(0, 0.05, len(hops)), ender5).backlash_mm < 0.01
 
 
 def test_a_screw_measured_without_noise_is_a_machine(ender5: Printer, rng: np.random.Generator) -> None:
     """What remains of its push is no noise, but nothing that anybody could see."""
-    path, twin = tower(ender5, height_mm=1.2), Twin.of(Corruption(screw=SCREW), ender5)
+    path, twin = tower(ender5, height_mm=2.0), Twin.of(Corruption(screw=SCREW), ender5)
     trace = space_trace(path.nominal_steps, twin.run(path.controls, path.start_steps), ender5)
     model = fit_space("hybrid", trace, ender5, rng=rng)
     assert model.screw is not None
@@ -147,33 +159,36 @@ def test_bad_input_is_refused(ender5: Printer) -> None:
 
 
 def test_a_row_of_the_families_table() -> None:
-    case = drawn_case("families", "play+screw", "damaged", 0.1, 0, 1)
+    case = drawn_case("families", "play+screw", "damaged", 0.3, 0, 1)
     assert corruption_of(case).screw is not None
-    naive, best, tree = evaluate(case, ("naive+greedy@0", "oracle+optimal@0", "lightgbm-axis+greedy@0"))
-    for result in (naive, best, tree):  # the last learns no screw, but prints
+    naive, grey, best = evaluate(case, ("naive+greedy@0", "greybox+optimal@0", "oracle+optimal@0"))
+    for result in (naive, grey, best):
         assert result.error is None
-        assert result.values["targets"] > 300
-    assert best.values["rmse_steps"] < naive.values["rmse_steps"]
+        assert result.values["targets"] > 1000
+    assert best.values["rmse_steps"] <= grey.values["rmse_steps"] < naive.values["rmse_steps"]
+    (tree,) = evaluate(replace(case, family="screw"), ("lightgbm-axis+greedy@0",))
+    assert tree.error is None  # learns no screw, but prints
 
 
-@pytest.mark.parametrize("rest", [0.0, 1.0])  # in the middle: the next test
-def test_the_first_tower_tells_where_the_nut_rests(rest: float, ender5: Printer) -> None:
+@pytest.mark.parametrize(("rest", "noise_mm"), [(0.0, 0.05), (0.5, 0.0), (1.0, 0.05)])
+def test_the_first_tower_tells_where_the_nut_rests(rest: float, noise_mm: float, ender5: Printer) -> None:
     lowered = Corruption(screw=Screw(lead_error=0.02, periodic_mm=0.1, backlash_mm=0.15)).lower(ender5)
     assert isinstance(lowered, Mechanism)
     assert lowered.screw is not None
     twin = Twin(replace(lowered, screw=replace(lowered.screw, rest_share=rest)))
     first, second = tower(ender5), tower(ender5, seed=2)
     printed = twin.run(first.controls, first.start_steps)
-    noise = np.random.default_rng(4).normal(0.0, 0.05 / 0.04, printed[:, 2].shape)
+    noise = np.random.default_rng(4).normal(0.0, noise_mm / 0.04, printed[:, 2].shape)
     printed[:, 2] += noise
     trace = space_trace(first.nominal_steps, printed, ender5)
     assert trace.z_mm is not None
     assert trace.z_measured_mm is not None
-    height = fit_height(trace.z_mm, trace.z_measured_mm, ender5)
-    assert height.rest_share == rest
+    assert fit_height(trace.z_mm, trace.z_measured_mm, ender5).rest_share == rest
     if rest != 1.0:  # one of them is planned with, too
         return
-    model, errors = SpaceModel(NaiveModel(ender5), _screw(height, (), ender5)), []
+    model, errors = fit_space("greybox", trace, ender5, rng=np.random.default_rng(0)), []
+    assert model.screw is not None
+    assert model.screw.rest_share == rest
     for one in (model, truth(twin)):
         plan = plan_space(controller("optimal"), one, second.nominal_steps[1:], second.start_steps)
         errors.append(rmse_mm(twin.run(plan.controls, second.start_steps), second, ender5))
@@ -192,8 +207,10 @@ def test_play_that_no_hop_crosses_is_known_from_where_the_nut_rested(ender5: Pri
     assert height.rest_share == 0.5
 
 
-@pytest.mark.parametrize("backlash_mm", [0.12, 0.33])
-def test_a_tower_that_began_at_the_end_stop_tells_its_backlash(backlash_mm: float, ender5: Printer) -> None:
+@pytest.mark.parametrize(("backlash_mm", "noise_mm"), [(0.12, 0.05), (0.28, 0.0), (0.33, 0.05)])
+def test_a_tower_that_began_at_the_end_stop_tells_its_backlash(
+    noise_mm: float, backlash_mm: float, ender5: Printer
+) -> None:
     """The end stop is reached downwards: the first layers lie within the play, and so do the next after each hop."""
     layers = 0.2 + 0.3 * np.arange(60)
     z_mm = np.concatenate([[0.0], np.column_stack([layers, layers, layers + 0.4, layers, layers]).ravel()])
@@ -204,7 +221,7 @@ def test_a_tower_that_began_at_the_end_stop_tells_its_backlash(backlash_mm: floa
     for row, middle in enumerate(centre):
         place = float(np.clip(place, middle - backlash_mm / 2, middle + backlash_mm / 2))
         printed[row] = place
-    noise = np.random.default_rng(3).normal(0.0, 0.05, len(z_mm))
+    noise = np.random.default_rng(3).normal(0.0, noise_mm, len(z_mm))
     height = fit_height(z_mm, printed + noise, ender5)
-    assert height.backlash_mm == pytest.approx(backlash_mm, abs=0.01)
-    assert height.terms[0] == pytest.approx(0.02, abs=1e-3)
+    assert height.backlash_mm == pytest.approx(backlash_mm, abs=0.01 if noise_mm else 1e-4)
+    assert height.terms[0] == pytest.approx(0.02, abs=1e-3 if noise_mm else 1e-5)

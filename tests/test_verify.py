@@ -111,7 +111,7 @@ def test_a_smaller_change_is_told_beside_a_promise_that_is_kept(bent: SavedModel
     ("corruption", "grown", "instrument", "result"),
     [
         (BENT, 0.002, FLATBED, KEPT),  # no more than such a scanner may do
-        (machine(0.42), 0.0, FLATBED, BROKEN),
+        (machine(0.4, 0.3), 0.0, FLATBED, BROKEN),
     ],
 )
 def test_a_scanners_doubt_hides_no_change_of_the_machine(
