@@ -20,7 +20,7 @@ from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_
 from printmend.infer.machine import DRAWS, machine_of
 from printmend.infer.posterior import drawn_of, drawn_sets, posterior_of
 from printmend.infer.scatter import inverse_of, log_below
-from printmend.infer.search import State, search_of, searched
+from printmend.infer.search import State, doubted, search_of, searched
 from printmend.learn.learned import learn, learn_model
 from printmend.machine import healthy_mechanism, print_from_home
 from printmend.model.model import LEAST_WAVE_MM
@@ -430,6 +430,30 @@ def test_what_changes_play_comes_only_with_play_and_keeps_it(rng: np.random.Gene
     assert {b for b, _ in searched(search, both, 1.0).members} >= {0, 1}
     drawn = drawn_sets(search, searched(search, both, 1.0), rng)
     assert all(1 not in each or 0 in each for each in ({b for b, _ in members} for members in drawn))
+
+
+def test_causes_that_stand_for_another_only_together_are_doubted(rng: np.random.Generator) -> None:
+    """A turned plate beside one leaning axis is the other axis leaning. No single exchange finds that."""
+    x, y = rng.uniform(-1.0, 1.0, (2, 60))
+    error, none, one = np.append(y, 0 * y), np.zeros(60), np.ones(120)  # y pushes x: one axis leans
+    columns = np.stack([np.append(y, -x), np.append(none, x), error], axis=1)  # the turn, the other axis, and this one
+    blocks = tuple(
+        Block(name, where, (), slice(b, b + 1), np.array([[2.0]]), np.array([odds]))
+        for b, (name, where, odds) in enumerate((("turn", 0, -3.0), ("skew", 0, -2.0), ("skew", 1, -4.0)))
+    )
+    noisy = error + 0.01 * rng.standard_normal(120)
+    rows = Rows(np.arange(120), np.ones((120, 2)), noisy, one, one)
+    search = search_of(Dictionary(blocks, columns), rows, one)
+    stuck = searched(search, ((0, 0), (1, 0)), 0.01)
+    assert sorted(stuck.members) == [(0, 0), (1, 0)]
+    every = [
+        search.posterior(tuple((b, 0) for b in some), 0.01)
+        for count in range(4)
+        for some in itertools.combinations(range(3), count)
+    ]
+    found = doubted(search, stuck)
+    assert found.members == max(every, key=lambda each: each.score).members == ((2, 0),)
+    assert doubted(search, found) is found
 
 
 def test_a_triangle_is_inverted_by_halves(rng: np.random.Generator) -> None:

@@ -29,7 +29,7 @@ from printmend.infer.gram import (
     summed,
 )
 from printmend.infer.machine import machine_of
-from printmend.infer.search import LEAST_LOG_WEIGHT, LEAST_SIGMA_MM, Search, Set, State, search_of, searched
+from printmend.infer.search import LEAST_LOG_WEIGHT, LEAST_SIGMA_MM, Search, Set, State, doubted, search_of, searched
 from printmend.machine import Contacts, Mechanism, contacts_of, healthy_mechanism
 from printmend.metrics.robust import own_share, scale_of, weights_of
 from printmend.path import Trace
@@ -130,7 +130,7 @@ def fitted(
             weight = weighed(rows, fit.left_mm())
         else:
             weight = rows.weight
-        newer = _searched(scene, places, rows, contacts, weight, fit, blocks, by_two=not is_first)
+        newer = _searched(scene, places, rows, contacts, weight, fit, blocks, doubting=not quick)
         if fit is not None and _typical_mm(newer) > WORSE * _typical_mm(fit):
             break  # its contacts are no better than the last
         fit, mechanism, parts = replace(newer, turned_rad=turned_rad), newer.mechanism, newer.parts()
@@ -263,9 +263,9 @@ def _typical_mm(fit: Fit) -> float:
 
 def _searched(
     scene: Scene, places: Places, rows: Rows, contacts: Contacts, weight: np.ndarray, last: Fit | None,
-    blocks: tuple[Block, ...], *, by_two: bool,
+    blocks: tuple[Block, ...], *, doubting: bool,
 ) -> Fit:  # fmt: skip
-    """Return the likeliest set for rows; ``by_two`` once the contacts are those of a fit."""
+    """Return the likeliest set for rows; ``doubting`` its members at last."""
     few, here = narrowed(places, rows)
     dictionary = seen_blocks(blocks, few, here, scene)
     members: Set = tuple(
@@ -276,12 +276,11 @@ def _searched(
         dictionary, members = _as_before(dictionary, last, few, here, scene)
         sigma_mm = last.state.sigma_mm
     state: State | None = None
-    begun = [members] if last is None else []
-    for _ in range(WEIGHINGS):
+    for weighing in range(WEIGHINGS):
         search = search_of(dictionary, rows, weight)
-        # From the beginning, too: what came in beside a shape that was too coarse need not come beside a finer one.
-        starts = dict.fromkeys([members, *begun])
-        state = max((searched(search, each, sigma_mm, by_two=by_two) for each in starts), key=lambda each: each.score)
+        state = searched(search, members, sigma_mm)
+        if doubting and weighing == WEIGHINGS - 1:
+            state = doubted(search, state)
         search, state = _finer(search, state, few, replace(here, share=rows.share), scene, weight)
         dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
         left_mm = left_of(rows, dictionary, state)

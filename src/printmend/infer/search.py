@@ -6,7 +6,6 @@ the set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (
 must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard deviation) times as large.
 """
 
-import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -183,16 +182,23 @@ class Search:
             if mine.any():
                 yield number, mine
 
-    def offered(self, members: Set) -> np.ndarray:
-        """Return the blocks that a set may take in."""
+    def offered(self, members: Set, without: int | None = None) -> np.ndarray:
+        """Return the blocks that a set may take in, ``without`` those of one's slot."""
         slot, most = self._slots
         taken = [b for b, _ in members]
         free = (np.bincount(slot[taken], minlength=len(most)) < most)[slot]
         free[taken] = False
+        if without is not None:
+            free &= slot != slot[without]
         there = {self.dictionary.blocks[b].slot for b in taken}
         for b, slots in self._needing:
             free[b] &= not there.isdisjoint(slots)
         return np.flatnonzero(free)
+
+    def alike(self, blocks: np.ndarray, one: int) -> np.ndarray:
+        """Tell which blocks [B] are of one's slot."""
+        slot, _ = self._slots
+        return np.asarray(slot[blocks] == slot[one])
 
     def needed(self, members: Set, member: tuple[int, int]) -> bool:
         """Tell whether another member needs one, and nothing else there is what it needs."""
@@ -267,36 +273,32 @@ class Beside:
             found.append((self.search.groups[number].keys[mine].reshape(-1, 2), self.told(number)[mine].ravel()))
         return _gathered(found)
 
-    def without(self, *members: tuple[int, int]) -> "Less":
-        """Return the same beside the state without some members: their sizes are 0.
+    def without(self, member: tuple[int, int]) -> "Less":
+        """Return the same beside the state without a member: its sizes are 0.
 
-        How likely that was to come out, before the rows and after, is their evidence (Dickey 1971). Each is taken to
-        leave the sign of others as certain as it was.
+        How likely that was to come out, before the rows and after, is its evidence (Dickey 1971). The member is taken
+        to leave the sign of others as certain as it was.
         """
-        every = self.search.dictionary.own(self.state.members)
-        blocks = [self.search.dictionary.blocks[b] for b, _ in members]
-        owns = [every[self.state.members.index(member)] for member in members]
-        own = np.concatenate([np.arange(each.start, each.stop) for each in owns])
+        block, variant = self.search.dictionary.blocks[member[0]], member[1]
+        own = self.search.dictionary.own(self.state.members)[self.state.members.index(member)]
         root = np.asarray(np.linalg.qr(self.state.root[:, own], mode="r")).T
         inverse = inverse_of(root)
         pull = inverse @ self.state.mean_mm[own]
-        sds_mm = np.concatenate([block.sds_mm[v] for block, (_, v) in zip(blocks, members, strict=True)])
-        told = float(np.log(sds_mm / np.abs(np.diag(root))).sum() - pull @ pull / 2)
-        for block, (_, v), each in zip(blocks, members, owns, strict=True):
-            told -= float(block.log_odds[v])
-            if block.positive:
-                sure = self.state.mean_mm[each] / np.linalg.norm(self.state.root[:, each])
-                told -= float(log_below(sure)[0]) + np.log(2)
+        told = float(np.log(block.sds_mm[variant] / np.abs(np.diag(root))).sum() - pull @ pull / 2)
+        told -= float(block.log_odds[variant])
+        if block.positive:
+            sure = self.state.mean_mm[own] / np.linalg.norm(self.state.root[:, own])
+            told -= float(log_below(sure)[0]) + np.log(2)
         return Less(self, told, told + float(pull @ pull) / 2, (inverse @ self.reach[own]).T, pull)
 
 
 @dataclass(frozen=True, eq=False)
 class Less:
-    """A state without some members, which adds ``told`` to its score.
+    """A state without a member, which adds ``told`` to its score.
 
     What is ``freed`` [P, K] adds to what the rows tell of all columns, and ``pull`` [K] along it on them. Beside a
-    block the members gain at worst nothing from the rows. So with the block in their place the state's score rises by
-    what the block gains beside them and ``more``, at most.
+    block the member gains at worst nothing from the rows. So with the block in its place the state's score rises by
+    what the block gains beside it and ``more``, at most.
     """
 
     beside: Beside
@@ -306,7 +308,7 @@ class Less:
     pull: np.ndarray
 
     def gains(self, offered: np.ndarray, least: float) -> Gains:
-        """Return what each alternative of the ``offered`` blocks adds to the score without the members, where that may
+        """Return what each alternative of the ``offered`` blocks adds to the score without the member, where that may
         be ``least`` above the state's."""
         found = []
         for number, mine in self.beside.search.chosen(offered):
@@ -369,15 +371,35 @@ class _Group:
         return np.asarray(told + self.log_odds[which])
 
 
-def searched(search: Search, start: Set, sigma_mm: float, *, by_two: bool = False) -> State:
-    """Return the likeliest set that steps from ``start`` reach: adding, dropping or exchanging one block at a time, and
-    where none of these is better, ``by_two`` one in another size in the place of two."""
-    state = search.posterior(start, sigma_mm)
+def searched(search: Search, start: Set, sigma_mm: float) -> State:
+    """Return the likeliest set that steps from ``start`` reach: adding, dropping or exchanging one block at a time."""
+    return _climbed(search, search.posterior(start, sigma_mm))
+
+
+def doubted(search: Search, state: State) -> State:
+    """Return the likeliest set that is reached from ``state`` where each of its members in turn may be wrong.
+
+    Several blocks may stand for several others while no single exchange helps. So steps begin again beside the other
+    members, without any block of the slot of the one in doubt: blocks are added, and others dropped or exchanged for
+    one of their slot.
+    Members that are likely before the rows say anything stay.
+    """
+    waiting = [member for member in state.members if search.dictionary.blocks[member[0]].log_odds[member[1]] < 0]
+    while waiting:
+        member = waiting.pop()
+        if member not in state.members or search.needed(state.members, member):
+            continue
+        others = tuple(each for each in state.members if each != member)
+        found = _climbed(search, search.posterior(others, state.sigma_mm), without=member[0])
+        if found.score > state.score + LEAST_BETTER:
+            state = _climbed(search, found)
+    return state
+
+
+def _climbed(search: Search, state: State, without: int | None = None) -> State:
     for _ in range(MOST_STEPS):
         beside = search.beside(state)
-        better = _more(search, state, beside) or _exchanged(search, state, beside)
-        if better is None and by_two:
-            better = _for_two(search, state, beside)
+        better = _more(search, state, beside, without) or _exchanged(search, state, beside, own=without is not None)
         if better is None:
             break
         state = better
@@ -393,21 +415,23 @@ def by_growing(search: Search, start: Set, sigma_mm: float) -> State:
     return state
 
 
-def _more(search: Search, state: State, beside: Beside) -> State | None:
-    best, gain = beside.gains(search.offered(state.members)).best()
+def _more(search: Search, state: State, beside: Beside, without: int | None = None) -> State | None:
+    best, gain = beside.gains(search.offered(state.members, without)).best()
     if gain <= 0:
         return None
     more = search.posterior((*state.members, best), state.sigma_mm)
     return more if more.score > state.score else None
 
 
-def _exchanged(search: Search, state: State, beside: Beside) -> State | None:
-    """Return a better set with one member dropped, or another in its place, the last that came first; None for none."""
+def _exchanged(search: Search, state: State, beside: Beside, *, own: bool) -> State | None:
+    """Return a better set with one member dropped, or another block in its place, or one of its ``own`` slot, the last
+    that came first; None for none."""
     for at, member in reversed(list(enumerate(state.members))):
         others = (*state.members[:at], *state.members[at + 1 :])
         less = beside.without(member)
         stays = search.needed(state.members, member)  # in one size or another
         offered = np.array([member[0]]) if stays else search.offered(others)
+        offered = offered[search.alike(offered, member[0])] if own else offered
         choice, gain = less.gains(offered, LEAST_BETTER).without(member).best()
         members = (*others, choice) if stays or gain > 0 else others
         if less.told + (gain if stays else max(gain, 0.0)) > LEAST_BETTER:
@@ -415,24 +439,3 @@ def _exchanged(search: Search, state: State, beside: Beside) -> State | None:
             if tried.score > state.score + LEAST_BETTER:
                 return tried
     return None
-
-
-def _for_two(search: Search, state: State, beside: Beside) -> State | None:
-    """Return a better set with one of two members in another size and the other gone; None for none.
-
-    What a wave of one's own takes from a pulley is given back only where both change at once. Members that are likely
-    before the rows say anything stay.
-    """
-    found: list[tuple[float, Set]] = []
-    free = [(b, v) for b, v in state.members if search.dictionary.blocks[b].log_odds[v] < 0]
-    for pair in itertools.combinations(free, 2):
-        others = tuple(member for member in state.members if member not in pair)
-        if not any(search.needed((*others, one), one) for one in pair):
-            less = beside.without(*pair)
-            choice, gain = less.gains(np.array([b for b, _ in pair]), LEAST_BETTER).best()
-            found.append((less.told + gain, (*others, choice)))
-    told, members = max(found, default=(-np.inf, ()))
-    if told <= LEAST_BETTER:
-        return None
-    tried = search.posterior(members, state.sigma_mm)
-    return tried if tried.score > state.score + LEAST_BETTER else None
