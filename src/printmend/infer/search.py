@@ -21,7 +21,6 @@ LEAST_SIGMA_MM = 2e-3  # of any instrument; tables and G-code are written to hal
 LEAST_BETTER = 1e-6  # of the score: what rounding leaves
 LEAST_LOG_WEIGHT = -9.0  # what is less likely than e^−9 of something else hardly ever happens beside it
 SETTLED_SHARE = 1e-3  # of the noise's variance: a score near its maximum changes by the square
-MOST_STEPS = 80  # of the search: more blocks than any printer's
 Set = tuple[tuple[int, int], ...]  # (block, alternative in size) of each member
 
 
@@ -380,14 +379,12 @@ def doubted(search: Search, state: State) -> State:
     """Return the likeliest set that is reached from ``state`` where each of its members in turn may be wrong.
 
     Several blocks may stand for several others while no single exchange helps. So steps begin again beside the other
-    members, without any block of the slot of the one in doubt: blocks are added, and others dropped or exchanged for
-    one of their slot.
-    Members that are likely before the rows say anything stay.
+    members, without any block of the slot of the one in doubt. They add blocks, and drop others or exchange them within
+    their slots. Members that are likely before the rows say anything stay.
     """
-    waiting = [member for member in state.members if search.dictionary.blocks[member[0]].log_odds[member[1]] < 0]
-    while waiting:
-        member = waiting.pop()
-        if member not in state.members or search.needed(state.members, member):
+    for member in reversed(state.members):
+        is_likely = search.dictionary.blocks[member[0]].log_odds[member[1]] >= 0
+        if is_likely or member not in state.members or search.needed(state.members, member):
             continue
         others = tuple(each for each in state.members if each != member)
         found = _climbed(search, search.posterior(others, state.sigma_mm), without=member[0])
@@ -397,12 +394,10 @@ def doubted(search: Search, state: State) -> State:
 
 
 def _climbed(search: Search, state: State, without: int | None = None) -> State:
-    for _ in range(MOST_STEPS):
-        beside = search.beside(state)
+    better: State | None = state
+    while better is not None:
+        state, beside = better, search.beside(better)
         better = _more(search, state, beside, without) or _exchanged(search, state, beside, own=without is not None)
-        if better is None:
-            break
-        state = better
     return state
 
 
