@@ -265,7 +265,7 @@ def _searched(
     scene: Scene, places: Places, rows: Rows, contacts: Contacts, weight: np.ndarray, last: Fit | None,
     blocks: tuple[Block, ...], *, doubting: bool,
 ) -> Fit:  # fmt: skip
-    """Return the likeliest set for rows; ``doubting`` its members at last."""
+    """Return the likeliest set for rows. With ``doubting`` the last weighing doubts each of its members."""
     few, here = narrowed(places, rows)
     dictionary = seen_blocks(blocks, few, here, scene)
     members: Set = tuple(

@@ -182,7 +182,7 @@ class Search:
                 yield number, mine
 
     def offered(self, members: Set, without: int | None = None) -> np.ndarray:
-        """Return the blocks that a set may take in, ``without`` those of one's slot."""
+        """Return the blocks that a set may take in, but none of the slot of the block ``without``."""
         slot, most = self._slots
         taken = [b for b, _ in members]
         free = (np.bincount(slot[taken], minlength=len(most)) < most)[slot]
@@ -195,7 +195,7 @@ class Search:
         return np.flatnonzero(free)
 
     def alike(self, blocks: np.ndarray, one: int) -> np.ndarray:
-        """Tell which blocks [B] are of one's slot."""
+        """Tell which of some blocks [B] are of the slot of the block ``one``."""
         slot, _ = self._slots
         return np.asarray(slot[blocks] == slot[one])
 
@@ -419,8 +419,8 @@ def _more(search: Search, state: State, beside: Beside, without: int | None = No
 
 
 def _exchanged(search: Search, state: State, beside: Beside, *, own: bool) -> State | None:
-    """Return a better set with one member dropped, or another block in its place, or one of its ``own`` slot, the last
-    that came first; None for none."""
+    """Return a better set with one member dropped or replaced, the last that came tried first; None for none. With
+    ``own`` only blocks of its slot replace it."""
     for at, member in reversed(list(enumerate(state.members))):
         others = (*state.members[:at], *state.members[at + 1 :])
         less = beside.without(member)
