@@ -339,8 +339,7 @@ def _trace_section(trace: Trace, left_mm: float, lost: np.ndarray | None = None)
 
 def known_digests(model: SavedModel) -> tuple[str, ...]:
     """Return the digests of the measurements that a model was learned from, if it has them."""
-    digests = model.document.get(DIGESTS)
-    return tuple(map(str, digests)) if isinstance(digests, list) else ()
+    return tuple(model.document.get(DIGESTS, ()))
 
 
 def scatter_words(model: SavedModel) -> str:

@@ -133,7 +133,7 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
 def believed(old: SavedModel) -> Belief:
     """Return a model's drawn machines. Raises `ModelError` for a model without them."""
     belief = belief_of(old)
-    if not isinstance(old.document.get(DIGESTS), list):
+    if DIGESTS not in old.document:
         raise says_nothing()
     return belief
 
@@ -322,7 +322,7 @@ def refitted(model: SavedModel, motors: Sequence[str]) -> SavedModel:
         )
     named = [name.upper() for name in names if name in {motor.lower() for motor in motors}]
     words = say("belt-pulley-worked-errors-elsewhere-now", named[0] if len(named) == 1 else say("and", *named))
-    found = [one for one in found_in(model.document) if one.get("kind") != REFITTED]
+    found = [one for one in found_in(model.document) if one["kind"] != REFITTED]
     refusal = {"kind": REFITTED, "severity": REFUSAL, "size_mm": 0.0, "evidence": 0.0, "words": words}
     misfit = {"misfit": {"found": [refusal, *found]}}
     return with_screw(model, screw_of(model), findings=model.findings, details=misfit)

@@ -84,7 +84,9 @@ _NOTES: dict[str, Any] = {
     "z": {"*": str},
     "trace": {"rows": _COUNT, "measured": _COUNT, "residual_before_mm": _SIZE, "residual_after_mm": _SIZE},
     "motors": {"*": {"elastic": {"harmonics": _FADING}}},
-    "promise": {"instrument": dict.fromkeys(DOUBTS, _SIZE)},
+    "promise": {"instrument": dict.fromkeys(DOUBTS, _SIZE), "parts": [{"effect!": str}]},
+    "misfit": {"found!": [{"kind!": str, "severity!": str, "words!": str}]},
+    "measurements": [str],
 }  # fmt: skip
 
 
@@ -150,25 +152,23 @@ def misfit_words(document: Mapping[str, Any]) -> tuple[Said, ...]:
     return tuple(
         say(each["severity"], each["words"])
         for each in found_in(document)
-        if each.get("severity") in SEVERITIES and "words" in each
+        if each["severity"] in SEVERITIES
     )
 
 
 def found_in(document: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the findings of a model's document as plain values."""
-    section = document.get("misfit")
-    found = section.get("found", []) if isinstance(section, dict) else []
-    return [each for each in found if isinstance(each, dict)]
+    return list(document.get("misfit", {"found": []})["found"])
 
 
 def said_of(document: Mapping[str, Any], kind: str) -> tuple[str, ...]:
     """Return the sentences about one kind of misfit in a model's document."""
-    return tuple(each["words"] for each in found_in(document) if each.get("kind") == kind)
+    return tuple(each["words"] for each in found_in(document) if each["kind"] == kind)
 
 
 def refusals(document: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the refusals in a model's document, a sentence each: reasons not to mend with it."""
-    return tuple(each["words"] for each in found_in(document) if each.get("severity") == REFUSAL)
+    return tuple(each["words"] for each in found_in(document) if each["severity"] == REFUSAL)
 
 
 FORMAT = "printmend model"
