@@ -149,11 +149,7 @@ def misfit_section(found: Sequence[Misfit]) -> dict[str, Any]:
 
 def misfit_words(document: Mapping[str, Any]) -> tuple[Said, ...]:
     """Return the sentences about misfits in a model's document, the gravest first; the id of each is its severity."""
-    return tuple(
-        say(each["severity"], each["words"])
-        for each in found_in(document)
-        if each["severity"] in SEVERITIES
-    )
+    return tuple(say(each["severity"], each["words"]) for each in found_in(document) if each["severity"] in SEVERITIES)
 
 
 def found_in(document: Mapping[str, Any]) -> list[dict[str, Any]]:
