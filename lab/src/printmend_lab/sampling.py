@@ -6,6 +6,7 @@ draw gives both motors a fault of the family, independently. The generator is an
 corruptions.
 """
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Literal
@@ -42,7 +43,7 @@ from printmend.effects.effect import drawn_sizes
 from printmend.effects.sized import TINY_MM, Sized, belts_mm
 from printmend.effects.words import PLACES
 from printmend.errors import ConfigError
-from printmend.infer.fit import home_sd_of, turn_of, turned
+from printmend.infer.fit import FINER_ROUNDS, home_sd_of, turn_of, turned, worn
 from printmend.infer.machine import machine_of
 from printmend.machine import contacts_of
 from printmend.path import Trace
@@ -364,13 +365,18 @@ def _drawn(effect: Effect, scene: Scene, rng: np.random.Generator) -> Iterator[S
         odds = np.exp(np.minimum([term.log_odds for term in terms], MOST_LOG_ODDS))
         if rng.uniform() < odds.sum() / (1 + odds.sum()):
             term = terms[int(rng.choice(len(terms), p=odds / odds.sum()))]
-            yield Sized(effect.name, term.where, term.shape, drawn_sizes(term, rng))
+            shape = term.shape
+            for round_ in range(FINER_ROUNDS):
+                shapes = [shape, *effect.finer(term.where, shape, round_, scene)]
+                shape = shapes[int(rng.integers(len(shapes)))]
+            yield Sized(effect.name, term.where, shape, drawn_sizes(term, rng))
 
 
 def _is_possible(parts: Sequence[Sized], scene: Scene) -> bool:
     """Say whether a machine can have all parts: no belt has less than no play anywhere."""
-    for motor, span_mm in enumerate(scene.motor_span_mm):
-        drive = [part for part in parts if EFFECTS[part.effect].acts is Acts.DRIVE and part.where == motor]
+    unworn = [part for part in parts if part.effect != "wear"]
+    for each, (motor, span_mm) in itertools.product((parts, unworn), enumerate(scene.motor_span_mm)):
+        drive = [part for part in each if EFFECTS[part.effect].acts is Acts.DRIVE and part.where == motor]
         pushed, pulled = belts_mm(scene, motor, drive, np.linspace(*span_mm, PLACES))
         if (pulled < pushed - TINY_MM).any():
             return False
@@ -387,7 +393,7 @@ def measured(
 ) -> Trace:
     """Print way-points [N, 2] on a machine with these effects, and measure its ``dots`` [N] with normal noise."""
     mechanism, _ = machine_of(scene, [part for part in parts if EFFECTS[part.effect].of is Of.MACHINE])
-    contacts = contacts_of(mechanism, scene.printer.to_motor(commanded_mm))
+    contacts = contacts_of(mechanism, scene.printer.to_motor(commanded_mm), worn(commanded_mm, parts, scene))
     empty = Trace(
         commanded_mm, np.full(commanded_mm.shape, np.nan), homed=scene.homed, placed=scene.placed,
         instrument=scene.instrument,
@@ -395,7 +401,7 @@ def measured(
     others = [
         part for part in parts if EFFECTS[part.effect].of is not Of.MACHINE or EFFECTS[part.effect].acts is Acts.NOT
     ]
-    linear = [part for part in others if part.effect != "turn"]
+    linear = [part for part in others if part.effect not in ("turn", "wear")]
     printed = mechanism.bed.printed(contacts.belt_mm) + added_mm(linear, empty, scene, contacts)
     printed = turned(printed, turn_of(others), scene)
     printed = printed + noise_mm * rng.standard_normal(printed.shape)

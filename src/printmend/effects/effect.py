@@ -315,7 +315,7 @@ def carrier(scene: Scene, where: int, moved_mm: np.ndarray) -> np.ndarray:
 
 
 TIMES_FINER = 4.0  # that a grid about a found shape is
-FINER = np.linspace(-1.0, 1.0, 9)  # places about a found shape, in spacings of its grid
+FINER = np.linspace(-0.5, 0.5, 5)  # places about a found shape, in spacings of its grid
 
 
 def about(value: float, spacing: float, round_: int) -> np.ndarray:

@@ -67,6 +67,11 @@ def turning_share(name: str, scene: Scene, motor: int) -> float:
     return share_of(name) * (1.0 if off < NEAR_SHARE else share_of("other_turn"))
 
 
+def each_share(share: float, count: int) -> float:
+    """Return the share of each of ``count`` alternatives, whose odds add up to those of a ``share``."""
+    return share / (share + count * (1.0 - share))
+
+
 def alternatives(
     name: str,
     where: int,

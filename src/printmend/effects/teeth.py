@@ -5,11 +5,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
-from printmend.effects.prior import alternatives
+from printmend.effects.prior import alternatives, each_share, share_of, size_mm
 from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_name
 from printmend.messages import say
 
 TOOTH_MM = 2.0  # of a GT2 belt, which printers have: a pulley has a whole number of them
+BACK_SIGMAS = 3.0  # a wave of so many standard deviations would turn its motor back: none is larger
 STEPS = (4.0, 2.0, 1.0, 0.5)  # full steps of a motor's waves: a pair of poles is four
 NAMES = {
     4.0: "fault-ripple-poles",
@@ -38,8 +39,11 @@ class Teeth(Usual):
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             step = scene.printer.axes[motor].mm_per_step
-            shapes = dict.fromkeys([(TOOTH_MM,), *((count * step,) for count in STEPS)])
-            yield from alternatives(self.name, motor, list(shapes), (1.0, 1.0))
+            periods = dict.fromkeys([TOOTH_MM, *(count * step for count in STEPS)])
+            share = each_share(share_of(self.name), len(periods))
+            for period in periods:
+                sd_mm = min(size_mm(self.name), period / (2 * np.pi * BACK_SIGMAS))
+                yield from alternatives(self.name, motor, [(period,)], (1.0, 1.0), share=share, sd_mm=sd_mm)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, waves(places.motor_mm[:, where], shape[0], np.ones(1)))

@@ -1,7 +1,7 @@
 """From a trace to the effects that made it: contacts, weights and search in turn, until they agree."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -153,10 +153,20 @@ def looked(
 ) -> tuple[Contacts, Places, Rows]:  # fmt: skip
     """Return where the belts of a machine with these parts touch along a trace, and its rows as places and as numbers;
     a ``first`` look takes the places on the bed as they were measured."""
-    contacts = contacts_of(mechanism, scene.printer.to_motor(trace.commanded_mm))
+    worn_mm = worn(trace.commanded_mm, parts, scene)  # all of it is in the mechanism
+    contacts = contacts_of(mechanism, scene.printer.to_motor(trace.commanded_mm), worn_mm - worn_mm[-1])
     bed_mm = first_places_mm(trace) if is_first else scene.printer.from_motor(contacts.belt_mm)
     places = guided(places_of(trace, scene, contacts.row, contacts.side, bed_mm), trace.commanded_mm, parts)
     return contacts, places, rows_of(trace, contacts, places, scene, most)
+
+
+def worn(path_mm: np.ndarray, parts: Sequence[Sized], scene: Scene) -> np.ndarray:
+    """Return how much play [N, 2] wear among some parts has added to each belt along a path [N, 2]."""
+    wear_mm = [sum(part.sizes_mm[0] for part in parts if part.effect == "wear" and part.where == m) for m in (0, 1)]
+    if not any(wear_mm):
+        return np.broadcast_to(0.0, path_mm.shape)
+    moves = np.diff(path_mm, axis=0, prepend=path_mm[:1])
+    return np.outer(done_of(np.hypot(*moves.T), scene), wear_mm)
 
 
 def turned_back(trace: Trace, by_rad: float, scene: Scene) -> Trace:
@@ -305,17 +315,21 @@ def _as_before(dictionary: Dictionary, last: Fit, places: Places, rows: Rows, sc
 def with_finer(
     dictionary: Dictionary, members: Set, round_: int, places: Places, rows: Rows, scene: Scene
 ) -> Dictionary:
-    """Return the dictionary with shapes between the neighbours of those of a set's members.
+    """Return the dictionary with finer shapes about those of a set's members.
 
-    A finer shape stands for that much less of what the first one stands for.
+    To the search a finer shape stands for that much less of what the first one stands for. To the posterior each of
+    them has an even share of the odds of the shape between them, which had all those of the grid's in the first round.
     """
-    blocks = dictionary.blocks
-    finer = [
-        (replace(blocks[b], log_odds=blocks[b].log_odds - math.log(TIMES_FINER)), shape)
-        for b, _ in members
-        for shape in EFFECTS[blocks[b].effect].finer(blocks[b].where, blocks[b].shape, round_, scene)
-    ]
-    return with_shapes(dictionary, finer, places, rows, scene)
+    blocks, more = list(dictionary.blocks), []
+    for b, _ in members:
+        block, coarse = blocks[b], blocks[b].coarse or blocks[b]
+        finer = list(EFFECTS[block.effect].finer(block.where, block.shape, round_, scene))
+        odds = block.own_odds if round_ else float(coarse.log_odds[0] - block.log_odds[0])
+        shared = odds - math.log(len(finer) + 1)
+        less = replace(block, log_odds=block.log_odds - math.log(TIMES_FINER), own_odds=shared + math.log(TIMES_FINER))
+        blocks[b] = replace(block, own_odds=shared)
+        more += [(replace(less, coarse=coarse), shape) for shape in finer]
+    return with_shapes(replace(dictionary, blocks=tuple(blocks)), more, places, rows, scene) if more else dictionary
 
 
 def with_shapes(
@@ -348,15 +362,30 @@ def _finer(
         among = search_of(dictionary, rows, weight)
         found = searched(among, own, sigma_mm)
         own, sigma_mm = found.members, found.sigma_mm
-    blocks, columns = among.dictionary.blocks[len(members) :], among.dictionary.columns[:, first:]
+    shared, blocks = among.dictionary.blocks[: len(members)], among.dictionary.blocks[len(members) :]
     if not blocks:
         return search, state
-    whole = laid_side_by_side((*search.dictionary.blocks, *blocks))
+    columns = among.dictionary.columns[:, first:]
+    before = _in_place_of(search.dictionary.blocks, dict(zip(members, shared, strict=True)))
+    whole = laid_side_by_side((*before, *blocks))
     search = search_of(Dictionary(whole, np.hstack([search.dictionary.columns, columns])), rows, weight)
     if own == start:
         return search, state
     numbers = [*members, *range(len(whole) - len(blocks), len(whole))]
     return search, searched(search, tuple((numbers[b], variant) for b, variant in own), sigma_mm)
+
+
+def _in_place_of(blocks: Sequence[Block], shared: Mapping[int, Block]) -> Iterator[Block]:
+    """Yield blocks of which some are ``shared`` with finer ones now: the posterior has these in place of the shapes of
+    the grid that they came from, and of what was finer about others."""
+    gone = {(each.coarse.slot, each.coarse.shape) for each in shared.values() if each.coarse is not None}
+    for b, block in enumerate(blocks):
+        if b in shared:
+            yield replace(block, own_odds=shared[b].own_odds)
+        elif block.coarse is not None or (block.slot, block.shape) in gone:
+            yield replace(block, own_odds=-math.inf)
+        else:
+            yield block
 
 
 def sized(dictionary: Dictionary, members: Set, sizes_mm: np.ndarray) -> list[Sized]:

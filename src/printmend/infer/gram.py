@@ -8,6 +8,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Effect, Of, Places, Scene, Term, columns_of
+from printmend.metrics.robust import NORMAL_SQUARE
 
 HIDDEN_MM = 2.0  # of a motor's way that play may hide: the widest of any printer
 
@@ -17,7 +18,8 @@ class Block:
     """The columns ``at`` (a slice of the dictionary's) of one effect at one place with one shape.
 
     ``sds_mm`` [V, P] and ``log_odds`` [V] are its alternatives in size; ``positive`` ones of one column are above 0.
-    A set that has it has one of the effects that it ``needs`` at the same place, too.
+    A set that has it has one of the effects that it ``needs`` at the same place, too. A shape between those of a grid
+    came from a ``coarse`` one. ``own_odds`` are added in the posterior, where finer shapes beside it share its odds.
     """
 
     effect: str
@@ -28,6 +30,8 @@ class Block:
     log_odds: np.ndarray
     positive: bool = False
     needs: tuple[str, ...] = ()
+    own_odds: float = 0.0
+    coarse: "Block | None" = None
 
     @property
     def slot(self) -> tuple[str, int]:
@@ -239,7 +243,7 @@ def gram_of(columns: np.ndarray, rows: Rows, weight: np.ndarray) -> Gram:
     weight, count = weight * rows.share, columns.shape[1]
     table = Table(columns, weight, np.empty((count, count)), np.zeros(count, bool))
     pull = weight * rows.error_mm
-    return Gram(table, columns.T @ pull, float(pull @ rows.error_mm), float(rows.share.sum()))
+    return Gram(table, columns.T @ pull, float(pull @ rows.error_mm), NORMAL_SQUARE * float(rows.share.sum()))
 
 
 def summed(grams: Iterable[Gram], count: int) -> Gram:

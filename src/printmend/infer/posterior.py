@@ -271,6 +271,7 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     Members that nothing replaces stay, and are drawn in one of their sizes. What may only come beside the likeliest set
     is no part of the chains: each of these many blocks may come to any set, whatever others do.
     """
+    search = search.apart()
     rivals, sizes, more = _beside(search, likeliest)
     alternatives: dict[int, list[int]] = {}
     for b, variant in dict.fromkeys([*likeliest.members, *itertools.chain(*rivals)]):

@@ -122,6 +122,11 @@ class Search:
         gram, _, _ = self.gram.summed_out(columns, np.zeros(len(sd)), np.diag(sd), sigma_mm)
         return replace(self, gram=gram)
 
+    def apart(self) -> "Search":
+        """Return the search with the odds of each block alone, which finer shapes beside it share."""
+        blocks = (replace(block, log_odds=block.log_odds + block.own_odds) for block in self.dictionary.blocks)
+        return Search(replace(self.dictionary, blocks=tuple(blocks)), self.gram)
+
     def _prior_of(self, members: Set) -> tuple[np.ndarray, np.ndarray]:
         """Return the numbers of a set's columns [A] and the standard deviations of their sizes [A]."""
         blocks = self.dictionary.blocks

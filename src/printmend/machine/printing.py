@@ -64,14 +64,18 @@ class Contacts:
     belt_mm: np.ndarray
 
 
-def contacts_of(mechanism: Mechanism, motor_mm: np.ndarray) -> Contacts:
+def contacts_of(mechanism: Mechanism, motor_mm: np.ndarray, more_mm: np.ndarray | None = None) -> Contacts:
     """Follow motors [N, 2] through a machine, and return their `Contacts`.
 
     Nobody knows where in its play a belt starts. So both extremes are followed, and a contact counts once they agree.
+    A belt had by ``more_mm`` [N, 2] more play there than the machine has.
     """
     rows, sides, belts = [], [], []
     for motor in range(2):
         lower, upper = mechanism.transmissions[motor].branches_mm(motor_mm[:, motor])
+        if more_mm is not None:
+            half = np.maximum(more_mm[:, motor], lower - upper) / 2  # no belt has less play than none
+            lower, upper = lower - half, upper + half
         ends = [_followed(float(start), lower, upper) for start in (lower[0], upper[0])]
         (at, side, belt), (other_at, other_side, other_belt) = ends
         same = belt == other_belt

@@ -1,5 +1,7 @@
 """The one robust fit: least squares with priors, rows in the tails count less."""
 
+import math
+
 import numpy as np
 
 from printmend.units import SIGMA_PER_MEDIAN
@@ -7,6 +9,9 @@ from printmend.units import SIGMA_PER_MEDIAN
 DEGREES = 5.0  # of freedom of the Student's t whose tails noise has: one wrong row in twenty is nothing unusual
 ROUNDS = 8  # of weighing the rows anew
 NEIGHBOURS = 8  # whose errors may be alike
+_CUT = math.sqrt((DEGREES + 1) / 2)
+# Mean square of normal residuals of scale 1 as `weights_of` counts them: E min(z², DEGREES + 1) (Huber 1981, §6.7).
+NORMAL_SQUARE = math.erf(_CUT) - 2 * _CUT * math.exp(-(_CUT**2)) / math.sqrt(math.pi) + 2 * _CUT**2 * math.erfc(_CUT)
 CLIP_SIGMAS = 3.0  # a residual beyond which says no more of its neighbours
 
 
