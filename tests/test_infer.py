@@ -15,14 +15,14 @@ from printmend.effects.idler import OWN_SHARE
 from printmend.effects.prior import share_of
 from printmend.effects.sized import Sized, frame_of
 from printmend.effects.words import Found
-from printmend.infer.fit import fitted, home_sd_of, weighed
-from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, seen
+from printmend.infer.fit import fitted, home_sd_of, weighed, worn
+from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, gram_of, seen
 from printmend.infer.machine import DRAWS, machine_of
 from printmend.infer.posterior import drawn_of, drawn_sets, posterior_of
 from printmend.infer.scatter import inverse_of, log_below
 from printmend.infer.search import State, doubted, search_of, searched
 from printmend.learn.learned import learn, learn_model
-from printmend.machine import healthy_mechanism, print_from_home
+from printmend.machine import contacts_of, healthy_mechanism, print_from_home
 from printmend.model.model import LEAST_WAVE_MM
 from printmend.path import RESIZED, Trace
 from printmend.printer import Printer, read_printer
@@ -146,6 +146,43 @@ def test_no_finer_idler_is_the_pulley() -> None:
     assert min(abs(turns - 2) for turns in finer) > OWN_SHARE
 
 
+def test_finer_shapes_share_the_odds_of_the_grids_own(rng: np.random.Generator) -> None:
+    """To the posterior each place of an effect is as likely beside finer shapes as without them."""
+    scene = scene_for(read_printer("ender3"))
+    path, dots = path_of(scene.printer)
+    dots[0] = False
+    parts = [
+        Sized("idler", 0, (44.3,), np.array([0.08, 0.0])),
+        Sized("splice", 1, (101.0, 4.0), np.array([0.3])),
+        Sized("step", 0, (0.437,), np.array([0.2])),
+    ]
+    fit = fitted(measured(path, dots, scene, parts, NOISE_MM, rng), scene)
+    finer = {each.slot for each in fit.dictionary.blocks if each.coarse is not None}
+    assert len(finer) == 3
+    for blocks in (blocks_of(fit.scene), fit.search.apart().dictionary.blocks):
+        odds = {slot: sum(float(np.exp(each.log_odds).sum()) for each in blocks if each.slot == slot) for slot in finer}
+        for (effect, _), whole in odds.items():
+            assert whole / (1 + whole) == pytest.approx(share_of(effect), rel=1e-6)
+
+
+def test_play_wears_in_along_a_print(rng: np.random.Generator) -> None:
+    """Belts touch where those of a machine do that has as much play as they have got by then."""
+    scene = scene_for(read_printer("ender3"))
+    path = np.cumsum(rng.uniform(-0.3, 0.3, (2000, 2)), axis=0) + 110.0
+    new, old = (machine_of(scene, [Sized("play", 0, (), np.array([mm]))])[0] for mm in (0.1, 0.7))
+    worn_mm = worn(
+        path, [Sized("wear", 0, (), np.array([0.6]))], replace(scene, way_mm=np.hypot(*np.diff(path.T)).sum())
+    )
+    assert worn_mm[0, 0] == 0
+    assert worn_mm[-1, 0] == pytest.approx(0.6)
+    assert not worn_mm[:, 1].any()
+    wears, all_worn = contacts_of(new, path, worn_mm), contacts_of(old, path, worn_mm - worn_mm[-1])
+    np.testing.assert_array_equal(wears.row, all_worn.row)
+    np.testing.assert_array_equal(wears.side, all_worn.side)
+    behind_mm = wears.belt_mm[:, 0] - path[:, 0]
+    assert [np.ptp(each) for each in (behind_mm[:400], behind_mm[-400:])] == pytest.approx([0.21, 0.69], abs=0.02)
+
+
 def test_a_loose_nozzle_is_no_play_of_belts(rng: np.random.Generator) -> None:
     """It is dragged along within a circle, as a stone on a string is."""
     printer, play_mm = read_printer("corexy"), 0.3
@@ -238,9 +275,10 @@ def _rank(truth: np.ndarray, draws: np.ndarray, rng: np.random.Generator) -> flo
 
 def test_normal_noise_is_taken_for_what_it_is(rng: np.random.Generator) -> None:
     """Its variance by the weighed rows is its own, and rows far off count for next to nothing."""
-    noise = NOISE_MM * rng.standard_normal(4000)
-    rows = Rows(np.arange(4000), np.ones((4000, 2)), noise, np.ones(4000), np.ones(4000))
-    assert float(np.mean(weighed(rows, noise) * noise**2)) == pytest.approx(NOISE_MM**2, rel=0.1)
+    noise, ones = NOISE_MM * rng.standard_normal(40_000), np.ones(40_000)
+    rows = Rows(np.arange(40_000), np.ones((40_000, 2)), noise, ones, ones)
+    gram = gram_of(np.zeros((40_000, 0)), rows, weighed(rows, noise))
+    assert gram.square / gram.count == pytest.approx(NOISE_MM**2, rel=0.02)
     noise[:40] = 1.0
     assert weighed(rows, noise)[:40].max() < 0.01
 
@@ -402,7 +440,7 @@ def test_errors_of_millimetres_are_weighed_beside_noise_of_micrometres(rng: np.r
         rows = np.vstack([np.column_stack([columns[:, members], error]) / sigma,
                           np.eye(len(members), len(members) + 1) / np.array(sds)[members, None]])  # fmt: skip
         root = np.abs(np.diag(np.linalg.qr(rows, mode="r")))
-        return float(-600 * np.log(sigma) - root[-1] ** 2 / 2 - np.log(root[:-1] * np.array(sds)[members]).sum())
+        return float(-search.gram.count * np.log(sigma) - root[-1] ** 2 / 2 - np.log(root[:-1] * np.array(sds)[members]).sum())
 
     for members in ([0, 3], [0, 1, 3], [0, 1, 2, 3], [0, 2, 3], [0, 1, 2, 3, 4]):
         state = search.posterior(tuple((b, 0) for b in members), sigma, rounds=0)
