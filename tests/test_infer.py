@@ -440,7 +440,9 @@ def test_errors_of_millimetres_are_weighed_beside_noise_of_micrometres(rng: np.r
         rows = np.vstack([np.column_stack([columns[:, members], error]) / sigma,
                           np.eye(len(members), len(members) + 1) / np.array(sds)[members, None]])  # fmt: skip
         root = np.abs(np.diag(np.linalg.qr(rows, mode="r")))
-        return float(-search.gram.count * np.log(sigma) - root[-1] ** 2 / 2 - np.log(root[:-1] * np.array(sds)[members]).sum())
+        return float(
+            -search.gram.count * np.log(sigma) - root[-1] ** 2 / 2 - np.log(root[:-1] * np.array(sds)[members]).sum()
+        )
 
     for members in ([0, 3], [0, 1, 3], [0, 1, 2, 3], [0, 2, 3], [0, 1, 2, 3, 4]):
         state = search.posterior(tuple((b, 0) for b in members), sigma, rounds=0)
