@@ -78,9 +78,9 @@ def test_the_promise_is_kept_and_says_what_it_is_made_of(bent: SavedModel, part:
     assert after["rms_low_mm"] < after["rms_mm"] < after["rms_high_mm"]
     assert after["rms_mm"] < after["p95_mm"] < after["max_mm"] < 0.12
     assert after["rms_high_mm"] < after["max_mm"]
-    others = (learn_model(measured(BENT, 0.05, seed), ENDER3) for seed in (2, 3))
+    others = (learn_model(measured(BENT, 0.05, seed), ENDER3) for seed in range(2, 7))
     before = [done.prediction.before, *(check_gcode(part, model).before for model in others)]
-    assert sum(each.rms_low_mm < truth.before.rms_mm < each.rms_high_mm for each in before) >= 2  # 90 % ranges
+    assert sum(each.rms_low_mm < truth.before.rms_mm < each.rms_high_mm for each in before) >= 5  # of six 90 % ranges
     said = done.prediction.summary()
     assert "90 % of prints" in said
     assert "what the test print left open 0.00" in said

@@ -10,7 +10,7 @@ from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_nam
 from printmend.messages import say
 
 TOOTH_MM = 2.0  # of a GT2 belt, which printers have: a pulley has a whole number of them
-BACK_SIGMAS = 3.0  # a wave of so many standard deviations would turn its motor back: none is larger
+BACK_SIGMAS = 3.0  # a wave as large as so many standard deviations would turn its motor back
 STEPS = (4.0, 2.0, 1.0, 0.5)  # full steps of a motor's waves: a pair of poles is four
 NAMES = {
     4.0: "fault-ripple-poles",

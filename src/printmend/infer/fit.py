@@ -165,8 +165,12 @@ def worn(path_mm: np.ndarray, parts: Sequence[Sized], scene: Scene) -> np.ndarra
     wear_mm = [sum(part.sizes_mm[0] for part in parts if part.effect == "wear" and part.where == m) for m in (0, 1)]
     if not any(wear_mm):
         return np.broadcast_to(0.0, path_mm.shape)
-    moves = np.diff(path_mm, axis=0, prepend=path_mm[:1])
-    return np.outer(done_of(np.hypot(*moves.T), scene), wear_mm)
+    return np.outer(_done(path_mm, scene), wear_mm)
+
+
+def _done(path_mm: np.ndarray, scene: Scene) -> np.ndarray:
+    """Return how much of the measured print was done at each place [N] of a path [N, 2]."""
+    return done_of(np.hypot(*np.diff(path_mm, axis=0, prepend=path_mm[:1]).T), scene)
 
 
 def turned_back(trace: Trace, by_rad: float, scene: Scene) -> Trace:
@@ -317,8 +321,8 @@ def with_finer(
 ) -> Dictionary:
     """Return the dictionary with finer shapes about those of a set's members.
 
-    To the search a finer shape stands for that much less of what the first one stands for. To the posterior each of
-    them has an even share of the odds of the shape between them, which had all those of the grid's in the first round.
+    The search counts a finer shape for less than the first one. In the posterior the first one and its finer ones share
+    its odds evenly. In round 0 these are the odds of the grid's shape that it came from.
     """
     blocks, more = list(dictionary.blocks), []
     for b, _ in members:
@@ -538,8 +542,7 @@ def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
 def _as_turned(trace: Trace, fit: Fit) -> Trace:
     """Return a trace whose motors go as far as they turned, without the steps that they lost."""
     lost_mm = np.zeros((len(trace), 2))
-    moves = np.diff(trace.commanded_mm, axis=0, prepend=trace.commanded_mm[:1])
-    done = done_of(np.hypot(*moves.T), fit.scene)
+    done = _done(trace.commanded_mm, fit.scene)
     for part in fit.parts():
         axis = fit.scene.printer.axes[part.where]
         turns, teeth = (part.sizes_mm[0] / (count * axis.mm_per_step) for count in (LOST_STEPS, TOOTH_STEPS))

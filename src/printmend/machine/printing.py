@@ -68,7 +68,7 @@ def contacts_of(mechanism: Mechanism, motor_mm: np.ndarray, more_mm: np.ndarray 
     """Follow motors [N, 2] through a machine, and return their `Contacts`.
 
     Nobody knows where in its play a belt starts. So both extremes are followed, and a contact counts once they agree.
-    A belt had by ``more_mm`` [N, 2] more play there than the machine has.
+    ``more_mm`` [N, 2] is the play that each belt has at each place beyond the machine's.
     """
     rows, sides, belts = [], [], []
     for motor in range(2):
