@@ -133,3 +133,21 @@ def test_the_printer_s_file_says_how_fast_and_the_owner_is_told_where_it_cannot_
         assert done.exit_code == 0, done.output
         assert (b"M204 P12000\n" in output.read_bytes()) is not bool(options)
         assert ("crossings are not sped up" in done.output) is bool(options)
+
+
+@pytest.mark.parametrize(
+    "limit", [b"M201 X3500 Y3000.00 Z100 E5000 ;from the slicer\n", b"; machine_max_acceleration_x = 3000,3500\n"]
+)
+def test_a_crossing_speeds_up_no_more_than_the_file_lets_the_firmware(limit: bytes, tmp_path: Path) -> None:
+    source, model, output = tmp_path / "part.gcode", tmp_path / "m.mend.json", tmp_path / "out.gcode"
+    write_model(model, exact_model(PLAY))
+    for flavour, most in ((b"Marlin", 3000), (b"Klipper", 12000)):
+        source.write_bytes(b";FLAVOR:" + flavour + b"\n" + limit + told(b"S") + ZIGZAG.removeprefix(START))
+        done = CliRunner().invoke(
+            group, ["mend", str(source), "-m", str(model), "-o", str(output), "--overwrite", "--crossing", "12000"]
+        )
+        assert done.exit_code == 0, done.output
+        asked = {accel for accel, _ in lines_with_accel(output.read_bytes())}
+        assert OWN < max(asked) == most
+        assert "not sped up" not in done.output
+        assert ("speed up by 3000 mm/s² at most" in done.output) is (most == 3000)

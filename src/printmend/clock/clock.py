@@ -44,7 +44,8 @@ class Limits:
     """The largest speeds [mm/s], accelerations [mm/s²] and jumps of speed [mm/s] of X, Y, Z, E, and of the head.
 
     The values are those that Marlin, Klipper and RepRapFirmware have in their own example configurations. ``said`` is
-    where they come from. ``velocity_mm_s``, ``corner_mm_s`` and ``cruise_ratio`` are Klipper's.
+    where they come from. ``velocity_mm_s``, ``corner_mm_s`` and ``cruise_ratio`` are Klipper's. A file says that its
+    firmware lets X and Y accelerate by ``most_mm_s2``, whatever moves ask for; it is 0 where no file says so.
     """
 
     firmware: str = "marlin"
@@ -59,6 +60,7 @@ class Limits:
     corner_mm_s: float = 5.0
     cruise_ratio: float = 0.5
     arc_mm: float = 1.0
+    most_mm_s2: float = 0.0
     said: str = field(default=EXAMPLE, compare=False)
 
     @property
@@ -66,11 +68,6 @@ class Limits:
         """Say whose planner they are for, and where they come from."""
         name = self.firmware if self.firmware == "rrf" else self.firmware.capitalize()
         return "RepRapFirmware" if name == "rrf" else name, say(_SAID[self.said])
-
-    @property
-    def most_mm_s2(self) -> float:
-        """The acceleration [mm/s²] that the slicer's settings allow X and Y, 0 where no firmware holds itself to it."""
-        return min(self.accel_mm_s2[:2]) if self.said == SLICER and self.firmware != "klipper" else 0.0
 
     def lower(self) -> np.record:
         """Return them as the kernels read them."""
@@ -97,6 +94,7 @@ _SETTING = re.compile(
     rb"^;?\s*\"?machine_max_(speed|feedrate|acceleration|jerk|junction_deviation)_?([a-z]*)\"?\s*[:=][\s\[\"]*"
     rb"(\d+(?:\.\d+)?)", re.MULTILINE,
 )  # fmt: skip
+_MOST, _WORD = re.compile(rb"^M201\b[^;\n]*", re.MULTILINE), re.compile(rb"[XY] ?(\d+(?:\.\d+)?)")
 _IGNORED = re.compile(rb"^;?\s*\"?machine_limits_usage\"?\s*[:=]\s*\"?ignore", re.MULTILINE)
 
 
@@ -117,7 +115,11 @@ def limits_of(
             for kind, axis, value in _SETTING.findall(text):
                 found.setdefault(f"{kind.decode()} {axis.decode()}", float(value))
     found = {key: value for key, value in found.items() if value > 0.0}
-    return _owned(plain if not found else _settled(plain, found), owner)
+    limits = _owned(plain if not found else _settled(plain, found), owner)
+    if name == "klipper":  # obeys the acceleration of each move, and ignores M201
+        return limits
+    told = [float(value) for text in hints for line in _MOST.findall(text)[:1] for value in _WORD.findall(line)]
+    return replace(limits, most_mm_s2=min(told, default=min(limits.accel_mm_s2[:2]) if found else 0.0))
 
 
 def _owned(limits: Limits, owner: MotionLimits) -> Limits:

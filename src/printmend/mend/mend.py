@@ -63,9 +63,11 @@ def begun(part: Part, planner: Planner, model: SavedModel, fineness: Fineness) -
     if owner.accel_mm_s2 is not None:
         state.expect_accel(owner.accel_mm_s2, is_klipper=limits.firmware == "klipper")
     watch = start_stopwatch(limits)
-    crossing_mm_s2 = fineness.crossing_mm_s2 or owner.crossing_mm_s2 or limits.most_mm_s2
-    planner.begin(fineness.segments_per_s(state.flavour), crossing_mm_s2, fineness.ease)
-    return state, Read(_said_of(hints, state, model.printer), watch)
+    asked_mm_s2 = fineness.crossing_mm_s2 or owner.crossing_mm_s2 or limits.most_mm_s2
+    most_mm_s2 = limits.most_mm_s2 or asked_mm_s2
+    planner.begin(fineness.segments_per_s(state.flavour), min(asked_mm_s2, most_mm_s2), fineness.ease)
+    held = None if asked_mm_s2 <= most_mm_s2 else say("crossings-speed-up-by-most", f"{most_mm_s2:.0f}")
+    return state, Read((*_said_of(hints, state, model.printer), held), watch)
 
 
 def _beginning(part: Part, model: SavedModel) -> MachineState:
@@ -395,7 +397,8 @@ def _mended_text(
 
 def _crossing_words(planner: Planner, fineness: Fineness) -> str | None:
     """Say that crossings are not sped up, because the normal acceleration is unknown."""
-    if fineness.crossing_mm_s2 is None or planner.counts.hurried or not planner.counts.takeups:
+    asked_mm_s2, counts = fineness.crossing_mm_s2, planner.counts
+    if asked_mm_s2 is None or planner.model.head.crossing < asked_mm_s2 or counts.hurried or not counts.takeups:
         return None
     return say("no-crossing-sped-up")
 
