@@ -496,6 +496,24 @@ def test_causes_that_stand_for_another_only_together_are_doubted(rng: np.random.
     assert doubted(search, found) is found
 
 
+def test_a_cause_that_stands_for_two_takes_their_place(rng: np.random.Generator) -> None:
+    """A creep of a time a little off and a shift are one creep, which fits a little worse: no exchange finds that, and
+    in the shift's place something else would come first."""
+    fast, shift, own, other, noise = np.linalg.qr(rng.standard_normal((120, 5)))[0].T * np.sqrt(120)
+    both = fast + 0.3 * shift
+    columns = np.stack([fast, shift, both + 1.6e-3 * own, shift + 4e-3 * other], axis=1)
+    blocks = tuple(
+        Block(name, 0, shape, slice(b, b + 1), np.array([[2.0]]), np.array([-4.0]))
+        for b, (name, shape) in enumerate((("creep", (0.1,)), ("place", ()), ("creep", (0.16,)), ("tilt", ())))
+    )
+    one = np.ones(120)
+    rows = Rows(np.arange(120), np.ones((120, 2)), both + 0.01 * noise, one, one)
+    search = search_of(Dictionary(blocks, columns), rows, one)
+    stuck = searched(search, ((0, 0), (1, 0)), 0.01)
+    assert stuck.members == ((0, 0), (1, 0))
+    assert doubted(search, stuck).members == ((2, 0),)
+
+
 def test_a_triangle_is_inverted_by_halves(rng: np.random.Generator) -> None:
     for size in (0, 1, 47, 131):
         lower = np.tril(rng.standard_normal((size, size))) + 10 * np.eye(size)

@@ -384,8 +384,8 @@ def doubted(search: Search, state: State) -> State:
     """Return the likeliest set that is reached from ``state`` where each of its members in turn may be wrong.
 
     Several blocks may stand for several others while no single exchange helps. So steps begin again beside the other
-    members, without any block of the slot of the one in doubt. They add blocks, and drop others or exchange them within
-    their slots. Members that are likely before the rows say anything stay.
+    members, without any block of the slot of the one in doubt. They drop others or exchange them within their slots,
+    and then add blocks. Members that are likely before the rows say anything stay.
     """
     for member in reversed(state.members):
         is_likely = search.dictionary.blocks[member[0]].log_odds[member[1]] >= 0
@@ -402,7 +402,10 @@ def _climbed(search: Search, state: State, without: int | None = None) -> State:
     better: State | None = state
     while better is not None:
         state, beside = better, search.beside(better)
-        better = _more(search, state, beside, without) or _exchanged(search, state, beside, own=without is not None)
+        if without is None:
+            better = _more(search, state, beside) or _exchanged(search, state, beside, own=False)
+        else:  # one block may stand for the one in doubt and another: before more comes, it takes that one's place
+            better = _exchanged(search, state, beside, own=True) or _more(search, state, beside, without)
     return state
 
 
