@@ -1,8 +1,8 @@
 """The posterior of a machine: draws from all likely sets of effects, weighted by evidence.
 
 Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999). Chains that begin with the
-likeliest set draw them (Madigan & York 1995). A draw is one set, with sizes from its posterior. An effect of the
-likeliest set acts where its mean lowers the expected square of the drawn machines' errors, and hardly any of them gains
+likeliest set draw them (Madigan & York 1995). A draw is one set, with sizes from its posterior. An effect that most
+draws have acts where its mean lowers the expected square of the drawn machines' errors, and hardly any of them gains
 nothing by it.
 """
 
@@ -20,7 +20,7 @@ from printmend.infer.fit import Fit
 from printmend.infer.gram import Block
 from printmend.infer.machine import DRAWS, Part
 from printmend.infer.scatter import log_below
-from printmend.infer.search import LEAST_BETTER, LEAST_LOG_WEIGHT, Gains, Search, Set, State
+from printmend.infer.search import LEAST_LOG_WEIGHT, Gains, Search, Set, State
 from printmend.metrics.robust import DEGREES
 
 # Drawn machines from few numbers, where many sets of effects are equally likely: Gibbs sampling over sets.
@@ -167,8 +167,8 @@ MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better mended
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """The belief about a machine: its ``parts``, those of the likeliest set first (``likely`` of them), the noise of a
-    measured coordinate, and the support of each effect of the likeliest set, in nats."""
+    """The belief about a machine: its ``parts``, first the ``likely`` ones that most draws have, the noise of a
+    measured coordinate, and the support of each of these first ones, in nats."""
 
     scene: Scene
     parts: tuple[Part, ...]
@@ -188,9 +188,7 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     blocks = fit.dictionary.blocks
     sets = Counter(drawn_sets(fit.search, fit.state, rng))
     states = {members: fit.search.posterior(members, fit.state.sigma_mm, rounds=0) for members in sets}
-    likeliest = max(states.values(), key=lambda state: state.score)
-    if likeliest.score > fit.state.score + LEAST_BETTER:  # the chain may find a likelier set than the search did
-        fit = replace(fit, state=likeliest)
+    fit = replace(fit, state=_likely(fit.search, fit.state, sets))
     likely = [b for b, _ in fit.state.members]
     order = list(dict.fromkeys([*likely, *(b for members in sets for b, _ in members)]))
     draws = {b: np.zeros((blocks[b].at.stop - blocks[b].at.start, DRAWS)) for b in order}
@@ -208,6 +206,35 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
         acts_mm = acts.get(key) if b in likely else None
         parts.append(Part(*key, np.zeros(len(draws[b])) if acts_mm is None else acts_mm, draws[b]))
     return Posterior(fit.scene, tuple(acting(fit.scene, parts)), len(likely), fit.state.sigma_mm, _nats(fit))
+
+
+def _likely(search: Search, likeliest: State, sets: Counter[Set]) -> State:
+    """Return the set of all causes that most draws have, with the shapes and sizes that are likeliest together.
+
+    A cause of many shapes or sizes may be in most sets and not in the likeliest one. Among linear models the set of
+    what is likelier than not predicts best (Barbieri & Berger 2004).
+    """
+    often = Counter(b for members in sets.elements() for b, _ in members)
+
+    def causes(members: Set) -> dict[tuple[int, int], tuple[tuple[str, int], int]]:
+        """Name each member by its slot and how many likelier ones the slot has."""
+        count: Counter[tuple[str, int]] = Counter()
+        named = {}
+        for member in sorted(members, key=lambda one: -often[one[0]]):
+            slot = search.dictionary.blocks[member[0]].slot
+            named[member], count[slot] = (slot, count[slot]), count[slot] + 1
+        return named
+
+    draws = Counter(cause for members in sets.elements() for cause in causes(members).values())
+    agreeing: dict[Set, int] = {}
+    for members in (likeliest.members, *sets):
+        for member, cause in causes(members).items():
+            if 2 * draws[cause] <= DRAWS and not search.needed(members, member):
+                members = tuple(one for one in members if one != member)
+        agreeing[members] = sum(2 * draws[cause] - DRAWS for cause in causes(members).values())
+    most = max(agreeing.values())
+    found = [search.posterior(each, likeliest.sigma_mm, rounds=0) for each in agreeing if agreeing[each] == most]
+    return max(found, key=lambda state: state.score)
 
 
 def drawn_of(state: State, positive: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

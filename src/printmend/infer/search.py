@@ -364,7 +364,7 @@ class _Group:
         ``pull`` [B, P]; of several columns only alternatives that are ``asked`` [B, V] for."""
         sds_mm = self.sds_mm[which]
         if sds_mm.shape[2] > 1:
-            out = np.empty(sds_mm.shape[:2])
+            out = np.zeros(sds_mm.shape[:2])
             kernels.gains(information, pull, sds_mm, np.ones(out.shape, bool) if asked is None else asked, out)
             return out + self.log_odds[which]
         shrunk = sds_mm[:, :, 0] ** 2
