@@ -18,7 +18,7 @@ from printmend.effects.words import Found
 from printmend.infer.fit import fitted, home_sd_of, weighed, worn
 from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, gram_of, seen
 from printmend.infer.machine import DRAWS, machine_of
-from printmend.infer.posterior import drawn_of, drawn_sets, posterior_of
+from printmend.infer.posterior import drawn_of, drawn_sets, likely_set, posterior_of
 from printmend.infer.scatter import inverse_of, log_below
 from printmend.infer.search import State, doubted, search_of, searched
 from printmend.learn.learned import learn, learn_model
@@ -450,6 +450,23 @@ def test_errors_of_millimetres_are_weighed_beside_noise_of_micrometres(rng: np.r
     given = search.given(((0, 0), (1, 0)), sigma)
     two = [given.posterior(tuple((b, 0) for b in members), sigma, rounds=0).score for members in ([3], [2, 3])]
     assert two[1] - two[0] == pytest.approx(laid_out([0, 1, 2, 3]) - laid_out([0, 1, 3]), abs=0.01)
+
+
+def test_what_most_machines_have_acts_though_no_size_of_it_is_likelier_than_nothing(rng: np.random.Generator) -> None:
+    noise = np.linalg.qr(np.column_stack([np.ones(40), rng.standard_normal((40, 2))]))[0].T * np.sqrt(40)
+    columns = np.column_stack([np.ones(40), noise[1]])
+    blocks = tuple(
+        Block(name, 0, (), slice(b, b + 1), np.array(sds)[:, None], np.full(len(sds), odds))
+        for b, (name, sds, odds) in enumerate((("place", [1.0, 0.8, 0.6, 0.5], -1.0), ("skew", [1.0], -1.0)))
+    )
+    one = np.ones(40)
+    rows = Rows(np.arange(40), np.ones((40, 2)), 0.33 * one + 0.25 * noise[1] + noise[2], one, one)
+    search = search_of(Dictionary(blocks, columns), rows, one)
+    none = search.posterior((), 1.0, rounds=0)
+    assert search.gains(none, np.arange(2)).values.max() < 0
+    sets = Counter(drawn_sets(search, none, rng))
+    assert sum(count for members, count in sets.items() if 0 in dict(members)) > sets.total() / 2
+    assert [b for b, _ in likely_set(search, none, sets).members] == [0]
 
 
 def test_what_changes_play_comes_only_with_play_and_keeps_it(rng: np.random.Generator) -> None:

@@ -20,7 +20,7 @@ DRAWS = 96  # machines that are drawn
 class Part:
     """One effect at one place with one shape, and the belief about its sizes.
 
-    ``acts_mm`` [P] are the sizes that the model has: their mean in the likeliest set, 0 where that has none.
+    ``acts_mm`` [P] are the sizes that the model has: their mean in the likely set, 0 where that has none.
     ``draws_mm`` [P, D] are those of the drawn machines; ``chance`` is the share of them that have it.
     """
 

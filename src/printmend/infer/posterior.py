@@ -188,7 +188,7 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     blocks = fit.dictionary.blocks
     sets = Counter(drawn_sets(fit.search, fit.state, rng))
     states = {members: fit.search.posterior(members, fit.state.sigma_mm, rounds=0) for members in sets}
-    fit = replace(fit, state=_likely(fit.search, fit.state, sets))
+    fit = replace(fit, state=likely_set(fit.search, fit.state, sets))
     likely = [b for b, _ in fit.state.members]
     order = list(dict.fromkeys([*likely, *(b for members in sets for b, _ in members)]))
     draws = {b: np.zeros((blocks[b].at.stop - blocks[b].at.start, DRAWS)) for b in order}
@@ -208,7 +208,7 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     return Posterior(fit.scene, tuple(acting(fit.scene, parts)), len(likely), fit.state.sigma_mm, _nats(fit))
 
 
-def _likely(search: Search, likeliest: State, sets: Counter[Set]) -> State:
+def likely_set(search: Search, likeliest: State, sets: Counter[Set]) -> State:
     """Return the set of all causes that most draws have, with the shapes and sizes that are likeliest together.
 
     A cause of many shapes or sizes may be in most sets and not in the likeliest one. Among linear models the set of
@@ -405,7 +405,7 @@ def _beside(search: Search, likeliest: State) -> tuple[list[Set], dict[tuple[int
 
 
 def _nats(fit: Fit) -> tuple[float, ...]:
-    """Return how much the score of the likeliest set loses without each of its members."""
+    """Return how much the score of the likely set loses without each of its members."""
     members, score = fit.state.members, fit.state.score
     others = [(*members[:at], *members[at + 1 :]) for at in range(len(members))]
     return tuple(score - fit.search.posterior(each, fit.state.sigma_mm, rounds=0).score for each in others)
