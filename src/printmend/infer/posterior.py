@@ -1,9 +1,9 @@
 """The posterior of a machine: draws from all likely sets of effects, weighted by evidence.
 
 Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999). Chains that begin with the
-likeliest set draw them (Madigan & York 1995). A draw is one set, with sizes from its posterior. An effect that most
-draws have acts where its mean lowers the expected square of the drawn machines' errors, and hardly any of them gains
-nothing by it.
+likeliest set draw them (Madigan & York 1995). A draw is one set, with sizes from its posterior. An effect of the
+likeliest set, or one that most draws have, acts where its mean lowers the expected square of the drawn machines'
+errors, and hardly any of them gains nothing by it.
 """
 
 import itertools
@@ -167,8 +167,8 @@ MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better mended
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """The belief about a machine: its ``parts``, first the ``likely`` ones that most draws have, the noise of a
-    measured coordinate, and the support of each of these first ones, in nats."""
+    """The belief about a machine: its ``parts``, those of the likely set first (``likely`` of them), the noise of a
+    measured coordinate, and the support of each effect of the likely set, in nats."""
 
     scene: Scene
     parts: tuple[Part, ...]
