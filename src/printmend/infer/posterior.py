@@ -20,7 +20,7 @@ from printmend.infer.fit import Fit
 from printmend.infer.gram import Block
 from printmend.infer.machine import DRAWS, Part
 from printmend.infer.scatter import log_below
-from printmend.infer.search import LEAST_LOG_WEIGHT, Gains, Search, Set, State
+from printmend.infer.search import LEAST_BETTER, LEAST_LOG_WEIGHT, Gains, Search, Set, State
 from printmend.metrics.robust import DEGREES
 
 # Drawn machines from few numbers, where many sets of effects are equally likely: Gibbs sampling over sets.
@@ -188,8 +188,10 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     blocks = fit.dictionary.blocks
     sets = Counter(drawn_sets(fit.search, fit.state, rng))
     states = {members: fit.search.posterior(members, fit.state.sigma_mm, rounds=0) for members in sets}
-    likeliest = max((fit.state, *states.values()), key=lambda state: state.score)  # the chain may find a likelier set
-    fit = replace(fit, state=likely_set(fit.search, likeliest, sets))
+    likeliest = max(states.values(), key=lambda state: state.score)
+    if likeliest.score > fit.state.score + LEAST_BETTER:  # the chain may find a likelier set than the search did
+        fit = replace(fit, state=likeliest)
+    fit = replace(fit, state=likely_set(fit.search, fit.state, sets))
     likely = [b for b, _ in fit.state.members]
     order = list(dict.fromkeys([*likely, *(b for members in sets for b, _ in members)]))
     draws = {b: np.zeros((blocks[b].at.stop - blocks[b].at.start, DRAWS)) for b in order}
