@@ -94,7 +94,7 @@ _SETTING = re.compile(
     rb"^;?\s*\"?machine_max_(speed|feedrate|acceleration|jerk|junction_deviation)_?([a-z]*)\"?\s*[:=][\s\[\"]*"
     rb"(\d+(?:\.\d+)?)", re.MULTILINE,
 )  # fmt: skip
-_MOST, _WORD = re.compile(rb"^M201\b[^;\n]*", re.MULTILINE), re.compile(rb"[XY] ?(\d+(?:\.\d+)?)")
+_MOST, _WORD = re.compile(rb"^M201(?=\s)[^;\n]*", re.MULTILINE), re.compile(rb"[XY] ?(\d+(?:\.\d+)?)")
 _IGNORED = re.compile(rb"^;?\s*\"?machine_limits_usage\"?\s*[:=]\s*\"?ignore", re.MULTILINE)
 
 
