@@ -218,13 +218,12 @@ def likely_set(search: Search, likeliest: State, sets: Counter[Set]) -> State:
     to a prediction (Barbieri & Berger 2004). Of rivals each may be in fewer, so nothing is taken out.
     """
     blocks, state = search.dictionary.blocks, likeliest
-    drawn = {b for members in sets for b, _ in members}
+    drawn, there = {b for members in sets for b, _ in members}, {blocks[b].slot for b, _ in likeliest.members}
     draws = Counter(slot for members in sets.elements() for slot in {blocks[b].slot for b, _ in members})
-    for slot in [slot for slot, count in draws.most_common() if 2 * count > DRAWS]:
-        offered = search.offered(state.members)
-        alike = np.array([b in drawn and blocks[b].slot == slot for b in offered.tolist()], bool)
-        if alike.any() and all(blocks[b].slot != slot for b, _ in state.members):
-            more, _ = search.gains(state, offered[alike]).best()
+    for slot in (slot for slot, count in draws.most_common() if 2 * count > DRAWS and slot not in there):
+        alike = [b for b in search.offered(state.members).tolist() if b in drawn and blocks[b].slot == slot]
+        if alike:  # else it needs what is not there
+            more, _ = search.gains(state, np.array(alike)).best()
             state = search.posterior((*state.members, more), state.sigma_mm, rounds=0)
     return state
 
