@@ -54,8 +54,8 @@ def lost_rows(left_mm: np.ndarray) -> np.ndarray:
 def skipped(trace: Trace, turned: Trace, printer: Printer) -> Iterator[Misfit]:
     """Name motors that lost steps: by how much they ``turned`` less than they were told."""
     lost_mm = np.abs(printer.to_motor(turned.commanded_mm - trace.commanded_mm)).max(axis=0)
-    for name, size_mm in zip(printer.motors, lost_mm, strict=True):
-        if size_mm > 0:
+    for name, size_mm, axis in zip(printer.motors, lost_mm, printer.axes, strict=False):
+        if size_mm > 0.5 * axis.mm_per_step:
             yield Misfit(
                 "jump",
                 WARNING,
