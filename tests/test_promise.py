@@ -312,6 +312,22 @@ def test_what_is_summed_up_at_once_is_what_each_drawn_machine_prints(rng: np.ran
         assert told.rms_mm == pytest.approx(np.median(np.sqrt(rms**2 - apart**2) + along * apart))
 
 
+def test_a_plate_that_slipped_once_keeps_no_fault_from_being_mended(rng: np.random.Generator) -> None:
+    """It shifts both files alike, so the promise holds it, and the judgement of mending does not."""
+    angle, weight, off = rng.uniform(0, 7, 40), rng.uniform(1, 2, 40), rng.normal(0, 0.1, 40)
+    tangent = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    path, normal = PathPlaces(np.zeros((40, 2)), tangent, off, np.zeros((40, 2)), weight), tangent[:, ::-1] * [-1, 1]
+    known = Errors(float(np.sqrt(np.average(off**2, weights=weight))), 0.2, 0.3)
+    slipped = DrawnCause(normal, np.full((2, DRAWS), 0.3))
+    told = {
+        name: _summed_up(_Side(path, off, causes, {}, known, signed=True), True, np.zeros(DRAWS), rng)
+        for name, causes in (("none", {}), ("step", {"step": slipped}), ("place", {"place": slipped}))
+    }
+    np.testing.assert_allclose(told["step"][1], told["none"][1], atol=1e-6)
+    assert told["place"][1].min() > told["none"][1].max() + 0.1
+    assert told["step"][0].rms_mm == told["place"][0].rms_mm > told["none"][0].rms_mm + 0.1
+
+
 def test_a_section_that_is_none_of_ours_is_refused_in_one_line(bent: SavedModel) -> None:
     section = dict(bent.document["promise"])
     first, *others = section["parts"]

@@ -383,7 +383,8 @@ def unshown_mm(chance: np.ndarray, motion: Motion | None) -> np.ndarray:
 
 
 def _summed_up(side: _Side, placed: bool, along: np.ndarray, rng: np.random.Generator) -> tuple[Promise, np.ndarray]:
-    """Return the promise, and the RMS errors [DRAWS] if unexplained errors were independent of the predicted ones.
+    """Return the promise, and the RMS errors [DRAWS] that mending is judged by: unexplained errors are independent of
+    the predicted ones there, and no fault of a session shifts the whole print, which it would do to both files.
 
     All of them are quadratic forms of the drawn numbers, so the products of the columns are summed along the path once.
     In a file as it is, the unexplained errors (`LASTING`) may add to the predicted ones or cancel them: ``along``
@@ -397,7 +398,7 @@ def _summed_up(side: _Side, placed: bool, along: np.ndarray, rng: np.random.Gene
     spread = products[:2, :2] + 1e-9 * np.eye(2)
     # by how much the whole part is shifted, for a unit of each column
     away = np.linalg.solve(spread, products[:2])
-    shape = products - products[:, :2] @ away - away.T @ products[:2] + away.T @ products[:2, :2] @ away
+    shape = _unshifted(products, away)
     drawn = np.vstack([np.ones((1, DRAWS)), *(each.drawn for each in side.doubt.values())])
     shift = away[:, 2:] @ drawn
     known2 = 0.0 if side.signed else side.known.rms_mm**2
@@ -428,7 +429,17 @@ def _summed_up(side: _Side, placed: bool, along: np.ndarray, rng: np.random.Gene
         _median(np.hypot(*shift)), float(np.sqrt(known_share)),
         {name: rms * float(np.sqrt(share / total)) for name, share in shares.items()},
     )  # fmt: skip
-    return promise, free_mm
+    if not placed:
+        return promise, free_mm
+    once = [name in EFFECTS and EFFECTS[name].of is Of.SESSION for name in side.doubt]
+    own = np.repeat([False, *once], [3, *(len(each.drawn) for each in side.doubt.values())])
+    return promise, np.sqrt(_square(_unshifted(products, away * own)[2:, 2:], drawn) + beside2)
+
+
+def _unshifted(products: np.ndarray, away: np.ndarray) -> np.ndarray:
+    """Return the products of columns that lose the shifts ``away`` [2, K], the first two being the shifts' own."""
+    shifted = products[:, :2] @ away
+    return np.asarray(products - shifted - shifted.T + away.T @ products[:2, :2] @ away)
 
 
 def _square(products: np.ndarray, drawn: np.ndarray) -> np.ndarray:
