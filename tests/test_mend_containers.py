@@ -47,6 +47,9 @@ def test_does_not_mend_twice(tmp_path: Path) -> None:
     with pytest.raises(GcodeError, match="mended with model"):
         mend_gcode(output, exactly(BENT), output)
     assert output.read_bytes() == before
+    output.write_bytes(b"".join(line for line in before.splitlines(keepends=True) if b"; mended by" not in line))
+    with pytest.raises(GcodeError, match="one that was mended; the comment"):  # its seal is still there
+        mend_gcode(output, exactly(BENT), tmp_path / "again.gcode")
 
 
 def test_in_place(tmp_path: Path) -> None:

@@ -233,13 +233,14 @@ def test_a_curve_that_nobody_knows_is_told(curve: bytes) -> None:
 @pytest.mark.parametrize(
     ("line", "noticed"),
     [(b"M556 S100 X0.5", 1), (b"M579 X1.01", 1), (b"M852 I0.01", 1), (b"M425 F1 X0.2", 1),
-     (b"SKEW_PROFILE LOAD=mine", 1), (b"M579", 0), (b"SET_SKEW CLEAR=1", 0)],
+     (b"M92 X81", 1), (b"G68 X100 Y100 R30", 1), (b"G51 X1.1", 1), (b"SKEW_PROFILE LOAD=mine", 1), (b"M579", 0),
+     (b"M92 E93", 0), (b"SET_SKEW CLEAR=1", 0)],
 )  # fmt: skip
 def test_a_file_that_changes_the_geometry_is_noticed(line: bytes, noticed: int) -> None:
     written, prediction = mended(SQUARE + line + b"\nG1 X80 E1\n", PLAY)
     assert line in written
     assert prediction.geometry == noticed
-    assert ("skew, scale or backlash" in prediction.summary()) == bool(noticed)
+    assert ("skew, scale, turn or backlash" in prediction.summary()) == bool(noticed)
     assert prediction.unknown == 0
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import printmend
 from printmend.errors import GcodeError
 from printmend.messages import say
-from printmend.provenance import FORGED, MARK, MENDED, TEST_PRINT, TEST_PRINT_MARK, claimed_test_print
+from printmend.provenance import FORGED, MARK, MENDED, SEALED, TEST_PRINT, TEST_PRINT_MARK, claimed_test_print
 
 # The comments that say what a file is: mended, so that it is not mended twice, or a test print of printmend's.
 
@@ -51,6 +51,12 @@ def find_test_print(*texts: bytes) -> str | None:
     if find_mark(*texts) is not None:
         return None
     return next((found[1].decode() for text in texts if (found := TEST_PRINT_MARK.search(text))), None)
+
+
+def is_mended(*texts: bytes) -> bool:
+    """Say whether the pieces of a file are of a mended one; the seal under it says so where the mark is gone."""
+    sealed = any(SEALED in text for text in texts) and find_test_print(*texts) is None
+    return sealed or find_mark(*texts) is not None
 
 
 def is_test_print(path: Path) -> bool:

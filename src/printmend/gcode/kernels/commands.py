@@ -548,6 +548,8 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
         if words & WORD_E:
             numbers.e = r.e0 + values[VALUE_E] * unit if e_is_relative(counts) else values[VALUE_E] * unit
         return EVENT_SPLINE
+    elif code == 510 or code == 680:  # scaled or turned from here on
+        return EVENT_GEOMETRY
     else:
         r.flags = r.flags | FLAG_OPAQUE
         return EVENT_UNKNOWN + ALL_LOST
@@ -601,11 +603,11 @@ def tool_change(numbers, counts, tool):
 
 
 # M commands in tenths. The place is kept by the first three groups and lost by the last two.
-_M_GEOMETRY = np.array([4250, 5560, 5790, 8520])  # from here on the firmware changes commanded positions
+_M_GEOMETRY = np.array([920, 4250, 5560, 5790, 8520])  # from here on the firmware changes commanded positions
 _M_PAUSE = np.array([0, 10, 250, 600, 1250, 2260, 6000, 6010, 6020])  # the head parks and comes back
 _M_EXCLUDE = np.array([4860, 6240, 6250])  # what follows may be skipped
 _M_TOOL = np.array([60, 6200, 6210, 7010, 7020, 7030])  # tools, and filament that is changed
-_M_MACRO = np.array([240, 320, 480, 980, 6050, 6220, 6230, 8080, 9700, 9703, 9710])  # the firmware expands them
+_M_MACRO = np.array([240, 320, 480, 980, 4280, 6050, 6220, 6230, 8080, 9700, 9703, 9710])  # the firmware's own
 
 
 @inner

@@ -80,7 +80,7 @@ export default {
   stops: "Places where the nozzle stands still for a moment (small seams): {n}", on_bed: "All of it stays on the bed.", off_bed: "As the file says, some of it is printed beyond the edge of the bed.",
   left_unknown: "Printing moves left as the file has them, not mended: {n}{where}. There the file does not say where the nozzle is, or its words cannot be read.", left_lines: " (line {lines})",
   left_splines: "Curves (G5) left as the file has them, as wrong as before: {n}. It does not say where they begin, or leaves out I J or P Q.", left_coarse: "Places that stay off by more than they should: {n}. The printer takes no shorter moves.",
-  left_geometry: "The file sets the printer's own skew, scale or backlash (M425, M556, M579, M852 or SET_SKEW), times: {n}. What is said here holds only if the test print was printed with the same.",
+  left_geometry: "The file sets the printer's own skew, scale, turn or backlash (M92, M425, M556, M579, M852, G51, G68 or SET_SKEW), times: {n}. What is said here holds only if the test print was printed with the same.",
   clamped: "Commands held back at the edge of the bed: {n}", by_layer: "Error of each layer, mm", sending: "Sending", stopped: "Stopped", mend_none: "Measure the test print first: then parts can be mended for this printer.", prove_none: "Measure the test print first: then a mended print can be held against what was promised.", to_measure: "To the test print",
 
   prove_now: "Print the mended test print, scan it, and see whether the promise was kept.", prove_print: "1. Print it mended", prove_scan: "2. Scan it", make_check: "Make the check print", check_what: "The test print once more, mended for this printer.", download_check: "Download the check print",
