@@ -17,8 +17,8 @@ from printmend.effects.sized import Sized, frame_of
 from printmend.effects.words import Found
 from printmend.infer.fit import fitted, home_sd_of, weighed, worn
 from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, gram_of, seen
-from printmend.infer.machine import DRAWS, machine_of
-from printmend.infer.posterior import drawn_of, drawn_sets, likely_set, posterior_of
+from printmend.infer.machine import DRAWS, Part, machine_of
+from printmend.infer.posterior import acting, drawn_of, drawn_sets, likely_set, posterior_of
 from printmend.infer.scatter import inverse_of, log_below
 from printmend.infer.search import State, doubted, search_of, searched
 from printmend.learn.learned import learn, learn_model
@@ -467,6 +467,18 @@ def test_what_most_machines_have_acts_though_no_size_of_it_is_likelier_than_noth
     sets = Counter(drawn_sets(search, none, rng))
     assert sum(count for members, count in sets.items() if 0 in dict(members)) > sets.total() / 2
     assert [b for b, _ in likely_set(search, none, sets).members] == [0]
+
+
+def test_a_certain_cause_acts_though_another_is_in_doubt(rng: np.random.Generator) -> None:
+    """Of a scale that a fifth of the drawn machines lack these would lose: it does not act, and all play does."""
+    scene, there = replace(scene_for(read_printer("ender3")), placed=False), (np.arange(DRAWS) % 5 > 0) * 1.0
+    play = Part("play", 1, (), np.array([0.3]), 0.3 + rng.normal(0, 0.001, (1, DRAWS)))
+    scale = Part("scale", 1, (), np.array([0.5]), 0.5 * there[None] + rng.normal(0, 0.001, (1, DRAWS)))
+    for parts in ((play, scale), (scale, play)):
+        acts = {part.effect: part.acts_mm[0] for part in acting(scene, parts)}
+        assert acts == {"play": 0.3, "scale": 0.0}
+    sure = replace(scale, draws_mm=np.full((1, DRAWS), 0.5))
+    assert [part.acts_mm[0] for part in acting(scene, (play, sure))] == [0.3, 0.5]
 
 
 def test_what_changes_play_comes_only_with_play_and_keeps_it(rng: np.random.Generator) -> None:

@@ -245,11 +245,12 @@ def after_homing(part: Part, scene: Scene) -> Part:
 
 
 def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
-    """Yield the parts; one acts no longer where the drawn machines' expected square error is smaller without it, and
-    none does where too many of these machines would gain nothing.
+    """Yield the parts; one acts no longer where the drawn machines' expected square error is smaller without it, or
+    where too many of these machines would gain nothing with it.
 
-    Errors count over the measured places. Parts are asked one by one, the most harmful beside the others first. Wear of
-    the measured print acts beside parts of the machine alone: where a belt with new play rests at home, nobody knows.
+    Errors count over the measured places. Parts are asked one by one, the most harmful beside the others first, then
+    the one without which most machines gain. Wear of the measured print acts beside parts of the machine alone: where a
+    belt with new play rests at home, nobody knows.
     """
     places, machine = drawn_places(scene), np.array([EFFECTS[part.effect].of is Of.MACHINE for part in parts], bool)
     drawn_mm, acts_mm = np.zeros((len(places), 2, DRAWS)), np.zeros((len(places), 2, len(parts)))
@@ -269,7 +270,13 @@ def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
         if gains[worst] >= 0:
             break
         kept[worst] = False
-    kept &= np.mean(2 * kept @ pull <= kept @ products @ kept) <= MOST_WORSE_SHARE
+
+    def worse(kept: np.ndarray) -> tuple[float, float]:
+        gained = 2 * kept @ pull - kept @ products @ kept
+        return float(np.mean(gained <= 0)), -float(gained.mean())
+
+    while kept.any() and worse(kept)[0] > MOST_WORSE_SHARE:
+        kept = min((kept & (np.arange(len(parts)) != at) for at in np.flatnonzero(kept)), key=worse)
     for part, does in zip(parts, kept | (~machine & kept.any()), strict=True):
         yield part if does else replace(part, acts_mm=np.zeros_like(part.acts_mm))
 
