@@ -7,12 +7,12 @@ import numpy as np
 from printmend.effects import Scene, title_of
 from printmend.effects.aspect import SHARES
 from printmend.effects.effect import SCALE_MM
-from printmend.infer.machine import Part
+from printmend.infer.machine import DRAWS, Part
 from printmend.measure.table import TOGETHER
 from printmend.messages import say, together
 from printmend.model import SavedModel
 from printmend.model.model import WARNING
-from printmend.promise.belief import parse_belief
+from printmend.promise.belief import Belief, parse_belief
 
 # Words for a scale error that may be the scan's own, until callipers settle it.
 #
@@ -23,19 +23,30 @@ STRANGE_SDS = 2.0  # of a scan's own scale: beyond them few scanners are off
 
 
 def scale_words(model: SavedModel) -> tuple[str, ...]:
-    """Return a sentence about the scale that a model's scan showed, none where the scan leaves little open."""
+    """Return a sentence about the scale, and one about the skew, that a model's scan showed; none where the scan leaves
+    little open."""
     belief = parse_belief(model)
     shown = model.document.get("promise", {}).get("shown")
     if belief is None or belief.placed or not isinstance(shown, list) or len(shown) != 2:
         return ()
+    lean = _lean_words(belief)
     acts, draws = axis_scales(belief.scene, belief.parts)
     doubt = float(np.sqrt(np.mean((draws - acts[:, None]) ** 2, axis=1)).max())
     beyond = float(np.abs(np.array(shown, float) - acts).max())  # as far as it is the printer's
     if beyond > STRANGE_SDS * instrument_of(model).get("scale_sd", np.inf):
         doubt = max(doubt, beyond)
     if doubt < LEAST_DOUBT:
+        return lean
+    return (scale_in_words(np.array(shown, float), acts, doubt, length_given=knows_a_length(model)), *lean)
+
+
+def _lean_words(belief: Belief) -> tuple[str, ...]:
+    """Return a sentence about a skew that the scanner may have made, so that it does not act."""
+    parts = belief.of("skew")
+    leans = sum((part.draws_mm[0] for part in parts), np.zeros(DRAWS)) / SCALE_MM
+    if any(part.acts_mm.any() for part in parts) or np.sqrt(np.mean(leans**2)) < LEAST_DOUBT:
         return ()
-    return (scale_in_words(np.array(shown, float), acts, doubt, length_given=knows_a_length(model)),)
+    return (say(WARNING, say("skew-not-settled", f"{abs(np.degrees(np.median(leans[leans != 0]))):.2f}")),)
 
 
 def shown_scales(scene: Scene, parts: Sequence[Part]) -> list[float]:
