@@ -52,9 +52,7 @@ EVENT_MOTORS_OFF = 8  # M84
 EVENT_RESTORE = 9  # RESTORE_GCODE_STATE MOVE=1, SET_GCODE_OFFSET MOVE=1: the carriage goes there by itself
 EVENT_OFFSET = 10  # offsets changed; the carriage has not moved
 EVENT_SAVE = 11  # SAVE_GCODE_STATE: nothing is uncertain, but a restore comes back to here
-EVENT_GEOMETRY = (
-    12  # M92, M425, M852, G68, SET_SKEW and the like: from here on the firmware changes commanded positions
-)
+EVENT_GEOMETRY = 12  # M92, M425, G68, SET_SKEW and the like: from here on the firmware changes commanded positions
 EVENT_SPLINE = 13  # a G5 or G5.1 that is not cut into chords: followed to its end, on a way that is not
 
 FLAG_RELATIVE = 1 << 0  # X Y Z words are increments
