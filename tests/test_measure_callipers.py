@@ -75,8 +75,8 @@ def drawn_once():
         key = printer.name, distances.pairs.tobytes(), readings_mm.tobytes()
         if key not in drawn:
             drawn[key] = machines_of(distances, readings_mm, printer)
-        scene, parts = drawn[key]
-        return replace(scene, printer=printer), parts  # a plan's printer has no Z axis, and no distance tells of it
+        found = drawn[key]  # a plan's printer has no Z axis, and no distance tells of it
+        return replace(found, scene=replace(found.scene, printer=printer))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(by_hand, "_machines", machines)
@@ -127,6 +127,16 @@ def test_a_single_slip_is_not_believed():
     assert model_by_hand(distances, readings, printer).is_healthy
 
 
+def test_a_misread_distance_is_named(case):
+    printer, distances = case
+    rng = np.random.default_rng(2)
+    readings = read_off(distances, broken(printer), rng)
+    assert not any("misread" in line for line in model_by_hand(distances, readings, printer).findings)
+    readings[4] += 1.0
+    (said,) = (line for line in model_by_hand(distances, readings, printer).findings if "misread" in line)
+    assert said.startswith("distance 5 may be misread by +")
+
+
 def test_few_distances_say_what_they_cannot_tell():
     printer, distances = case_of("ender3")
     readings = read_off(distances, broken(printer))
@@ -169,7 +179,7 @@ def test_machines_hold_the_truth_as_often_as_they_say():
         scale, play = rng.normal(0, 0.02), abs(rng.normal(0, 0.5)) * (rng.uniform() < 0.5)
         readings = read_off(distances, broken(printer, scale=scale, play=play), rng)
         readings[6:] = np.nan
-        _, parts = machines_by_hand(distances, readings, printer, rng)
+        parts = machines_by_hand(distances, readings, printer, rng).parts
         for motor in range(2):
             for effect, true in (("scale", scale * SCALE_MM), ("play", play)):
                 drawn = sum((part.draws_mm[0] for part in parts if (part.effect, part.where) == (effect, motor)), 0.0)
@@ -208,7 +218,7 @@ def test_a_sound_printer_is_not_promised_badly_nor_a_loose_one_well():
 def test_readings_that_no_play_explains_end_in_no_negative_one():
     printer, distances = case_of("ender3")
     readings = read_off(distances, broken(printer, play=-1.5))
-    _, parts = machines_by_hand(distances, readings, printer, np.random.default_rng(0))
+    parts = machines_by_hand(distances, readings, printer, np.random.default_rng(0)).parts
     assert all(np.isfinite(part.draws_mm).all() for part in parts)
     assert all(part.draws_mm.min() >= 0 for part in parts if part.effect == "play")
 

@@ -179,6 +179,15 @@ def test_a_wrong_unit_is_named_with_its_factor(tmp_path, factor, columns, named)
         read_trace(table(tmp_path, lines(commanded, measured)), PRINTER)
 
 
+def test_a_table_wholly_in_inches_is_refused_and_a_small_print_is_not(tmp_path):
+    commanded, measured = points()
+    with pytest.raises(TraceError, match="as in inches; multiply all columns by 25.4"):
+        read_trace(table(tmp_path, lines(commanded / 25.4, measured / 25.4)), PRINTER)
+    for at in (0.0, 100.0):  # as large, in the middle; or a third as large, in the corner
+        small = at + commanded * (0.1 if at else 0.012)
+        assert len(read_trace(table(tmp_path, lines(small, small + 0.01)), PRINTER)) == 60
+
+
 @pytest.mark.parametrize("gain", [0.6, 0.8, 1.0, 1.3])
 def test_a_badly_damaged_printer_is_no_wrong_unit(tmp_path, gain):
     commanded, measured = points()

@@ -11,7 +11,7 @@ import numpy as np
 
 from printmend.cli.terminal import spoken
 from printmend.infer.distances import Guess, first_guess
-from printmend.learn.by_hand import estimates_by_hand
+from printmend.learn.by_hand import said_by_hand
 from printmend.measure.callipers import READING_SD_MM, Distances, distances_of, measurable_pairs, number_in
 from printmend.measure.image import write_image, write_words
 from printmend.measure.plan import ProbePlan
@@ -150,8 +150,8 @@ def _tell_estimates(
     rows = [one for one, _, _ in taken]
     distances = distances_of(plan, pairs[rows], np.array([inner for _, _, inner in taken], bool))
     readings_mm = np.array([value for _, value, _ in taken])
-    for item in estimates_by_hand(distances, readings_mm):
-        show(item.words)
+    for line in said_by_hand(distances, readings_mm):
+        show(line)
 
 
 def _drawn(plan: ProbePlan, pair: np.ndarray) -> str:

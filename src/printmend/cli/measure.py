@@ -188,12 +188,12 @@ def _measure_by_hand(
 
 def _say_estimates(distances: "Distances", readings_mm: "np.ndarray", printer: "Printer | None", output: Path) -> None:
     """Say what was measured by hand, and save the model that follows from it."""
-    from printmend.learn.by_hand import estimates_by_hand, model_by_hand
+    from printmend.learn.by_hand import model_by_hand, said_by_hand
     from printmend.model import write_model
 
     if printer is None:
-        for item in estimates_by_hand(distances, readings_mm):
-            echo(item.words)
+        for line in said_by_hand(distances, readings_mm):
+            echo(line)
         return
     model = model_by_hand(distances, readings_mm, printer)
     for line in model.findings:

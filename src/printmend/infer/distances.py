@@ -3,7 +3,7 @@
 Nothing else is special about them: the effects, their priors and the drawn machines are those of every measurement.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,18 @@ PASSES = (0, SWEEPS)  # sweeps of each: a distance bends a little with the error
 UNSEEN_MM = 1e-4  # an effect that moves every distance less is left out
 BOTH = 2  # "where" of a scale of both motors
 LIKELY = 0.5  # chance from which on an effect may act
+# A reading that this share of the drawn machines miss by so many standard deviations is worth another look.
+MISREAD_SHARE, MISREAD_SIGMAS = 0.1, 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class ByHand:
+    """Machines drawn from a few distances, their ``parts`` with what acts, and the readings that may be ``misread``:
+    the number of each from 0, and by how many mm."""
+
+    scene: Scene
+    parts: tuple[Part, ...]
+    misread: tuple[tuple[int, float], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +100,8 @@ def first_guess(plan: ProbePlan, pairs: np.ndarray) -> Guess:
 
 def machines_by_hand(
     distances: Distances, readings_mm: np.ndarray, printer: Printer, rng: np.random.Generator
-) -> tuple[Scene, list[Part]]:
-    """Return the drawn machines of a printer from readings [K] (NaN where none was taken), and what acts."""
+) -> ByHand:
+    """Return the drawn machines of a printer from readings [K], NaN where none was taken."""
     known = np.isfinite(readings_mm)
     taken = distances_of(distances.plan, distances.pairs[known], distances.inner[known])
     scene = _scene(distances.plan, printer)
@@ -104,7 +116,17 @@ def machines_by_hand(
         for part in parts:
             if part.effect != "bead":
                 off_mm += columns_of(part.effect, rows.places, part.where, part.shape, scene) @ part.mean_mm
-    return scene, list(acting(scene, [_likely(part) for part in parts]))
+    missed_mm = few.error_mm[:, None] - sum(few.columns[:, few.blocks[b].at] @ each for b, each in sizes.items())
+    acts = tuple(acting(scene, [_likely(part) for part in parts]))
+    return ByHand(scene, acts, tuple(_misread(np.flatnonzero(known), missed_mm)))
+
+
+def _misread(number: np.ndarray, missed_mm: np.ndarray) -> Iterator[tuple[int, float]]:
+    """Yield each reading that enough machines miss [K, DRAWS] by more than hands do, and by how much they do."""
+    for at, off_mm in zip(number.tolist(), missed_mm, strict=True):
+        far = np.abs(off_mm) > MISREAD_SIGMAS * READING_SD_MM
+        if far.mean() > MISREAD_SHARE:
+            yield at, float(np.median(off_mm[far]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """A model from distances by callipers: the acting parts, the drawn machines, and the words for each quantity."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,8 +11,8 @@ from printmend.effects import EFFECTS, Scene
 from printmend.effects.effect import SCALE_MM
 from printmend.effects.pulley import HARMONICS
 from printmend.errors import TraceError
-from printmend.infer.distances import machines_by_hand, printer_of
-from printmend.infer.machine import DRAWS, Part, machine_of
+from printmend.infer.distances import ByHand, machines_by_hand, printer_of
+from printmend.infer.machine import DRAWS, machine_of
 from printmend.measure.callipers import Distances
 from printmend.messages import say
 from printmend.model import SavedModel, saved_model
@@ -71,25 +71,36 @@ def model_by_hand(distances: Distances, readings_mm: np.ndarray, printer: Printe
 
     Raises `TraceError` where all are NaN.
     """
-    scene, parts = _machines(distances, readings_mm, printer)
-    mechanism, branches = machine_of(scene, [part.acting() for part in parts if part.acts_mm.any()])
-    findings = tuple(each.words for each in _estimates(scene, parts))
-    details = {"promise": belief_section(scene, parts, by_hand=True)}
+    found = _machines(distances, readings_mm, printer)
+    mechanism, branches = machine_of(found.scene, [part.acting() for part in found.parts if part.acts_mm.any()])
+    findings = tuple(_said(found))
+    details = {"promise": belief_section(found.scene, found.parts, by_hand=True)}
     return saved_model(mechanism, learner="callipers", branches=branches, findings=findings, details=details)
 
 
 def estimates_by_hand(distances: Distances, readings_mm: np.ndarray) -> list[Estimate]:
     """Return estimates of scale, play and first harmonic of each motor, of the skew, and of the dots' width."""
-    return _estimates(*_machines(distances, readings_mm, printer_of(distances.plan)))
+    return _estimates(_machines(distances, readings_mm, printer_of(distances.plan)))
 
 
-def _machines(distances: Distances, readings_mm: np.ndarray, printer: Printer) -> tuple[Scene, list[Part]]:
+def said_by_hand(distances: Distances, readings_mm: np.ndarray) -> list[str]:
+    """Return a line for each estimate, and for each reading that may be a slip."""
+    return list(_said(_machines(distances, readings_mm, printer_of(distances.plan))))
+
+
+def _said(found: ByHand) -> Iterator[str]:
+    yield from (each.words for each in _estimates(found))
+    yield from (say("reading-may-be-misread", number + 1, f"{off_mm:+.1f}") for number, off_mm in found.misread)
+
+
+def _machines(distances: Distances, readings_mm: np.ndarray, printer: Printer) -> ByHand:
     if not np.isfinite(readings_mm).any():
         raise TraceError(say("distances"), wanted=say("least"), came=say("none"), todo=say("measure-few-list"))
     return machines_by_hand(distances, readings_mm, printer, np.random.default_rng(SEED))
 
 
-def _estimates(scene: Scene, parts: Sequence[Part]) -> list[Estimate]:
+def _estimates(by_hand: ByHand) -> list[Estimate]:
+    scene, parts = by_hand.scene, by_hand.parts
     asked = [
         (motor, each._replace(words=say("motor-quantity", name.upper(), each.words)))
         for motor, name in enumerate(scene.printer.motors)

@@ -26,6 +26,7 @@ from printmend.path import Instrument
 LONGEST_ASKED_MM, SHORTEST_ASKED_MM = 145.0, 40.0  # of a distance that is asked for: the common callipers open 150 mm
 READING_MM = 0.06  # standard deviation of a reading: the callipers, the hand, the rims of two dots
 MOST_SCALE_SHARE = 0.02  # no instrument is off by a larger share: such a distance is another one than was asked for
+STRANGE_SDS = 4.0  # of an instrument's scale: a distance that says more is more likely another one than was asked for
 UNIT_SHARE = 0.05  # a length that is right to this share in another unit is taken to be in that unit
 
 _SIDES = (  # messages, by thirds of a plate
@@ -93,7 +94,7 @@ def side_of(plan: ProbePlan, mark: int) -> str:
 
 def scaled_by(
     distance_mm: float, span: tuple[int, int], dots_mm: np.ndarray, measured_mm: np.ndarray, instrument: Instrument
-) -> tuple[np.ndarray, Instrument, str]:
+) -> tuple[np.ndarray, Instrument, Said]:
     """Return measured marks [M, 2] with the scale that callipers say, what is still open of the instrument, and a note.
 
     ``dots_mm`` [2] are the widths of the two dots in the image. Raises `TraceError` for the distance of other dots.
@@ -107,7 +108,10 @@ def scaled_by(
             came=together("", [f"{distance_mm:g}", inches(distance_mm, seen)]),
             todo=say("measure-these-two-dots-again-mm"),
         )  # fmt: skip
-    stretch, left, note = settled(excess, math.atan2(other[1] - one[1], other[0] - one[0]), distance_mm, instrument)
+    angle = math.atan2(other[1] - one[1], other[0] - one[0])
+    stretch, left, note = settled(excess, angle, distance_mm, instrument)
+    if abs(excess) > STRANGE_SDS * math.hypot(_scale_sd(angle, instrument), READING_MM / distance_mm):
+        note = say("image-scale-strange", note, f"{seen:.2f}")
     middle = np.nanmean(measured_mm, axis=0)
     return (measured_mm - middle) @ np.linalg.inv(stretch).T + middle, left, note
 
@@ -136,13 +140,23 @@ def scaled_by_rulers(
     return (places_mm - middle) @ np.linalg.inv(taken).T + middle, instrument, notes
 
 
+def _scale_sd(angle_rad: float, instrument: Instrument) -> float:
+    """Return how uncertain an instrument's scale is at an angle on the bed, as a share."""
+    row = _row(angle_rad)
+    return math.sqrt(row @ instrument.covariance @ row)
+
+
+def _row(angle_rad: float) -> np.ndarray:
+    """Return by what a length at an angle grows for one unit of scale, of difference of the axes, and of lean."""
+    return np.array([1.0, math.cos(2 * angle_rad), math.sin(2 * angle_rad)])
+
+
 def settled(
     excess: float, angle_rad: float, distance_mm: float, instrument: Instrument, *, reading_mm: float = READING_MM
 ) -> tuple[np.ndarray, Instrument, Said]:
     """Return by what an image is stretched [2, 2] where a length at an angle came out too long by the share ``excess``,
     what is still open of the instrument, and a note. ``reading_mm`` is the standard deviation of the reading."""
-    double = 2 * angle_rad
-    row = np.array([1.0, math.cos(double), math.sin(double)])
+    row = _row(angle_rad)
     prior = instrument.covariance
     gain = prior @ row / (row @ prior @ row + (reading_mm / distance_mm) ** 2)
     common, half, lean = gain * excess

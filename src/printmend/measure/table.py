@@ -48,6 +48,7 @@ _LARGEST_MM = 1e9  # what is farther is wrong all the same, and its square is st
 _SAME_PLACES_SHARE = 0.35
 _MOST_MOTION_MM2 = 1.0  # a head that strays by a millimetre prints nothing
 _MOST_LAYERS = 1_000_000  # number of a layer
+_FILLED_SHARE, _HOME_APART_MM = 0.5, 0.5  # of a bed that a test print fills at least; of a home beyond the bed's edge
 _FARTHEST_WALL_MM = 50.0  # that a wall may lie from where it was commanded
 HEADER_TODO = say("start-with-header", ",".join(REQUIRED))
 
@@ -81,6 +82,7 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
         )
     home = np.array(printer.home_mm)
     _check_unit(path, commanded, measured, home)
+    _check_inches(path, commanded, printer)
     _check_bed(path, commanded, measured, printer)
     layer = columns.get("layer")
     return Trace(
@@ -418,6 +420,18 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
                 came=say("home-position-factor", unit, f"{factor:g}"),
                 todo=say("multiply-all-columns", f"{factor:g}"),
             )
+
+
+def _check_inches(path: Path, commanded: np.ndarray, printer: Printer) -> None:
+    """Refuse a table wholly in inches: it fills the corner of the bed that the whole bed in inches is."""
+    low, high = np.array([(axis.min_mm, axis.max_mm) for axis in printer.axes[:2]]).T
+    inside = (commanded >= low / MM_PER_INCH - _HOME_APART_MM) & (commanded <= high / MM_PER_INCH + _HOME_APART_MM)
+    span = np.ptp(commanded, axis=0)
+    if inside.all() and (span > _FILLED_SHARE * (high - low) / MM_PER_INCH).all():
+        raise TraceError(
+            path, wanted=say("millimetres"), came=say("all-places-like-inches", f"{span.max():.1f}"),
+            todo=say("multiply-all-columns", f"{MM_PER_INCH:g}"),
+        )  # fmt: skip
 
 
 def _slope(x: np.ndarray, y: np.ndarray) -> float:
