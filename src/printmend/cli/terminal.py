@@ -174,7 +174,8 @@ class Finite(click.FloatRange):
     """A range of real numbers, with a decimal point or comma; nan, which no comparison excludes, is none of them."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        number = super().convert(value.replace(",", ".") if isinstance(value, str) else value, param, ctx)
+        value = value.replace(",", ".") if isinstance(value, str) else value
+        number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(say("usage-real"), param, ctx)
         return number

@@ -432,8 +432,8 @@ def _summed_up(side: _Side, placed: bool, along: np.ndarray, rng: np.random.Gene
     if not placed:
         return promise, free_mm
     once = [name in EFFECTS and EFFECTS[name].of is Of.SESSION for name in side.doubt]
-    own = np.repeat([False, *once], [3, *(len(each.drawn) for each in side.doubt.values())])
-    return promise, np.sqrt(_square(_unshifted(products, away * own)[2:, 2:], drawn) + beside2)
+    is_once = np.repeat([False, *once], [3, *(len(each.drawn) for each in side.doubt.values())])
+    return promise, np.sqrt(_square(_unshifted(products, away * is_once)[2:, 2:], drawn) + beside2)
 
 
 def _unshifted(products: np.ndarray, away: np.ndarray) -> np.ndarray:
