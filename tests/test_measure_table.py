@@ -181,7 +181,7 @@ def test_a_wrong_unit_is_named_with_its_factor(tmp_path, factor, columns, named)
 
 def test_a_table_wholly_in_inches_is_refused_and_a_small_print_is_not(tmp_path):
     commanded, measured = points()
-    with pytest.raises(TraceError, match="as in inches; multiply all columns by 25.4"):
+    with pytest.raises(TraceError, match=r"as in inches; multiply all columns by 25\.4"):
         read_trace(table(tmp_path, lines(commanded / 25.4, measured / 25.4)), PRINTER)
     for at in (0.0, 100.0):  # as large, in the middle; or a third as large, in the corner
         small = at + commanded * (0.1 if at else 0.012)

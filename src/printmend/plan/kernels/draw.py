@@ -259,45 +259,6 @@ def _engage(model, state, counts, run, k, start, end, s, stop, begin, span):
     return 0, m, m
 
 
-@inner
-def _next_stretch(model, curve, state, counts, run, t, begin, span):
-    """Return where the stretch from t of the curve ends, the belts there, and how each motor goes there, as `prepare`.
-
-    ``begin`` and ``span`` are as in `extrude`.
-    """
-    s = begin + t * span
-    stop = (min(_next_turn_place(run, 0, s), _next_turn_place(run, 1, s)) - begin) / span
-    if not (1.0 - stop) * span > NEAR_MM:
-        stop = 1.0
-    x, y, _ = place(curve, t)
-    s0, s1 = wanted(model, x, y)
-    x, y, _ = place(curve, stop)
-    e0, e1 = wanted(model, x, y)
-    last = begin + stop * span
-    e0, e1 = e0 + _overshoot(run, 0, last), e1 + _overshoot(run, 1, last)
-    mode0, first0, second0 = _engage(model, state, counts, run, 0, s0, e0, s, last, begin, span)
-    mode1, first1, second1 = _engage(model, state, counts, run, 1, s1, e1, s, last, begin, span)
-    return stop, e0, e1, mode0, first0, second0, mode1, first1, second1
-
-
-@inner
-def cross_early(model, curve, state, counts, pieces, n, record, quantum, run):
-    """Take up the slack for the surveyed path that ``curve`` begins at the end of a travel, the ``record``.
-
-    Filament that was drawn back is pushed out after it: else the nozzle would stand still under pressure.
-    """
-    if not is_sure(state, 0) or not is_sure(state, 1):
-        return n
-    _, _, _, _, first0, second0, _, first1, second1 = _next_stretch(
-        model, curve, state, counts, run, 0.0, 0.0, curve.length
-    )
-    before = n
-    n = _dead_move(model, state, counts, pieces, n, record, first0, first1, record.z1, quantum, False)
-    n = _dead_move(model, state, counts, pieces, n, record, second0, second1, record.z1, quantum, True)
-    counts.takeups += n > before
-    return n
-
-
 # Long because a stretch is engaged, drawn as arcs or chords, and judged with the same dozen numbers.
 @inner
 def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors, quantum, run, begin, span):
@@ -309,12 +270,19 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
     length = curve.length
     while t < 1.0:
         s = begin + t * span
-        _, _, z = place(curve, t)
+        stop = (min(_next_turn_place(run, 0, s), _next_turn_place(run, 1, s)) - begin) / span
+        if not (1.0 - stop) * span > NEAR_MM:
+            stop = 1.0
+        x, y, z = place(curve, t)
+        s0, s1 = wanted(model, x, y)
+        x, y, _ = place(curve, stop)
+        e0, e1 = wanted(model, x, y)
+        last = begin + stop * span
+        e0, e1 = e0 + _overshoot(run, 0, last), e1 + _overshoot(run, 1, last)
         anywhere = counts.anywhere != 0
         unsure = anywhere or not is_sure(state, 0) or not is_sure(state, 1)
-        stop, e0, e1, mode0, first0, second0, mode1, first1, second1 = _next_stretch(
-            model, curve, state, counts, run, t, begin, span
-        )
+        mode0, first0, second0 = _engage(model, state, counts, run, 0, s0, e0, s, last, begin, span)
+        mode1, first1, second1 = _engage(model, state, counts, run, 1, s1, e1, s, last, begin, span)
         before = n
         n = _dead_move(model, state, counts, pieces, n, record, first0, first1, z, quantum, False)
         if anywhere:

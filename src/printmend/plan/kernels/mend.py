@@ -41,7 +41,6 @@ from printmend.plan.kernels.curve import (
     trace,
 )
 from printmend.plan.kernels.draw import (
-    cross_early,
     draw,
     extrude,
     put,
@@ -97,7 +96,7 @@ from printmend.plan.kernels.state import (
     prepare,
     travel_motor,
 )
-from printmend.plan.kernels.travel import after_prime, arrival, arriving_push, plan_travel
+from printmend.plan.kernels.travel import arrival, arriving_push, plan_travel
 from printmend.plan.kernels.turns import survey
 
 LOOKS_FROM_HOME = 256  # places of a line from home that are looked at: 1.2 mm apart at most on a bed of 220 mm
@@ -169,21 +168,6 @@ def _name_place_again(model, state, pieces, n, record, quantum):
     arrive(model, state, m0, m1)
     state.feed = record.feed
     return put(pieces, n, PIECE_LINE, x, y, record.z1, 1.0, record.feed)
-
-
-@inner
-def _cross_before_prime(model, curve, state, counts, pieces, n, records, count, i, quantum, run):
-    """Take up the slack for the path behind record i - 1, a travel, if filament is pushed out between the two."""
-    at = after_prime(records, count, i)
-    if at < count:
-        r = records[at]
-        trace(curve, r)
-        if stays_near(model, curve):
-            _to_draw(model, r)
-            survey(model, state, counts, records, count, at, curve, run, 0.0, 0.0, True)
-            trace(curve, r)
-            n = cross_early(model, curve, state, counts, pieces, n, records[i - 1], quantum, run)
-    return n
 
 
 @inner
@@ -313,15 +297,6 @@ def _from_home(model, record, m0, m1):
 
 
 @inner
-def _to_draw(model, record):
-    """Note how finely and how fast a record is drawn; return its role."""
-    role = (record.flags >> ROLE_SHIFT) & ROLE_MASK if record.flags & FLAG_EXTRUDING else TRAVEL
-    model.head.chord, model.head.even = model.head.chords[role], role == ROLE_OUTER
-    model.head.speed, model.head.accel = record.feed / 60.0, record.accel
-    return role
-
-
-@inner
 def _count_left(counts, record, extruding):
     """Count an extruding move that stays as it is or has an unknown start, and keep the lines of the first few."""
     if extruding and counts.unknown < UNKNOWN_LINES:
@@ -371,7 +346,9 @@ def mend(
             continue
         known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
         extruding = r.flags & FLAG_EXTRUDING != 0
-        role = _to_draw(model, r)
+        role = (r.flags >> ROLE_SHIFT) & ROLE_MASK if extruding else TRAVEL
+        model.head.chord, model.head.even = model.head.chords[role], role == ROLE_OUTER
+        model.head.speed, model.head.accel = r.feed / 60.0, r.accel
         counts.moves += 1
         counts.roles |= 1 << role
         if extruding and known:
@@ -385,7 +362,6 @@ def mend(
                 n = _raise(model, state, counts, pieces, n, records, count, i - 1, quantum)
             else:
                 n = _name_place_again(model, state, pieces, n, r, quantum)
-                n = _cross_before_prime(model, curve, state, counts, pieces, n, records, count, i, quantum, run)
             continue
         trace(curve, r)
         left = not known or r.flags & FLAG_OPAQUE != 0 or not stays_near(model, curve)
@@ -465,8 +441,6 @@ def mend(
                 at, to = part / parts, (part + 1.0) / parts
                 n = _travel(model, way, state, counts, pieces, n, r, at, to, quantum, to0, to1)
             counts.anywhere = 0
-            if sure and moved is None:
-                n = _cross_before_prime(model, curve, state, counts, pieces, n, records, count, i, quantum, run)
         if not sure:
             # From here on the place is certain; the file as it is starts with the same uncertainty.
             open_interval(model, state.raw)

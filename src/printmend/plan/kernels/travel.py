@@ -1,4 +1,4 @@
-"""Compiled planning of travels of several legs: nothing is drawn, so that only the arrival must be right.
+"""Compiled planning of travels of one leg or several: nothing is drawn, so that only the arrival must be right.
 
 At a corner of a travel a loose motor need not cross its slack: its belt may lag. Each motor goes as the path does,
 whatever its belt is doing, and crosses the slack at most once. It crosses on the longest leg after which the belt still
@@ -17,10 +17,6 @@ from printmend.gcode.kernels.layout import (
     FLAG_KNOWN_Z1,
     FLAG_OPAQUE,
     KIND_LINEAR,
-    KIND_RETRACT,
-    KIND_SET,
-    WORD_X,
-    WORD_Y,
 )
 from printmend.jit import inner
 from printmend.plan.kernels.curve import norm
@@ -41,7 +37,6 @@ from printmend.plan.kernels.lookup import (
 from printmend.plan.kernels.state import is_sure, middle
 
 LEGS_TRIED = 3  # for a crossing, the longest first
-E_ALONE = 8  # axes of a G92 that names E only
 RECORDS_AHEAD = 256  # among which the end of a travel is looked for
 
 
@@ -100,7 +95,7 @@ def plan_travel(model, state, records, count, i, run, across, along):
             n += 1
         j += 1
     run.travel_end, run.leg = max(j, i + 1), 0
-    if n < 1:
+    if n == 0:
         return
     while j < count and _is_move(records[j]) and _is_still(records[j]):
         j += 1
@@ -124,23 +119,6 @@ def _is_move(r):
 def _is_still(r):
     """Say whether a record stands still in x and y."""
     return r.x0 == r.x1 and r.y0 == r.y1
-
-
-@inner
-def after_prime(records, count, i):
-    """Return the record of the straight extruding move that goes on where record i - 1 ends, after filament was pushed
-    out on the spot; ``count`` where there is none."""
-    primed = False
-    for j in range(i, count):
-        r = records[j]
-        still = _is_move(r) and _is_still(r) and not r.words & (WORD_X | WORD_Y)
-        if r.kind == KIND_RETRACT:
-            primed = r.axes == 0
-        elif still:
-            primed = primed or r.advance > 0.0
-        elif r.kind != KIND_SET or r.axes != E_ALONE:
-            return j if primed and _is_move(r) and r.flags & FLAG_EXTRUDING else count
-    return count
 
 
 @inner
