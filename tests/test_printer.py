@@ -68,6 +68,12 @@ def test_a_missing_printer_lists_the_presets() -> None:
         read_printer("prusa")
 
 
+@pytest.mark.parametrize("name", ["CR-10S", "Creality CR-10S", "cr10"])
+def test_a_printer_by_another_name_is_guessed(name: str) -> None:
+    with pytest.raises(ConfigError, match=r"did you mean cr10s\?"):
+        read_printer(name)
+
+
 @pytest.mark.parametrize("end", [r"\n", r"\r", r"\u2028"])
 def test_a_name_is_one_line_since_it_stands_in_comments_of_gcode(end: str) -> None:
     text = preset_text("ender3").replace('name = "', f'name = "a{end}M104 S300 ', 1)

@@ -21,6 +21,7 @@ Text = bytes | memoryview
 CHUNK_BYTES = 2 << 20  # read at once
 MAX_LINE_BYTES = 1 << 20  # a longer line is no G-code
 HINT_BYTES = 1 << 20  # of a file's beginning and of its end, where slicers say what it is
+GZIP = b"\x1f\x8b"  # begins a compressed file
 _TEXT_SHARE = 0.7  # of the bytes in a file's head that G-code has as printable characters and line ends
 
 
@@ -175,7 +176,7 @@ def refuse_binary(head: bytes, name: str) -> None:
             name,
             wanted=say("g-code-text-bgcode-gcode-3mf"),
             came=say("other-binary-data"),
-            todo=say("give-sliced-file"),
+            todo=say("unpack-it") if head.startswith(GZIP) else say("give-sliced-file"),
         )
 
 

@@ -398,11 +398,11 @@ def _mended_text(
 
 
 def _crossing_words(planner: Planner, fineness: Fineness) -> str | None:
-    """Say that crossings are not sped up, because the normal acceleration is unknown."""
-    asked_mm_s2, counts = fineness.crossing_mm_s2, planner.counts
-    if asked_mm_s2 is None or planner.model.head.crossing < asked_mm_s2 or counts.hurried or not counts.takeups:
+    """Say that crossings are not sped up, because the normal acceleration is unknown or no smaller."""
+    asked_mm_s2, counts, head = fineness.crossing_mm_s2, planner.counts, planner.model.head
+    if asked_mm_s2 is None or head.crossing < asked_mm_s2 or counts.hurried or not counts.takeups:
         return None
-    return say("no-crossing-sped-up")
+    return say("crossings-no-faster", f"{head.accel:.0f}") if head.accel >= asked_mm_s2 else say("no-crossing-sped-up")
 
 
 @contextmanager

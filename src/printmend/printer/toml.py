@@ -1,5 +1,6 @@
 """Printers from TOML: the presets and a user's own file, through the same code."""
 
+import difflib
 import os
 import re
 import tomllib
@@ -12,7 +13,7 @@ from printmend.errors import ConfigError, InputError
 from printmend.files import read_text
 from printmend.messages import say
 from printmend.printer.klipper import is_klipper
-from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, SWITCHES, Axis, Homing, MotionLimits, Printer
+from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, SWITCHES, Axis, Homing, MotionLimits, Printer, bare_name
 from printmend.printer.slicer import is_slicer_profile
 
 _NUMBERS = ("min_mm", "max_mm", "mm_per_turn", "home_mm")
@@ -49,16 +50,26 @@ def preset_text(name: str) -> str:
     return (resources.files("printmend.printer") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
 
 
+def _meant(name: str) -> str | None:
+    """Return the preset that a name most likely means: a maker's name before it, or a slip of a letter, aside."""
+    presets, given = {bare_name(preset): preset for preset in preset_names()}, bare_name(name)
+    ends = [each for each in presets if given.endswith(each)]
+    alike = [max(ends, key=len)] if ends else difflib.get_close_matches(given, presets, 1)
+    return presets[alike[0]] if alike else None
+
+
 def read_printer(source: str | Path) -> Printer:
     """Return the preset of that name, or the printer in that TOML file."""
     if str(source) in preset_names():
         return parse_printer(preset_text(str(source)), subject=str(source))
     if not os.path.isfile(source):
+        meant = None if Path(source).suffix else _meant(str(source))
+        todo = say("check-name-write-toml-file-compare")
         raise ConfigError(
             source,
             wanted=say("printer-preset-toml-file", ", ".join(preset_names())),
             came=say("no-such-file") if Path(source).suffix else say("neither"),
-            todo=say("check-name-write-toml-file-compare"),
+            todo=todo if meant is None else say("usage-guess", todo, meant),
         )
     return parse_printer(
         read_text(source, wanted=say("printer-toml"), todo=_TODO, error=ConfigError), subject=str(source)
