@@ -22,7 +22,8 @@ from typing import Any, NamedTuple
 MENDED = b"; mended by printmend "
 MARK = re.compile(rb"(?:^|\r)(?:\xef\xbb\xbf)?" + MENDED + rb"(\S+) model=(\S+)(?: e=([012])([01])\b)?", re.MULTILINE)
 TEST_PRINT_MARK = re.compile(rb"^; printmend (probe|first layer): ", re.MULTILINE)
-SEAL = re.compile(rb"(?:^|(?<=[\r\n])); sealed by printmend ([0-9a-f]{32})(?=[\r\n]|$)")
+SEALED = b"; sealed by printmend "
+SEAL = re.compile(rb"(?:^|(?<=[\r\n]))" + SEALED + rb"([0-9a-f]{32})(?=[\r\n]|$)")
 COMMENTS = re.compile(rb"(?:[ \t]*(?:;[^\r\n]*)?(?:[\r\n]+|$))*")
 HEAD_BYTES = 1 << 20  # in which the mark stands
 TAIL_BYTES = 1 << 18  # in which the seal stands: some slicers add their settings as comments below it
@@ -166,7 +167,7 @@ def sealed(texts: Iterable[bytes | memoryview], key: str) -> Iterator[bytes | me
     if not last.endswith((b"\n", b"\r")):
         code.update(ending)
         yield ending
-    yield b"; sealed by printmend " + code.hexdigest()[:32].encode() + ending
+    yield SEALED + code.hexdigest()[:32].encode() + ending
 
 
 def find_seal(path: str) -> tuple[int, bytes] | None:
