@@ -12,7 +12,14 @@ import numpy as np
 from printmend.cli.terminal import spoken
 from printmend.infer.distances import Guess, first_guess
 from printmend.learn.by_hand import said_by_hand
-from printmend.measure.callipers import READING_SD_MM, Distances, distances_of, measurable_pairs, number_in
+from printmend.measure.callipers import (
+    DOUBTED_SIGMAS,
+    READING_SD_MM,
+    Distances,
+    distances_of,
+    measurable_pairs,
+    number_in,
+)
 from printmend.measure.image import write_image, write_words
 from printmend.measure.plan import ProbePlan
 from printmend.messages import Tell, say, together
@@ -46,7 +53,6 @@ def draw_map(path: Path, distances: Distances, tell: Tell = str) -> None:
 WIDE, TALL = 36, 12  # characters of the picture of the plate
 RARE_SHARE = 0.02  # a larger share of a distance is more likely a slip of the hand than the printer's error
 LEAST_DOUBTED_MM = 1.5  # a smaller surprise is accepted: with few distances the prediction is often wrong by this
-DOUBTED_SIGMAS = 4.0  # standard deviations of what faults and reading may explain together
 ENOUGH_SPREADS = 1.5  # a distance predicted within so many standard deviations of a reading is not worth measuring
 
 

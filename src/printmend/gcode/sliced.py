@@ -53,10 +53,9 @@ def find_test_print(*texts: bytes) -> str | None:
     return next((found[1].decode() for text in texts if (found := TEST_PRINT_MARK.search(text))), None)
 
 
-def is_mended(*texts: bytes) -> bool:
-    """Say whether the pieces of a file are of a mended one; the seal under it says so where the mark is gone."""
-    sealed = any(SEALED in text for text in texts) and find_test_print(*texts) is None
-    return sealed or find_mark(*texts) is not None
+def lost_mark(*texts: bytes) -> bool:
+    """Say whether pieces of a file without a mark are of a mended one: the seal under it is still there."""
+    return any(SEALED in text for text in texts) and find_test_print(*texts) is None
 
 
 def is_test_print(path: Path) -> bool:

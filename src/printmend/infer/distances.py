@@ -14,7 +14,14 @@ from printmend.infer.machine import Part
 from printmend.infer.posterior import SWEEPS, Few, acting, drawn_sizes
 from printmend.infer.update import Key
 from printmend.machine import contacts_of, healthy_mechanism
-from printmend.measure.callipers import MOST_DISTANCES, READING_SD_MM, Distances, distances_of, measurable_pairs
+from printmend.measure.callipers import (
+    DOUBTED_SIGMAS,
+    MOST_DISTANCES,
+    READING_SD_MM,
+    Distances,
+    distances_of,
+    measurable_pairs,
+)
 from printmend.measure.plan import ProbePlan
 from printmend.path import Instrument, Trace
 from printmend.printer import Axis, Printer
@@ -23,8 +30,7 @@ PASSES = (0, SWEEPS)  # sweeps of each: a distance bends a little with the error
 UNSEEN_MM = 1e-4  # an effect that moves every distance less is left out
 BOTH = 2  # "where" of a scale of both motors
 LIKELY = 0.5  # chance from which on an effect may act
-# A reading that this share of the drawn machines miss by so many standard deviations is worth another look.
-MISREAD_SHARE, MISREAD_SIGMAS = 0.1, 4.0
+MISREAD_SHARE = 0.1  # a reading that a larger share of the drawn machines doubt is worth another look
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +130,7 @@ def machines_by_hand(
 def _misread(number: np.ndarray, missed_mm: np.ndarray) -> Iterator[tuple[int, float]]:
     """Yield each reading that enough machines miss [K, DRAWS] by more than hands do, and by how much they do."""
     for at, off_mm in zip(number.tolist(), missed_mm, strict=True):
-        far = np.abs(off_mm) > MISREAD_SIGMAS * READING_SD_MM
+        far = np.abs(off_mm) > DOUBTED_SIGMAS * READING_SD_MM
         if far.mean() > MISREAD_SHARE:
             yield at, float(np.median(off_mm[far]))
 

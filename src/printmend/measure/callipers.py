@@ -17,6 +17,7 @@ MOST_DISTANCES = 12  # distances that are asked for; more try an owner's patienc
 READING_SD_MM = 0.07  # standard deviation of one reading: the callipers and the hand that holds them
 SHORTEST_MM, LONGEST_MM = 20.0, 145.0  # the common callipers open 150 mm
 SURE_OF_SIDE_MM = 4.0  # a motor that came this far one way pushes the belt with a known side: no play is wider
+DOUBTED_SIGMAS = 4.0  # a reading that is farther off than that from what is expected is doubted
 SLIP_SHARE = 0.25  # a reading that differs from its distance by a larger share is a slip of the hand
 
 

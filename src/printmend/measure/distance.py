@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from printmend.errors import TraceError
+from printmend.measure.callipers import DOUBTED_SIGMAS
 from printmend.measure.plan import ProbePlan
 from printmend.measure.ruler import Ruler
 from printmend.measure.walls import RASTER_MM, Walls
@@ -26,7 +27,6 @@ from printmend.path import Instrument
 LONGEST_ASKED_MM, SHORTEST_ASKED_MM = 145.0, 40.0  # of a distance that is asked for: the common callipers open 150 mm
 READING_MM = 0.06  # standard deviation of a reading: the callipers, the hand, the rims of two dots
 MOST_SCALE_SHARE = 0.02  # no instrument is off by a larger share: such a distance is another one than was asked for
-STRANGE_SDS = 4.0  # of an instrument's scale: a distance that says more is more likely another one than was asked for
 UNIT_SHARE = 0.05  # a length that is right to this share in another unit is taken to be in that unit
 
 _SIDES = (  # messages, by thirds of a plate
@@ -110,7 +110,7 @@ def scaled_by(
         )  # fmt: skip
     angle = math.atan2(other[1] - one[1], other[0] - one[0])
     stretch, left, note = settled(excess, angle, distance_mm, instrument)
-    if abs(excess) > STRANGE_SDS * math.hypot(_scale_sd(angle, instrument), READING_MM / distance_mm):
+    if abs(excess) > DOUBTED_SIGMAS * math.hypot(_scale_sd(angle, instrument), READING_MM / distance_mm):
         note = say("image-scale-strange", note, f"{seen:.2f}")
     middle = np.nanmean(measured_mm, axis=0)
     return (measured_mm - middle) @ np.linalg.inv(stretch).T + middle, left, note

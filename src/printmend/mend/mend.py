@@ -18,7 +18,7 @@ from printmend.files import replacing
 from printmend.gcode import kernels as k
 from printmend.gcode.container import GcodeFile, Part, Text, open_gcode
 from printmend.gcode.read import MachineState, e_warning, guessed_e_rule, starting_state
-from printmend.gcode.sliced import Corners, Described, described, find_mark, find_test_print, is_mended, marked, sliced
+from printmend.gcode.sliced import Corners, Described, described, find_mark, find_test_print, lost_mark, marked, sliced
 from printmend.gcode.write import Plan, TimePlace, follow, rewrite
 from printmend.mend.prediction import Prediction, prediction_of, with_doubt
 from printmend.messages import say, together
@@ -345,8 +345,8 @@ def is_healthy(model: SavedModel) -> bool:
 def refuse_mended(file: GcodeFile) -> None:
     """Raise `GcodeError` for a file that was mended before: its moves are no longer the wanted ones."""
     for part in file.parts:
-        if is_mended(*part.hints()):
-            digest = find_mark(*part.hints())
+        digest = find_mark(*part.hints())
+        if digest is not None or lost_mark(*part.hints()):
             raise GcodeError(
                 part.name, wanted=say("file-slicer-wrote"),
                 came=say("mended-mark-gone") if digest is None else say("mended-model", digest),
