@@ -92,6 +92,39 @@ def test_play_is_named_once_by_its_most_telling_form() -> None:
     assert sticks.kind == "sticking"
 
 
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("slack_mm", [0.2, 1.2])
+def test_a_loose_shaft_and_a_loose_belt_are_told_apart_by_their_laws(slack_mm: float, order: int) -> None:
+    """A turn's Fourier coefficients are those of branches: of U(θ ± b/2), or of spans that see both sides."""
+    scene = SCENES["ender3"]
+    turn = 2 * np.pi * np.arange(256) / 256
+    slack_rad = 2 * np.pi * slack_mm / scene.turns_mm[0]
+
+    def kinds(lower_mm: np.ndarray, upper_mm: np.ndarray) -> set[str]:
+        def sizes(mm: np.ndarray, count: int) -> list[float]:
+            found = np.fft.rfft(mm)[1 : count + 1] / (len(turn) / 2)
+            return [*found.real, *-found.imag]
+
+        play = upper_mm - lower_mm
+        parts = [
+            part("play", 0, [float(play.mean())]),
+            part("breathing", 0, sizes(play, 16)),
+            part("pulley", 0, sizes((lower_mm + upper_mm) / 2, 32)),
+        ]
+        return {fault.kind for fault in faults_of(parts, scene)}
+
+    def error_mm(angle: np.ndarray) -> np.ndarray:
+        return np.asarray(0.3 / order * np.sin(order * angle + 0.7))
+
+    shaft = kinds(error_mm(turn - slack_rad / 2) - slack_mm / 2, error_mm(turn + slack_rad / 2) + slack_mm / 2)
+    assert "play-by-angle" in shaft
+    assert "loose-belt" not in shaft
+    if order % 2:
+        belt = kinds(error_mm(turn) - slack_mm, -error_mm(turn) + slack_mm)
+        assert "loose-belt" in belt
+        assert "play-by-angle" not in belt
+
+
 @pytest.mark.parametrize("order", [1, 3])
 def test_what_fades_along_a_belt_may_be_an_idler_unless_it_has_corners(order: int) -> None:
     sizes = [0.0] * 6

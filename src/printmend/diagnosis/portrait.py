@@ -135,7 +135,7 @@ def hull_mm(acts: Sequence[Found], motor: int, scene: Scene) -> np.ndarray:
     support = np.full(ANGLES, scene.turns_mm[motor] / TURN_RAD * (1.0 + _scale_percent(acts) / 100.0))
     for each in acts:
         share = {"pulley": 1.0, "elastic": near}.get(each.effect, 0.0)
-        if each.effect == "breathing" and is_loose(each):
+        if each.effect == "breathing" and is_loose(each, acts, scene):
             share = -0.5
         if not share:
             continue

@@ -44,7 +44,7 @@ class Breathing(Usual):
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         mean, sd, least, most = play_mm(beside, found.where, scene)
-        kind = "loose-belt" if is_loose(found) else "play-by-angle"
+        kind = "loose-belt" if is_loose(found, beside, scene) else "play-by-angle"
         message = _SAID[kind, bool(those_of("friction", beside, found.where))]
         words = say(message, amount(mean, sd), f"{least:.2f}", f"{most:.2f}")
         yield Fault(motor_name(scene, found.where), kind, mean, sd, "mm", words)

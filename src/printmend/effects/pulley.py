@@ -22,7 +22,6 @@ def profiles() -> list[np.ndarray]:
 
 
 LEAST_EFFECT_MM = 0.003  # a smaller wave is not named: no print shows it
-EVEN_SHARE = 0.25  # share of the odd harmonics of its play that the even ones of a loose belt may have
 NAMED_HARMONICS = 3  # most harmonics of a pulley that are named: the largest
 _SHAPES = {1: "shape-eccentric", 2: "shape-oval", 3: "shape-three-cornered", 4: "shape-four-cornered"}
 
@@ -70,17 +69,33 @@ def wave_sizes(found: Found) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(np.hypot(cos, sin)), np.asarray(np.sqrt(np.mean(sds**2, axis=0)))
 
 
-def is_loose(breathing: Found) -> bool:
-    """Say whether play breathes as on a loose belt, whose two spans differ in odd harmonics alone (eq. 6)."""
-    sizes, sds = wave_sizes(breathing)
-    odd, even = sizes[0::2], sizes[1::2]
-    return bool(np.linalg.norm(even) < max(EVEN_SHARE * np.linalg.norm(odd), NAMED_SIGMAS * np.linalg.norm(sds[1::2])))
+def is_loose(breathing: Found, beside: Sequence[Found], scene: Scene) -> bool:
+    """Say whether play breathes as on a loose belt rather than as on a loose shaft.
+
+    The two spans of a loose belt see the pulley from both sides: play has its odd harmonics, the middle of both
+    branches its even ones (eq. 6). On a shaft with slack b play is U(θ + b/2r) - U(θ - b/2r), r the radius (eq. 10).
+    """
+    motor = breathing.where
+    play = _complex(breathing)
+    middle = sum((_complex(each)[: len(play)] for each in those_of("pulley", beside, motor)), np.zeros(len(play)))
+    slack_mm = sum(float(each.sizes_mm[0]) for each in those_of("play", beside, motor))
+    orders = np.arange(1, len(play) + 1)
+    of_shaft = 2j * np.tan(np.pi * orders * slack_mm / scene.turns_mm[motor]) * middle
+    of_belt = np.where(orders % 2, play, 0.0)
+    belt_misses = np.hypot(np.linalg.norm(play - of_belt), np.linalg.norm(2 * middle[::2]))
+    return bool(belt_misses < min(np.linalg.norm(play - of_shaft), np.linalg.norm(of_belt)))
+
+
+def _complex(found: Found) -> np.ndarray:
+    """Return a Fourier series as amplitudes [K] of which the real part turns with the pulley."""
+    cos, sin = found.sizes_mm.reshape(2, -1)
+    return np.asarray(cos - 1j * sin)
 
 
 def harmonic_faults(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
     """Name the largest harmonics of the pulley of one motor, once for its own error and that of a loose belt's play."""
     motor = found.where
-    loose = [each for each in those_of("breathing", beside, motor) if is_loose(each)]
+    loose = [each for each in those_of("breathing", beside, motor) if is_loose(each, beside, scene)]
     parts = [*((each, 1.0) for each in those_of("pulley", beside, motor)), *((each, 0.5) for each in loose)]
     if not parts or parts[0][0] is not found:
         return
