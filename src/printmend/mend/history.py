@@ -184,14 +184,22 @@ def history_of(model_path: Path) -> Path:
 def remember(
     model_path: Path, model: SavedModel, event: str, values: Mapping[str, Any], *, when: datetime | None = None
 ) -> Path:
-    """Add an event to a model's history; return the file."""
+    """Add an event to a model's history; return the file.
+
+    An event of now that is the last one again adds nothing: the same measurement was read twice.
+    """
     path = history_of(model_path)
     past = read_text(path, wanted=say("history"), todo=say("move-away"), error=ModelError) if path.exists() else ""
     time = (when or datetime.now(UTC)).isoformat(timespec="seconds")
     line = {"event": event, "time": time, "model": model.digest, **values}
     rounded = {key: round(value, 5) if isinstance(value, float) else value for key, value in line.items()}
+    written = json.dumps(rounded)
+    if when is None and past.strip():
+        last = read_history(model_path)[-1]
+        if all(last.get(key) == value for key, value in json.loads(written).items() if key != "time"):
+            return path
     with replacing(path) as file:
-        file.write(past + ("\n" if past and not past.endswith("\n") else "") + json.dumps(rounded) + "\n")
+        file.write(past + ("\n" if past and not past.endswith("\n") else "") + written + "\n")
     return path
 
 
