@@ -340,10 +340,11 @@ def _rank(record: dict[str, Any], name: str) -> tuple[bool, float, str]:
 _TITLES = {"mean": "mean, steps", "ratio": "÷ optimum", "failures": "failed"}
 _HEAD = """# Leaderboard
 
-Rows on suites that do not change: RMSE in full steps of 0.2 mm on simulated printers, and on measured data the error
-that is left of a straight line's. A row is LEARNER or LEARNER+CONTROLLER, as in [the tables](researchers.md).
-`printmend bench suite` writes a row's file, `printmend bench submit-check` checks it. This page is made of the files in
-`docs/leaderboard`, each with its versions and every case. Rows with a failed case stand last.
+These rows compare learners on suites that do not change. On simulated printers, the figure is the RMSE in full steps of
+0.2 mm; on measured data, it is the error as a share of a straight line's. A row is LEARNER or LEARNER+CONTROLLER, as in
+[the tables](researchers.md). `printmend bench suite` writes a row's file, `printmend bench submit-check` checks it.
+This page is made of the files in `docs/leaderboard`, each with its versions and every case. Rows with a failed case
+come last.
 
 ```sh
 printmend bench suite printmend/Families-v1 --rows greybox+optimal -o results
