@@ -29,7 +29,7 @@ from printmend.effects.words import (
 from printmend.errors import TraceError
 from printmend.infer.machine import Part
 from printmend.infer.screw import fit_height
-from printmend.measure.checks import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
+from printmend.measure.checks import LEAST_RANK_CORRELATION, POSSIBLE_LEADS
 from printmend.messages import Said, catalogue, is_one_of, parts_of, say, together
 from printmend.model import SavedModel, screw_of
 from printmend.model.branches import HARMONICS, ScrewSeries
@@ -190,7 +190,7 @@ def _check_follows(z_mm: np.ndarray, measured_mm: np.ndarray) -> None:
     wanted, came = (height[seen] - height[seen].mean() for height in (z_mm, measured_mm))
     followed = float(wanted @ came / (wanted @ wanted))
     likeness = float(wanted @ came / max(np.linalg.norm(wanted) * np.linalg.norm(came), 1e-9))
-    if likeness < LEAST_RANK_CORRELATION or not POSSIBLE_GAINS[0] < followed < POSSIBLE_GAINS[1]:
+    if likeness < LEAST_RANK_CORRELATION or not POSSIBLE_LEADS[0] < followed < POSSIBLE_LEADS[1]:
         raise TraceError(
             say("trace"), wanted=say("heights-that-follow"),
             came=say("heights-follow", f"{followed:.2f}", f"{likeness:.2f}"), todo=say("check-heights"),

@@ -33,7 +33,7 @@ class Distortion(Usual):
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x, y = (mirrored(places.bed_mm[:, axis], shape[2 * axis : 2 * axis + 2], COUNT) for axis in range(2))
-        return along(where, (x[:, :, None] * y[:, None, :]).reshape(len(places), -1))
+        return along(where, (x[:, :, None] * y[:, None, :]).reshape(len(places), x.shape[1] * y.shape[1]))
 
     def rows(self, where: int, shape: tuple[float, ...], sizes_mm: np.ndarray) -> np.ndarray:
         """Return its waves as rows [2K, 6] of a frame: cos a cos b = (cos(a + b) + cos(a − b)) / 2."""

@@ -34,11 +34,13 @@ class Wobble(Usual):
         return along(where, waves(places.heights_mm(scene), scene.printer.z.mm_per_turn, HARMONICS))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        """The waves along both axes together."""
+        """How far both axes together go either way, along the direction in which that is most."""
         if not is_first(found, (self.name,), beside):
             return
-        sizes, sds = zip(*(wave_sizes(each) for each in those_of(self.name, beside)), strict=True)
-        size_mm, sd_mm = (np.sqrt(np.square(each).sum(axis=0) / len(each)) for each in (sizes, sds))
+        pushes = those_of(self.name, beside)
+        ellipses = np.stack([each.sizes_mm.reshape(2, -1).T for each in pushes], axis=1)  # axes by cosine and sine
+        size_mm = np.linalg.norm(ellipses, 2, axis=(1, 2))  # half the long axis is the largest singular value
+        sd_mm = np.sqrt(np.mean([np.square(wave_sizes(each)[1]) for each in pushes], axis=0))
         named = [k for k in range(2) if size_mm[k] > max(NAMED_SIGMAS * sd_mm[k], LEAST["mm"])]
         words = [say(OFTEN[k], amount(size_mm[k], sd_mm[k])) for k in named]
         for k in named:

@@ -71,6 +71,7 @@ MOST_COMPARED = 4000  # rows of which ranks are compared; more take time and say
 LEAST_MOVE_MM = 20.0  # a motor that moved less proves nothing: play may hide the move (2 mm at worst)
 # Measured millimetres for each commanded one: the worst pulleys known have 0.39 and 1.41 (physics.md eq. 5).
 POSSIBLE_GAINS = (0.2, 5.0)
+POSSIBLE_LEADS = (0.5, 2.0)  # the same of heights: a screw of half or twice the lead shows at a glance
 _BEYOND_MM = 20.0  # a height that lies farther beyond the axis' ends is a mistake
 _SAME_DIGITS = 6  # of millimetres: places that differ by less are the same
 LEAST_RANK_CORRELATION = 0.5  # Spearman's, of commanded and measured positions
