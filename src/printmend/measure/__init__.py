@@ -1,4 +1,4 @@
-"""A print becomes a trace: from a table, or from an image of the plate with its rulers, paper, tags and outlines."""
+"""Turn a print into a trace: from a table, or from an image of the plate with its rulers, paper, tags and outlines."""
 
 from printmend.measure.plan import ProbePlan, read_plan, write_plan
 from printmend.measure.table import read_trace, write_trace

@@ -13,18 +13,18 @@ from printmend.measure.plan import ProbePlan
 from printmend.messages import say
 from printmend.path import frozen
 
-MOST_DISTANCES = 12  # distances that are asked for; more try an owner's patience
+MOST_DISTANCES = 12  # most distances to ask for; more try an owner's patience
 READING_SD_MM = 0.07  # standard deviation of one reading: the callipers and the hand that holds them
 SHORTEST_MM, LONGEST_MM = 20.0, 145.0  # the common callipers open 150 mm
-SURE_OF_SIDE_MM = 4.0  # a motor that came this far one way pushes the belt with a known side: no play is wider
-DOUBTED_SIGMAS = 4.0  # a reading that is farther off than that from what is expected is doubted
-SLIP_SHARE = 0.25  # a reading that differs from its distance by a larger share is a slip of the hand
+SURE_OF_SIDE_MM = 4.0  # after this much travel one way, the side that pushes the belt is known: no play is wider
+DOUBTED_SIGMAS = 4.0  # a reading farther from its expected value than this is doubted
+SLIP_SHARE = 0.25  # a reading off by more than this share of its distance is a slip of the hand
 
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """``pairs`` [K, 2] numbers of the marks, both large dots; ``across_mm`` [K] the distance on a healthy printer,
-    between outer edges or, where ``inner`` [K] says so, inner ones."""
+    """``pairs`` [K, 2] are the numbers of two marks, both large dots. ``across_mm`` [K] is their distance on a healthy
+    printer, between outer edges, or between inner edges where ``inner`` [K] is set."""
 
     plan: ProbePlan
     pairs: np.ndarray
@@ -63,7 +63,7 @@ def measurable_pairs(plan: ProbePlan) -> np.ndarray:
 
 
 def describe(distances: Distances) -> list[str]:
-    """Return one line a distance: which dots, and about how far apart."""
+    """Return a line for each distance: which dots, and about how far apart."""
     marks = distances.plan.marks_mm
     lines: list[str] = []
     for number, ((first, second), across) in enumerate(zip(distances.pairs, distances.across_mm, strict=True), start=1):
@@ -112,9 +112,9 @@ def read_readings(path: str | Path, distances: Distances) -> np.ndarray:
 
 
 def number_in(line: str, about_mm: float) -> float | None:
-    """Return the number of a line, None without one: 146.25, 146,25, or the last cell of a table's row.
+    """Return the number of a line, or None: 146.25, 146,25, or the last cell of a table's row.
 
-    Of several ways to read it, the one nearest to what is expected counts.
+    If a line can be read in two ways, the value nearer to ``about_mm`` counts.
     """
     line = line.strip().removesuffix("mm").strip()
     whole, cell = line.replace(",", ".", 1), line.rsplit(",", 1)[-1]
@@ -130,8 +130,8 @@ def _is_number(line: str) -> bool:
 
 
 def _is_header(line: str) -> bool:
-    """Say whether a line is words alone. What has a digit, and nan, is a reading however it is written: without it all
-    others would count for the distances before theirs."""
+    """Return whether a line holds only words. A line with a digit, or nan, is a reading: skipping one would shift all
+    later readings to the wrong distances."""
     return line.lower() != "nan" and not any(map(str.isdigit, line))
 
 

@@ -1,8 +1,8 @@
-"""What a trace must be before anyone learns from it: of this printer, with its axes, able to teach, and counted once.
+"""Check a trace before anyone learns from it: the right printer, the right axes, enough to learn from, no copied rows.
 
-Swapped, mirrored and turned tables are found by ranks, which wild cells do not disturb. Two printers that come with the
-program are two printers, and so are two that their owner named. One that was measured as a known model and has a name
-of its own by now may be the same, if it is built the same way.
+Rank correlations find swapped, mirrored and turned tables, because outliers hardly change ranks. Two different preset
+names mean two printers, and so do two names that owners gave. A preset's name and an owner's name may mean one printer
+if the kinematics agree: the owner may have named it after the measurement.
 """
 
 import hashlib
@@ -19,7 +19,7 @@ from printmend.printer.printer import bare_name
 
 
 def check_origin(subject: str | Path, origin: Origin | None, printer: Printer) -> None:
-    """Raise `TraceError` where a measurement says that it is of another printer; ``subject`` names it."""
+    """Raise `TraceError` if a measurement comes from another printer; ``subject`` names the measurement."""
     if origin is None or bare_name(origin.printer) == bare_name(printer.name):
         return
     known = {bare_name(read_printer(name).name) for name in preset_names()}
@@ -32,16 +32,16 @@ def check_origin(subject: str | Path, origin: Origin | None, printer: Printer) -
     )  # fmt: skip
 
 
-SURE_RANK_CORRELATION = 0.8  # Spearman's, of a measured column and the commanded one that it belongs to
+SURE_RANK_CORRELATION = 0.8  # Spearman's, between a measured column and its commanded one
 LEAST_MARGIN = 0.25  # by how much less the other column must correlate
 AXES_TODO = say("swap-columns-back-let-each-axis")
 LEAST_SPREAD_MM = 15.0  # smallest spread of an axis that shows its direction
 
 
 def wrong_axes(commanded_mm: np.ndarray, measured_mm: np.ndarray) -> str | None:
-    """Return what is wrong with the axes of measured places [N, 2] (NaN: not measured), None where nothing surely is.
+    """Return what is wrong with the axes of measured places [N, 2] (NaN: not measured), or None if nothing surely is.
 
-    Places along one line only, which look alike from both axes, tell nothing.
+    Places along a single line show no error: both axes look alike there.
     """
     rows = np.flatnonzero(np.isfinite(measured_mm).all(axis=1))
     if len(rows) > MOST_COMPARED:
@@ -67,8 +67,8 @@ def wrong_axes(commanded_mm: np.ndarray, measured_mm: np.ndarray) -> str | None:
 
 LEAST_MEASURED = 10  # measured points; fewer say nothing
 FARTHEST_MM = 1e5  # no bed reaches so far: such a cell is a mistake
-MOST_COMPARED = 4000  # rows of which ranks are compared; more take time and say the same
-LEAST_MOVE_MM = 20.0  # a motor that moved less proves nothing: play may hide the move (2 mm at worst)
+MOST_COMPARED = 4000  # rows whose ranks are compared; more only take longer
+LEAST_MOVE_MM = 20.0  # a shorter move of a motor proves nothing: play of up to 2 mm may hide it
 # Measured millimetres for each commanded one: the worst pulleys known have 0.39 and 1.41 (physics.md eq. 5).
 POSSIBLE_GAINS = (0.2, 5.0)
 POSSIBLE_LEADS = (0.5, 2.0)  # the same of heights: a screw of half or twice the lead shows at a glance
@@ -78,7 +78,7 @@ LEAST_RANK_CORRELATION = 0.5  # Spearman's, of commanded and measured positions
 
 
 def check_trace(trace: Trace) -> None:
-    """Raise `TraceError` where a trace lacks a commanded position or has too few, or impossible, measured ones."""
+    """Raise `TraceError` if a trace lacks a commanded position, or has too few or impossible measured positions."""
     if not np.isfinite(trace.commanded_mm).all():
         raise TraceError(
             say("trace"), wanted=say("every-commanded-way-point"), came=say("nan"),
@@ -98,9 +98,9 @@ def check_trace(trace: Trace) -> None:
 
 
 def check_follows(trace: Trace, printer: Printer) -> None:
-    """Raise `TraceError` where the measured positions do not follow a motor, so that they are of another print.
+    """Raise `TraceError` if the measured positions do not follow a motor: they belong to another print.
 
-    The test is on ranks and quantiles, which single wrong points hardly change. A motor that hardly moved passes.
+    The test uses ranks and quantiles, which outliers hardly change. A motor that hardly moved passes.
     """
     measured = np.flatnonzero(trace.measured_rows & ~trace.wall_rows)
     if len(measured) > MOST_COMPARED:
@@ -121,9 +121,9 @@ def check_follows(trace: Trace, printer: Printer) -> None:
 
 
 def with_heights(trace: Trace, printer: Printer) -> Trace:
-    """Return a trace whose empty commanded heights are the last before; without any it has none.
+    """Fill each empty commanded height with the last known one; drop the heights if all are empty.
 
-    Raises `TraceError` for heights that are none of this printer.
+    Raises `TraceError` for heights that this printer cannot reach.
     """
     if trace.z_mm is None or not np.isfinite(trace.z_mm).any():
         return replace(trace, z_mm=None)
@@ -140,32 +140,32 @@ def with_heights(trace: Trace, printer: Printer) -> Trace:
 
 
 def _ranks(places_mm: np.ndarray) -> np.ndarray:
-    """Return the rank of each place [N], of equal ones their mean: most rows of a table may lie on one line."""
+    """Return the rank of each place [N]. Equal places share their mean rank: most rows may lie on one line."""
     which, count = np.unique(np.round(places_mm, _SAME_DIGITS), return_inverse=True, return_counts=True)[1:]
     return np.asarray((np.cumsum(count) - count / 2)[which])
 
 
-LEAST_COPIES = 10  # rows that repeat others; fewer may be chance
-LEAST_COPIES_SHARE = 0.45  # share of the measured rows: of a table that was pasted twice nearly half are copies
-RANDOM_SDS = 3.0  # rows whose steps are this many standard deviations from those of chance, or fewer, are in no order
+LEAST_COPIES = 10  # fewest rows that count as copies; fewer may be chance
+LEAST_COPIES_SHARE = 0.45  # least share of the measured rows: in a table pasted twice nearly half are copies
+RANDOM_SDS = 3.0  # rows are in random order if their mean step lies within this many standard deviations of chance
 _DIGITS = 16  # hexadecimal digits of a digest
 _FARTHEST_MM = 1e6  # a cell beyond this is a mistake, and counts as this
 
 
 def counted_once(trace: Trace) -> tuple[Trace, int]:
-    """Return the trace with copies of measured rows left unmeasured, and how many there were.
+    """Return the trace with the measurements of copied rows removed, and the number of copies.
 
-    The commanded motion stays: what was a copy is passed without being measured. A way back over places that measure
-    the same is no copy, but rows that repeat others in no order at all are: no print comes back to its places so.
-    Nothing is changed where fewer rows are copies than a second paste makes.
+    The commanded motion stays. A way back over the same places with the same measurements is no copy. Rows that repeat
+    others in random order are copies: no print revisits its places in that way. The trace is unchanged if there are
+    fewer copies than a second paste would make.
     """
     seen = np.isfinite(_measured(trace)).any(axis=1)
     columns = _everything(trace)
-    # one number a row: of equal rows equal, of others not, but for one chance in 10¹²
+    # one number for each row: equal rows get equal numbers, and others differ but for one chance in 10¹²
     key = (columns * np.random.default_rng(0).standard_normal(columns.shape[1])).sum(axis=1)
     row = np.unique(key, return_inverse=True)[1]
     before, after = np.append(-1, row[:-1]), np.append(row[1:], -1)
-    # a row and a neighbour of it again: on a way back over the same places the neighbours change sides
+    # a copy repeats a row and its neighbour on the same side; on a way back the neighbours change sides
     copies = np.flatnonzero(seen & (_again(row, before) | _again(row, after) | (row == before)))
     repeating = np.flatnonzero(seen & _again(row, np.zeros_like(row)))
     if len(repeating) >= LEAST_COPIES and in_no_order(trace.commanded_mm[repeating]):
@@ -181,10 +181,10 @@ def counted_once(trace: Trace) -> tuple[Trace, int]:
 
 
 def in_no_order(places_mm: np.ndarray) -> bool:
-    """Say whether places [N, 2] come in a random order.
+    """Return whether places [N, 2] come in a random order.
 
-    A nozzle goes from neighbour to neighbour; in a random order, neighbours in the table are as far from each other as
-    any two rows (mean over n of them: to 1/√n); back and forth across the bed they are farther.
+    A nozzle goes from neighbour to neighbour. In random order, successive rows are as far apart as any two rows (the
+    mean of n steps scatters by 1/√n). Rows that go back and forth across the bed are farther apart.
     """
     shuffled = places_mm[np.random.default_rng(0).permutation(len(places_mm))]
     step_mm, any_mm = (float(np.hypot(*np.diff(each, axis=0).T).mean()) for each in (places_mm, shuffled))
@@ -192,14 +192,14 @@ def in_no_order(places_mm: np.ndarray) -> bool:
 
 
 def _again(row: np.ndarray, beside: np.ndarray) -> np.ndarray:
-    """Return which pairs of two numbers [N] came earlier."""
+    """Mark the pairs of two numbers [N] that occurred earlier."""
     again = np.ones(len(row), bool)
     again[np.unique(row * (len(row) + 2) + beside, return_index=True)[1]] = False
     return again
 
 
 def digest_of(trace: Trace) -> str:
-    """Return hexadecimal digits over what was commanded and measured, to the nanometre."""
+    """Return a hexadecimal digest of the commanded and measured places, to the nanometre."""
     if trace.taken is not None:
         return trace.taken
     whole_nm = np.rint(_everything(trace) * 1e6).astype(np.int64)

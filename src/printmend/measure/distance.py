@@ -1,11 +1,11 @@
 """Settle the scale of a scan with callipers: by one distance on a probe, or by the widths of a part.
 
-An instrument stretches a length that lies at the angle θ on the bed by c + d cos 2θ + s sin 2θ, c its common scale, d
-half the difference of its axes, s half their lean. One length is one equation for the three, solved with the
-instrument's doubts as priors.
+An instrument stretches a length at the angle θ on the bed by c + d cos 2θ + s sin 2θ. Here c is its common scale, d
+half the difference between its axes, and s half their lean. One length gives one equation for these three unknowns;
+the instrument's uncertainties serve as priors.
 
-Flat jaws touch the outermost places of a part in a direction. A width can be asked for where walls, not corners, lie
-there: corners carry blobs, and no ray finds them.
+Flat jaws touch the outermost places of a part in a direction. A width is only asked for if walls lie there, not
+corners: corners carry blobs, and no ray finds them.
 """
 
 import itertools
@@ -24,10 +24,10 @@ from printmend.measure.walls import RASTER_MM, Walls
 from printmend.messages import Said, is_one_of, say, together
 from printmend.path import Instrument
 
-LONGEST_ASKED_MM, SHORTEST_ASKED_MM = 145.0, 40.0  # of a distance that is asked for: the common callipers open 150 mm
+LONGEST_ASKED_MM, SHORTEST_ASKED_MM = 145.0, 40.0  # limits of a distance to ask for: common callipers open 150 mm
 READING_MM = 0.06  # standard deviation of a reading: the callipers, the hand, the rims of two dots
-MOST_SCALE_SHARE = 0.02  # no instrument is off by a larger share: such a distance is another one than was asked for
-UNIT_SHARE = 0.05  # a length that is right to this share in another unit is taken to be in that unit
+MOST_SCALE_SHARE = 0.02  # no instrument is off by more: such a distance is not the one asked for
+UNIT_SHARE = 0.05  # a length that fits another unit to within this share is taken to be in that unit
 
 _SIDES = (  # messages, by thirds of a plate
     ("front-left", "front", "front-right"), ("left", "middle", "right"), ("back-left", "back", "back-right"),
@@ -41,7 +41,7 @@ ASKING = (*_OPEN.values(), "widths-asked", "width-asked")  # messages that ask a
 
 
 def choose_span(plan: ProbePlan, measured_mm: np.ndarray) -> tuple[int, int] | None:
-    """Return the numbers of the two large dots that lie farthest apart within reach of callipers, None without any."""
+    """Return the numbers of the two large dots farthest apart within the callipers' reach, or None."""
     found = np.flatnonzero(plan.big & np.isfinite(measured_mm).all(axis=1))
     marks = plan.marks_mm
     spans = [
@@ -57,8 +57,8 @@ def choose_span(plan: ProbePlan, measured_mm: np.ndarray) -> tuple[int, int] | N
 
 
 def open_scale(scale: str, *, ruled: bool = False) -> str:
-    """Return words for the source of a picture's scale, and what would settle it; ``scale`` is that source, in words.
-    With a ruler in the picture (``ruled``), the scale is open across it."""
+    """Return words for where a picture's ``scale`` came from, and what would settle it. With a ruler in the picture
+    (``ruled``), only the scale across it is open."""
     name = _OPEN[source_of(scale)]
     return say(f"open-{name}-across") if ruled else say(f"open-{name}")
 
@@ -69,12 +69,12 @@ def source_of(scale: str) -> str:
 
 
 def is_asking(note: str) -> bool:
-    """Say whether a note of a measurement asks its owner for a distance."""
+    """Return whether a measurement's note asks the owner for a distance."""
     return is_one_of(note, ASKING)
 
 
 def asked(plan: ProbePlan, span: tuple[int, int], across_mm: float, scale: str) -> str:
-    """Say which distance, of about ``across_mm``, would settle the ``scale``, which came from where these words say."""
+    """Say which distance, of about ``across_mm``, would settle the scale; ``scale`` says where it came from."""
     one, other = (
         say("dot-x-y", at, side_of(plan, at), f"{plan.marks_mm[at, 0]:.0f}", f"{plan.marks_mm[at, 1]:.0f}")
         for at in span
@@ -95,13 +95,13 @@ def side_of(plan: ProbePlan, mark: int) -> str:
 def scaled_by(
     distance_mm: float, span: tuple[int, int], dots_mm: np.ndarray, measured_mm: np.ndarray, instrument: Instrument
 ) -> tuple[np.ndarray, Instrument, Said]:
-    """Return measured marks [M, 2] with the scale that callipers say, what is still open of the instrument, and a note.
+    """Return the marks [M, 2] at the callipers' scale, the instrument with what remains uncertain, and a note.
 
     ``dots_mm`` [2] are the widths of the two dots in the image. Raises `TraceError` for the distance of other dots.
     """
     one, other = measured_mm[list(span)]
     seen = math.dist(one, other) + float(np.mean(dots_mm))
-    excess = seen / distance_mm - 1.0  # of the image's lengths
+    excess = seen / distance_mm - 1.0  # by which share lengths in the image are too long
     if not abs(excess) <= MOST_SCALE_SHARE:
         raise TraceError(
             say("distance-option"), wanted=say("about-mm-from-dot-dot-outer", f"{seen:.2f}", span[0], span[1]),
@@ -119,9 +119,9 @@ def scaled_by(
 def scaled_by_rulers(
     rulers: Sequence[tuple[Ruler, np.ndarray]], places_mm: np.ndarray, instrument: Instrument
 ) -> tuple[np.ndarray, Instrument, list[str]]:
-    """Return places [N, 2] on the bed at the scale of rulers in the picture, what is still open, and a note for each.
+    """Return bed places [N, 2] at the scale of the rulers, the instrument with what remains uncertain, and notes.
 
-    With each ruler comes the matrix [2, 2] that turns its picture onto the bed.
+    Each ruler comes with the matrix [2, 2] that turns its picture onto the bed.
     """
     if not rulers:
         return places_mm, instrument, []
@@ -141,21 +141,21 @@ def scaled_by_rulers(
 
 
 def _scale_sd(angle_rad: float, instrument: Instrument) -> float:
-    """Return how uncertain an instrument's scale is at an angle on the bed, as a share."""
+    """Return the standard deviation, as a share, of an instrument's scale at an angle on the bed."""
     row = _row(angle_rad)
     return math.sqrt(row @ instrument.covariance @ row)
 
 
 def _row(angle_rad: float) -> np.ndarray:
-    """Return by what a length at an angle grows for one unit of scale, of difference of the axes, and of lean."""
+    """Return the derivative of a length at an angle by scale, by half the axes' difference, and by half their lean."""
     return np.array([1.0, math.cos(2 * angle_rad), math.sin(2 * angle_rad)])
 
 
 def settled(
     excess: float, angle_rad: float, distance_mm: float, instrument: Instrument, *, reading_mm: float = READING_MM
 ) -> tuple[np.ndarray, Instrument, Said]:
-    """Return by what an image is stretched [2, 2] where a length at an angle came out too long by the share ``excess``,
-    what is still open of the instrument, and a note. ``reading_mm`` is the standard deviation of the reading."""
+    """Return an image's stretch [2, 2], the instrument with what remains uncertain, and a note, after one length at an
+    angle came out too long by the share ``excess``. ``reading_mm`` is the standard deviation of the reading."""
     row = _row(angle_rad)
     prior = instrument.covariance
     gain = prior @ row / (row @ prior @ row + (reading_mm / distance_mm) ** 2)
@@ -174,8 +174,8 @@ def settled(
 
 
 def inches(given_mm: float, wanted_mm: float) -> str:
-    """Return a note if a length that should be about ``wanted_mm`` seems to be in inches or centimetres, otherwise
-    nothing."""
+    """Return a note if a length seems to be in inches or centimetres, where about ``wanted_mm`` was expected; otherwise
+    an empty string."""
     for message, unit_mm in (("looks-like-inches", 25.4), ("looks-like-cm", 10.0)):
         if abs(given_mm * unit_mm / wanted_mm - 1) < UNIT_SHARE:
             return say(message)
@@ -185,9 +185,9 @@ def inches(given_mm: float, wanted_mm: float) -> str:
 SHORTEST_WIDTH_MM = 25.0  # shortest width that callipers are asked for
 WIDTH_READING_MM = 0.03  # standard deviation of a reading over walls that the jaws lie flat on
 LEAST_FACING = math.cos(math.radians(12.0))  # a wall with a normal this near to the width lies flat on a jaw
-OUTERMOST_MM = 0.15  # places of walls this near to the outermost one touch the jaw, too
-MOST_WIDTHS = 2  # that are asked for
-LEAST_TURN_SINE = math.sin(math.radians(44.0))  # two widths lie at least 44° apart, or they tell the same
+OUTERMOST_MM = 0.15  # wall places this near to the outermost one touch the jaw, too
+MOST_WIDTHS = 2  # most widths to ask for
+LEAST_TURN_SINE = math.sin(math.radians(44.0))  # two widths less than 44° apart say nearly the same
 ANGLES_DEG = (0, 90, 45, 135, 15, 30, 60, 75, 105, 120, 150, 165)  # directions of widths, from X
 
 
@@ -212,9 +212,9 @@ class Width:
 
 
 def choose_widths(walls: Walls) -> tuple[Width, ...]:
-    """Return at most two widths that callipers can take, the longer first, along X and Y where walls lie there.
+    """Return up to two widths that callipers can take: first those along X and Y, then the longer ones.
 
-    One says nothing of the scanner's other axis.
+    Two, because one width says nothing about the scanner's other axis.
     """
     outline, _ = cv2.findContours(walls.plastic.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     hull = cv2.convexHull(np.vstack(outline))[:, 0] * RASTER_MM + walls.corner_mm
@@ -238,8 +238,8 @@ def choose_widths(walls: Walls) -> tuple[Width, ...]:
 
 
 def widths_asked(widths: Sequence[Width], edge_mm: np.ndarray, scale: str, *, ruled: bool = False) -> str:
-    """Say which widths would settle the ``scale``, which came from where these words say; ``edge_mm`` [S, 2] is where
-    the image shows the walls."""
+    """Say which widths would settle the scale; ``scale`` says where it came from. ``edge_mm`` [S, 2] is where the image
+    shows the walls."""
     said = together(" / ", [say("width-about", width.words, f"{width.across_mm(edge_mm):.0f}") for width in widths])
     return say("width-asked" if len(widths) == 1 else "widths-asked", open_scale(scale, ruled=ruled), said)
 
@@ -247,8 +247,8 @@ def widths_asked(widths: Sequence[Width], edge_mm: np.ndarray, scale: str, *, ru
 def scaled_by_widths(
     distances_mm: Sequence[float], widths: Sequence[Width], edge_mm: np.ndarray, instrument: Instrument
 ) -> tuple[np.ndarray, Instrument, str]:
-    """Return the map [2, 2] of places of the image to the scale that callipers say, what is still open of the
-    instrument, and a note.
+    """Return the map [2, 2] from the image's scale to the callipers', the instrument with what remains uncertain, and a
+    note.
 
     ``edge_mm`` [S, 2] is where the image shows the walls. Raises `TraceError` for widths of another part.
     """
@@ -276,7 +276,7 @@ def scaled_by_widths(
 
 
 def mapped(edge_mm: np.ndarray, onto: np.ndarray) -> np.ndarray:
-    """Return places [S, 2] mm that a map [2, 2] has about their middle."""
+    """Apply a map [2, 2] to places [S, 2] mm, about their middle."""
     middle = edge_mm.mean(axis=0)
     return np.asarray((edge_mm - middle) @ onto.T + middle)
 

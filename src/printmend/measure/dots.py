@@ -23,8 +23,8 @@ NET_SHARE = 0.7  # plastic thinner than this share of a small dot is a thread of
 BACKGROUND_MM = 5.0  # side of the window whose median is the plate's own colour
 RAYS, RADII = 72, 40  # rays from the centre of a dot, and places along each
 REACH_RADII = 1.9  # how far a ray goes, in radii of the dot
-CUT_RADII = 1.3  # a dot that lies nearer to the edge of the image than this, in its radii, may be cut by it
-MOST_DOTS = 6000  # dots of an image that are looked at: those nearest to the wanted diameter
+CUT_RADII = 1.3  # the image's edge may cut a dot whose centre is nearer than this many radii
+MOST_DOTS = 6000  # most dots of an image to look at: those nearest to the intended diameter
 LEAST_CONTRAST = 6.0  # grey levels between plastic and plate
 SIGMA_FLOOR_MM = 0.005  # standard deviation of a dot itself about the nozzle that made it
 
@@ -57,7 +57,7 @@ def find_dots(image: np.ndarray, px_per_mm: float, plan: ProbePlan, *, subject: 
 
 
 def _whole(dots: Dots, image: np.ndarray) -> Dots:
-    """Leave out dots that the edge of the image may have cut: the middle of what is left is not theirs."""
+    """Leave out dots that the image's edge may have cut: the centre of a cut dot is wrong."""
     room_px = np.minimum(dots.centre_px, np.array(image.shape[1::-1]) - 1 - dots.centre_px).min(axis=1)
     kept = room_px > CUT_RADII * dots.diameter_px / 2
     return Dots(dots.centre_px[kept], dots.diameter_px[kept], dots.sigma_px[kept])
@@ -92,7 +92,7 @@ def _coarse(
     _, centres, areas = _components(signal > max(0.45 * contrast, level), opening)
     diameters = np.sqrt(4 * areas / np.pi) * coarse_mm
     keep = np.flatnonzero((diameters > least) & (diameters < most))
-    # A page of print or noise has far more specks than a probe has dots: the likeliest will do to see that.
+    # A page of text or noise has far more specks than a probe has dots: the likeliest are enough to see that.
     keep = keep[np.argsort(np.abs(np.log(diameters[keep] / plan.dot_mm)), kind="stable")[:MOST_DOTS]]
     return colour, (centres[keep] + 0.5) * scale - 0.5, diameters[keep] * px_per_mm
 
@@ -109,7 +109,7 @@ def _background(small: np.ndarray, coarse_mm: float) -> np.ndarray:
 def _colour_direction(excess: np.ndarray) -> np.ndarray:
     """Return the unit vector [3] along which plastic stands out best against the plate's grain (Fisher).
 
-    Grain, noise and highlights change all channels alike; coloured plastic differs also where they do not.
+    Grain, noise and highlights change all channels alike; coloured plastic also changes them unequally.
     """
     pixels = excess[::2, ::2].reshape(-1, 3)
     strength = np.abs(pixels).sum(axis=1)

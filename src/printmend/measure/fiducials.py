@@ -1,7 +1,7 @@
 """The frame of a photo: the reference sheet of AprilTags, or the edges of a plain sheet of paper.
 
-On a flatbed it gives the scale; in a photo it gives the perspective and the lens. Its window is cut out; `probe.tags`
-draws it. A photo is modelled as a plane seen through a lens with radial distortion around the middle of the picture:
+On a flatbed the sheet gives the scale; in a photo it gives the perspective and the lens. Its window is cut out.
+`probe.tags` draws it. A photo shows a plane through a lens with radial distortion around the middle of the picture:
 
     u = c + (p − c)(1 + k₁ρ² + k₂ρ⁴),  ρ = |p − c| / half the diagonal;   mm = H·u, a homography.
 """
@@ -49,8 +49,8 @@ def window_mm() -> np.ndarray:
 
 SEARCH_PX = 2200  # longer side of the picture in which tags are looked for; their corners are refined at full size
 LEAST_TAGS = 4  # tags of the sheet that must be seen
-NODE_PX = 16  # the lens is computed at every 16th pixel: it bends nothing in between
-# A flatbed's affine map misses the tags by less than this, or by less than so many times what a lens does.
+NODE_PX = 16  # the lens is computed at every 16th pixel and interpolated between
+# In a flatbed's picture, an affine map's error at the tags is below this, or below this many times a lens model's.
 FLAT_MM, FLAT_RATIO = 0.03, 1.5
 
 
@@ -104,7 +104,7 @@ class Lens:
 
 @dataclass(frozen=True, eq=False)
 class PictureFrame:
-    """A picture's middle and half its diagonal: in these units a lens is fitted, so that its numbers are near 1."""
+    """A picture's middle and half its diagonal, the units in which a lens is fitted: all numbers are then near 1."""
 
     centre_px: np.ndarray
     radius_px: float
@@ -128,7 +128,7 @@ class PictureFrame:
 
 
 def is_flat(tags: Tags, lens_error_mm: float) -> bool:
-    """Tell a flatbed's picture from a photo: an affine map fits the tags as well as perspective and a lens do."""
+    """Return whether a flatbed took the picture: an affine map fits the tags as well as a homography and a lens do."""
     _, error_mm = fit_affine(tags)
     return error_mm < max(FLAT_MM, FLAT_RATIO * lens_error_mm)
 
@@ -184,7 +184,7 @@ def fit_lens(tags: Tags, image_shape: tuple[int, ...]) -> tuple[Lens, float]:
         return frame.lens(values[:8], values[8], values[9])
 
     def errors(values: np.ndarray) -> np.ndarray:
-        # the second coefficient is held towards zero: corners alone hardly tell it from the first
+        # regularise both coefficients, the second more: corners alone hardly separate the two
         return np.append((lens(values).to_mm(px) - mm).ravel(), [0.05 * values[8], 0.2 * values[9]])
 
     fit = least_squares(errors, np.append(start, [0.0, 0.0]), loss="huber", f_scale=0.1, x_scale="jac")
@@ -193,7 +193,7 @@ def fit_lens(tags: Tags, image_shape: tuple[int, ...]) -> tuple[Lens, float]:
 
 
 def tagged_mm() -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners [2] mm of all that the tags surround, themselves included."""
+    """Return the lower and upper corner [2] mm of the area that the tags surround, the tags included."""
     corners = tag_corners_mm().reshape(-1, 2)
     return corners.min(axis=0) - 2, corners.max(axis=0) + 2
 
@@ -201,8 +201,8 @@ def tagged_mm() -> tuple[np.ndarray, np.ndarray]:
 def rectify(image: np.ndarray, lens: Lens, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the picture between two corners [2] mm of the sheet, as a scanner on the sheet would have taken it.
 
-    Also the sheet position [2] mm of its upper left corner, and its pixels per mm: those of the photo where it is
-    sharpest.
+    Also return the sheet position [2] mm of its upper left corner, and its pixels per mm: those of the photo where it
+    is sharpest.
     """
     ends = lens.to_px(np.array([[low, (high[0], low[1])], [(low[0], high[1]), high], [low, (low[0], high[1])]]))
     px_per_mm = float(
@@ -238,21 +238,21 @@ def _projected(points: np.ndarray, homography: np.ndarray) -> np.ndarray:
 
 # A sheet of paper as the frame of a photo: its four edges give perspective and lens, its size the scale.
 #
-# Paper is cut to a few tenths of a millimetre, so that its scale is known to one or two parts in a thousand, as that of
-# a flatbed; `ruler` or callipers settle it. On a flatbed the edges tell nothing that its resolution does not.
+# Paper is cut to a few tenths of a millimetre, so its scale is known to one or two parts in a thousand, like a
+# flatbed's. `ruler` or callipers settle it. On a flatbed the edges add nothing to the stated resolution.
 
 SHEETS_MM = {"A4": A4_MM, "letter": LETTER_MM}
 PAPER = Instrument(scale_sd=0.0015, axes_sd=0.0012, lean_sd=0.0008, wave_mm=0.008)
 SHEET_SEARCH_PX = 1000  # longer side of the picture in which the sheet is looked for
-LEAST_SHEET_SHARE = 0.15  # share of the picture that a sheet fills; a smaller one is not what was photographed
-FULL_SHARE = 0.93  # share of its four-cornered outline that is bright; with less it is no sheet
-PLACES = 80  # on each edge
-REACH_SHARE = 0.012  # how far about an edge is looked, as a share of the picture
-MOST_OFF_MM = 0.4  # RMS distance of the edges from straight lines; no sheet has more
-KEPT_MM, LEAST_KEPT_SHARE = 0.1, 0.7  # places nearer to an edge always count; the share of all that must count
-MOST_UNEVEN_SHARE = 0.035  # by which the sides may differ from those of a sheet
-FILM_DIAGONAL_MM = 43.27  # of a film of 36 × 24 mm, for which focal lengths are stated
-USUAL_FOCAL_MM = 27.0  # of a telephone's lens, on such a film
+LEAST_SHEET_SHARE = 0.15  # least share of the picture that a sheet fills; a smaller one is not the subject
+FULL_SHARE = 0.93  # least share of its four-cornered outline that is bright
+PLACES = 80  # places on each edge
+REACH_SHARE = 0.012  # half the width of the search around an edge, as a share of the picture
+MOST_OFF_MM = 0.4  # largest RMS distance of a sheet's edges from straight lines
+KEPT_MM, LEAST_KEPT_SHARE = 0.1, 0.7  # places nearer than this always count; least share of places that must count
+MOST_UNEVEN_SHARE = 0.035  # largest error of the ratio between a sheet's sides
+FILM_DIAGONAL_MM = 43.27  # diagonal of 36 × 24 mm film, for which focal lengths are stated
+USUAL_FOCAL_MM = 27.0  # a telephone's focal length, in terms of such film
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,7 +312,7 @@ def _corners(image: np.ndarray) -> np.ndarray | None:
 
 
 def _edges(image: np.ndarray, corners: np.ndarray) -> list[np.ndarray] | None:
-    """Return places [N, 2] px on each of the four edges, where the picture's brightness is half way."""
+    """Return places [N, 2] px on each of the four edges, where the brightness is halfway between paper and ground."""
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     reach = max(8, round(REACH_SHARE * max(grey.shape)))
     along = np.linspace(0.04, 0.96, PLACES)[:, None]
@@ -338,7 +338,7 @@ def _edges(image: np.ndarray, corners: np.ndarray) -> list[np.ndarray] | None:
 def _fitted(
     edges: list[np.ndarray], corners: np.ndarray, size_mm: np.ndarray, name: str, shape: tuple[int, ...]
 ) -> Sheet:
-    """Fit perspective and one coefficient of distortion so that the edges come to lie on those of a sheet."""
+    """Fit perspective and one coefficient of distortion that bring the edges onto those of a sheet."""
     frame = PictureFrame.of(shape)
     wanted = np.array([(0, 0), (size_mm[0], 0), size_mm, (0, size_mm[1])], float)
     start = frame.first_homography(corners, wanted)
@@ -363,6 +363,6 @@ def _fitted(
 
 
 def _uneven(lens: Lens) -> float:
-    """Return by which share a millimetre of the sheet's two sides is unequal, were it what it is taken for."""
+    """Return by which share a millimetre along the two sides differs, under the assumed paper size."""
     columns = lens.sheet_axes(2 * lens.radius_px * (USUAL_FOCAL_MM / FILM_DIAGONAL_MM))
     return abs(float(np.log(np.linalg.norm(columns[:, 0]) / np.linalg.norm(columns[:, 1]))))

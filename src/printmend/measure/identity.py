@@ -1,9 +1,9 @@
-"""Which dot is which mark: from anonymous dots to the plan, whatever the pose and however far the printer is off.
+"""Match anonymous dots to the plan's marks, whatever the pose and however large the printer's error.
 
 The dots form a square lattice that the printer's fault bends smoothly. So the lattice is grown neighbour by
-neighbour, each step predicted from the dots around it, which counts rows and columns without asking where they
-should be. The pattern of large and small dots then says which cell is which: it fits in one place, one of the
-eight ways to lay a square on the glass. Last, every match is held against its neighbours.
+neighbour, and each step is predicted from the dots around it. This counts rows and columns without knowing where they
+should be. The code of large and small dots then says which cell is which: it fits at one place only, in one of the
+eight ways to lay a square on the glass. Last, matches with dots of the wrong size are dropped.
 """
 
 import heapq
@@ -18,10 +18,10 @@ from printmend.units import SIGMA_PER_MEDIAN
 
 NEAR_PITCHES = 0.36  # how far a dot may lie from where its neighbours predict it, in pitches of the lattice
 SEEDS = 12  # dots from which a lattice is grown, one after the other
-LATTICE_SHARE = 0.93  # of the dots: a lattice that holds more of them is the one, and the rest is dust
-REACH_PITCHES = 2.6  # how far the neighbours lie that predict a dot, in pitches of the lattice
-LEAST_DOTS = 9  # of a lattice
-PIECE_SHARE = 0.85  # of a further piece's sizes that agree with the code, as of a whole print
+LATTICE_SHARE = 0.93  # a lattice with a larger share of the dots is accepted at once; the rest is dust
+REACH_PITCHES = 2.6  # how far away neighbours may lie that predict a dot, in pitches of the lattice
+LEAST_DOTS = 9  # fewest dots of a lattice
+PIECE_SHARE = 0.85  # least share of a further piece's sizes that agree with the code, as for a whole print
 PIECE_PITCHES = 2.0  # how far a further piece may lie from where the first one puts it, in pitches of the lattice
 Classes = Callable[[int, int], int]  # which class a cell (i, j) is of: dots of one class are shifted alike
 # The eight symmetries of a square lattice, as [2, 2] integer matrices; those with determinant −1 are mirrored.
@@ -53,9 +53,9 @@ class Match:
 
 
 def identify(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> Match | None:
-    """Match dots [N, 2] to the marks of ``plan``; None where they do not form its lattice.
+    """Match dots [N, 2] to the marks of ``plan``; None if they do not form its lattice.
 
-    The dots' y axis points down, as in images. Lengths may be off by a common factor: only ratios are used.
+    The dots' y axis points down, as in images. All lengths may share a wrong scale: only ratios are used.
     """
     if len(dots_mm) < LEAST_DOTS:
         return None
@@ -78,7 +78,7 @@ def identify(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> 
 
 
 def _matched(sites: np.ndarray, members: np.ndarray, plan: ProbePlan) -> np.ndarray:
-    """Return the dot [M] of each mark, −1 for none, from the sites [K, 2] of dots ``members`` [K]."""
+    """Return the dot [M] of each mark, −1 for none; dot ``members`` [K] lies at ``sites`` [K, 2]."""
     where = {tuple(site): mark for mark, site in enumerate(plan.site.tolist())}
     dot = np.full(len(plan), -1)
     for site, member in zip(sites.tolist(), members, strict=True):
@@ -91,9 +91,9 @@ def _matched(sites: np.ndarray, members: np.ndarray, plan: ProbePlan) -> np.ndar
 def _with_pieces(
     dot: np.ndarray, used: np.ndarray, dots: np.ndarray, diameters: np.ndarray, pitch: float, plan: ProbePlan
 ) -> np.ndarray:
-    """Take up the pieces of a print that lie apart from the first, as beyond a stripe that came off.
+    """Add the pieces of a print that lie apart from the first, say beyond a stripe that came off.
 
-    A piece is one only where its own sizes spell the code, near the place where the first piece puts it.
+    A piece counts only if its own sizes spell the code, near the place that the first piece predicts.
     """
     dot, free = dot.copy(), np.setdiff1d(np.arange(len(dots)), used)
     found = dot >= 0
@@ -210,7 +210,7 @@ def _grow_from(
         place, local = _predict(cell, known, basis, dots, classes)
         step = np.sqrt(abs(np.linalg.det(local)))
         distance, near = tree.query(place, k=2)
-        # A second dot nearly as near leaves doubt about which of the two is meant.
+        # With a second dot almost as near, it is unclear which of the two is meant.
         if distance[0] > NEAR_PITCHES * step or near[0] in taken or distance[1] < 1.5 * distance[0]:
             continue
         cells[cell] = int(near[0])
@@ -245,7 +245,7 @@ def _predict(
 
 
 def _is_big(diameters: np.ndarray, plan: ProbePlan) -> np.ndarray:
-    """Tell large dots from small by the gap between the two sizes, without trusting the scale."""
+    """Separate large dots from small by the gap between the two sizes, without trusting the scale."""
     order = np.sort(np.log(diameters))
     ratio = np.log(plan.big_dot_mm / plan.dot_mm)
     share = float(plan.big.mean())
@@ -255,10 +255,10 @@ def _is_big(diameters: np.ndarray, plan: ProbePlan) -> np.ndarray:
 
 
 def _place(sites: np.ndarray, big: np.ndarray, plan: ProbePlan) -> tuple[float, np.ndarray, np.ndarray] | None:
-    """Return the best (agreement, symmetry, shift) of the grown cells on the plan's sites; None where none stands out.
+    """Return the best (agreement, symmetry, shift) of the grown cells on the plan's sites; None if none stands out.
 
-    The score of a placement counts the dots whose size agrees, less those that disagree, less those that fall
-    outside the plan: correlations of two small pictures, by FFT.
+    A placement scores the dots whose size agrees, minus those that disagree, minus those outside the plan. These are
+    correlations of two small pictures, computed by FFT.
     """
     plan_low = plan.site.min(axis=0)
     extent = np.ptp(plan.site, axis=0) + 1

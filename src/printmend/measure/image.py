@@ -1,4 +1,4 @@
-"""Images from files, looked at before they are unpacked."""
+"""Read images from files; their size is checked before they are decoded."""
 
 import re
 import unicodedata
@@ -20,17 +20,17 @@ LEAST_SIDE_PX = 300  # shorter side of an image; a smaller one shows nothing
 _SAVE: dict[str, dict[str, Any]] = {
     "PNG": {"compress_level": 1}, "JPEG": {"quality": 95}, "TIFF": {"compression": "tiff_lzw"},
 }  # fmt: skip
-# resolutions that scanners offer: a picture that is off by a whole factor was scanned at another of them
+# resolutions that scanners offer: a picture at a badly wrong scale was scanned at another of them
 COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)
 DIAERESIS = "\u0308"  # the dots of an umlaut, as Unicode writes them after the letter
 Colour = tuple[int, int, int]  # blue, green, red
-TRUSTED_DPI = 140.0  # least resolution that is believed: editors and phones write 72 or 96 into any file
+TRUSTED_DPI = 140.0  # lower stated resolutions are ignored: editors and phones write 72 or 96 into any file
 
 
 def read_image(path: str | Path) -> tuple[np.ndarray, float | None]:
     """Return an image as [H, W, 3] uint8, blue first, and the resolution [dpi] that the file states, if it does.
 
-    Raises `ScanError` for anything that is no image, too small, or so large that it would fill the memory.
+    Raises `ScanError` for a file that is no image, too small, or so large that it would fill the memory.
     """
     try:
         with warnings.catch_warnings():
@@ -64,9 +64,9 @@ def write_image(path: str | Path, image: np.ndarray, *, dpi: float) -> None:
 
 
 def with_legend(picture: np.ndarray, items: Sequence[tuple[str, Colour]], tell: Tell = str) -> np.ndarray:
-    """Return a picture over a white strip that says what each colour means: a line for each item.
+    """Return a picture above a white strip that explains each colour, one line for each item.
 
-    ``tell`` puts the messages into a language. Letters grow with the picture, to be read on a telephone.
+    ``tell`` translates the messages. Letters grow with the picture, so that a telephone shows them legibly.
     """
     width = picture.shape[1]
     line = round(width / 26)

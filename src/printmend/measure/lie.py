@@ -1,4 +1,4 @@
-"""How a part lay on the glass: its outline in the image against that of the file, turned, shifted and mirrored."""
+"""Find how a part lay on the glass: turn, shift and mirror its outline in the image until it fits the file's."""
 
 from dataclasses import dataclass
 
@@ -13,25 +13,25 @@ from printmend.measure.walls import RASTER_MM, Walls
 from printmend.messages import say
 
 CELL_MM = 0.4  # side of a pixel of the pictures that are compared
-THIN_MM = 3.0  # a part that is narrower on average is nothing but walls: a fault moves them by their own width
-THICKEN_MM = 1.6  # such a part is compared with so much plastic laid around it
-LEAST_OVERLAP = 0.78  # of a part with its own outline, however badly printed (intersection over union)
-TURNS_DEG, FINE_DEG = 3.0, 0.5  # steps of the turns that are tried, and of the likely ones that are looked at again
-FINER_TURNS = 6  # how many likely ones these are
-TURN_ROOM = 1.45  # side of a picture that can be turned, over that of what it shows: a little more than √2
-LEAST_LEAD = 0.012  # overlap by which one way to lie must be better than another to be told from it
-SAME_TURN_DEG = 8.0  # turns that differ by less are one way to lie
-UPRIGHT_DEG = 20.0  # as straight as a careful person lays a part
-# Factors between the sizes of part and file that are put down to the image's resolution: smaller ones may be the
-# printer's, and larger ones are another part.
+THIN_MM = 3.0  # a part narrower than this on average is only walls: a fault may move them by their own width
+THICKEN_MM = 1.6  # such a part is thickened by this much all around before it is compared
+LEAST_OVERLAP = 0.78  # least overlap (intersection over union) of even a badly printed part with its own outline
+TURNS_DEG, FINE_DEG = 3.0, 0.5  # step of the first search over turns, and of the refined search
+FINER_TURNS = 6  # number of turns that are refined
+TURN_ROOM = 1.45  # side of a picture that can be turned, over that of its content: a little more than √2
+LEAST_LEAD = 0.012  # two poses whose overlaps differ by less cannot be distinguished
+SAME_TURN_DEG = 8.0  # turns that differ by less are the same pose
+UPRIGHT_DEG = 20.0  # a careful person lays a part at least this straight
+# A size ratio of part and file between these factors means a wrong resolution of the image. A smaller one may be the
+# printer's error, and a larger one means another part.
 LEAST_SCALE, MOST_SCALE = 1.15, 20.0
 
 
 @dataclass(frozen=True, eq=False)
 class Lie:
-    """The ``pose`` that brings image positions (mm, y down) to the bed, whether the image is ``mirrored``, by how many
-    degrees the part lay ``turned_deg``, and the share of its area that fits. ``unsure`` says in words what else would
-    fit as well, empty where nothing does."""
+    """The ``pose`` that maps image positions (mm, y down) to the bed, whether the image is ``mirrored``, the angle
+    ``turned_deg`` at which the part lay, and the share of its area that fits. ``unsure`` names other poses that fit as
+    well; it is empty if there are none."""
 
     pose: Pose
     mirrored: bool
@@ -62,7 +62,7 @@ def find_lie(silhouette: Silhouette, walls: Walls, *, dpi: float, subject: str) 
     _check_side(tried, best, walls, subject)
     unsure, (overlap, mirrored, turned) = _unsure(tried, best, walls, subject)
     c, s = np.cos(np.radians(turned)), np.sin(np.radians(turned))
-    # image (y down), mirrored where seen from below, turned back, and y up as on the bed
+    # from the image (y down): mirror it if seen from below, turn it back, and flip y up as on the bed
     matrix = np.diag([-1.0 if mirrored else 1.0, 1.0]) @ np.array([[c, s], [-s, c]]) @ np.diag([1.0, -1.0])
     bed_middle = walls.corner_mm + wanted_middle
     shift = bed_middle - shown_middle @ matrix
@@ -70,15 +70,15 @@ def find_lie(silhouette: Silhouette, walls: Walls, *, dpi: float, subject: str) 
 
 
 def _is_thin(plastic: np.ndarray) -> bool:
-    """Tell whether a part is nothing but walls, so that a fault may move its lines by their own width."""
+    """Return whether a part is only walls, so that a fault may move its lines by their own width."""
     edge = cv2.morphologyEx(plastic.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
     outline_mm = edge.sum() * RASTER_MM / 2  # the gradient marks both sides of an edge
     return bool(2 * plastic.sum() * RASTER_MM**2 < THIN_MM * outline_mm)
 
 
 def _centred(mask: np.ndarray, pixel_mm: float, thicken_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mask, ``thicken_mm`` laid around it, as a picture of `CELL_MM` cells with its centroid in the middle,
-    and the centroid [2] mm."""
+    """Return the mask, thickened by ``thicken_mm``, as a picture of `CELL_MM` cells with its centroid in the middle;
+    also the centroid [2] mm."""
     around = round(thicken_mm / pixel_mm)
     y, x = np.nonzero(mask)
     middle = np.array([x.mean(), y.mean()])
@@ -95,12 +95,12 @@ def _centred(mask: np.ndarray, pixel_mm: float, thicken_mm: float) -> tuple[np.n
 
 
 def _room(side: int) -> int:
-    """Return the odd side of a picture in which one with this side can be turned."""
+    """Return the odd side of a picture in which a picture with this side can be turned."""
     return int(np.ceil(side * TURN_ROOM)) | 1
 
 
 def _padded(picture: np.ndarray, side: int) -> np.ndarray:
-    """Return a square picture with another side, its middle kept."""
+    """Pad or crop a square picture to another side, keeping its middle."""
     have = len(picture)
     if have >= side:
         cut = (have - side) // 2
@@ -112,7 +112,7 @@ Try = tuple[float, bool, float]  # overlap, mirrored, turn [°]
 
 
 def _tried(shown: np.ndarray, wanted: np.ndarray) -> list[Try]:
-    """Return (overlap, mirrored, turn [°]) of every way in which the shown part may lie, the likely ones finer."""
+    """Return (overlap, mirrored, turn [°]) of every pose that was tried, in finer steps around the likely ones."""
     found: list[Try] = []
     for mirrored in (False, True):
         picture = shown[:, ::-1] if mirrored else shown
@@ -134,12 +134,12 @@ def _overlap(shown: np.ndarray, wanted: np.ndarray, turn_deg: float) -> float:
 
 
 def _pieces(plastic: np.ndarray) -> int:
-    """Return of how many pieces a mask is."""
+    """Return the number of connected pieces of a mask."""
     return cv2.connectedComponents(plastic.astype(np.uint8), connectivity=8)[0] - 1
 
 
 def _check_resolution(shown: np.ndarray, plastic: np.ndarray, thicken_mm: float, dpi: float, subject: str) -> None:
-    """Refuse a part that fits at another size, which the image's resolution is to blame for."""
+    """Raise `ScanError` if the part fits at another size: the image's resolution is wrong."""
     scale = _across_mm(plastic, RASTER_MM) / max(_across_mm(shown, COARSE_MM), COARSE_MM)
     if not 1 / MOST_SCALE < scale < MOST_SCALE or 1 / LEAST_SCALE < scale < LEAST_SCALE:
         return
@@ -155,13 +155,13 @@ def _check_resolution(shown: np.ndarray, plastic: np.ndarray, thicken_mm: float,
 
 
 def _across_mm(mask: np.ndarray, pixel_mm: float) -> float:
-    """Return the side of a square as large as what a rubber band around the plastic holds: no line's width matters."""
+    """Return the side of a square with the area of the plastic's convex hull, which hardly depends on line widths."""
     points = cv2.findNonZero(mask.astype(np.uint8))
     return 0.0 if points is None else float(np.sqrt(cv2.contourArea(cv2.convexHull(points)))) * pixel_mm
 
 
 def _refuse(tried: list[Try], shown_pieces: int, wanted_pieces: int, subject: str) -> None:
-    """Raise `ScanError` that says the likeliest reason why nothing fits."""
+    """Raise a `ScanError` with the likeliest reason why nothing fits."""
     if shown_pieces > wanted_pieces:
         raise ScanError(
             subject, wanted=say("part-alone") if wanted_pieces == 1 else say("pieces-alone", wanted_pieces),
@@ -177,7 +177,7 @@ def _refuse(tried: list[Try], shown_pieces: int, wanted_pieces: int, subject: st
 
 
 def _check_side(tried: list[Try], best: Try, walls: Walls, subject: str) -> None:
-    """Refuse the upper side of a part whose underside was asked for, and the other way round."""
+    """Raise `ScanError` if the image shows the upper side although the underside was asked for."""
     other = max(overlap for overlap, mirrored, _ in tried if mirrored != best[1])
     if walls.layers == 1 or best[0] - other < LEAST_LEAD:
         return
@@ -190,12 +190,13 @@ def _check_side(tried: list[Try], best: Try, walls: Walls, subject: str) -> None
 
 
 def _unsure(tried: list[Try], best: Try, walls: Walls, subject: str) -> tuple[str, Try]:
-    """Return what else fits as well, and the way to lie that is taken: of several the one that lies upright."""
+    """Return words for other poses that fit as well, and the chosen pose: of several, the upright one. Raises
+    `ScanError` if none of these is upright, or if upright ones differ in their turn."""
     alike = [
         one for one in tried if one[0] > best[0] - LEAST_LEAD
         and (one[1] != best[1] or abs((one[2] - best[2] + 180) % 360 - 180) > SAME_TURN_DEG)
     ]  # fmt: skip
-    # the underside is what a part with more layers can show
+    # of a part with more layers, a scan of layer 1 must show the underside: the image is mirrored
     if walls.layers > 1 and walls.layer == 1:
         alike = [one for one in alike if one[1]]
         best = max((one for one in tried if one[1]), default=best)

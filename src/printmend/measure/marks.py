@@ -1,4 +1,4 @@
-"""The marks of one scan: identified, placed in the bed's frame, and each held against the others."""
+"""Identify the marks of one scan, place them in the bed's frame, and check each against the others."""
 
 from dataclasses import dataclass, replace
 
@@ -12,16 +12,16 @@ from printmend.units import SIGMA_PER_MEDIAN
 
 # From the scanner's frame to the bed's: the gauge of a scan (physics.md §4).
 #
-# A scan does not know where the plate lay. Translation is taken from the marks as a whole: their median error becomes
-# zero. Rotation cannot be told from one half of a skew, and what the learner may assume is part of the gauge: on a
-# cartesian machine the x axis keeps its direction (all skew shows as x' = x + y tan γ, physics.md eq. 14); on a CoreXY,
-# whose motors stretch both diagonals, the antisymmetric half of the error is zero.
+# A scan does not show where the plate lay. Translation comes from all marks together: their median error becomes zero.
+# A rotation looks like one half of a skew, so the gauge fixes it by convention, on which the learner relies. On a
+# cartesian machine the x axis keeps its direction (all skew shows as x' = x + y tan γ, physics.md eq. 14). On a
+# CoreXY, whose motors stretch both diagonals, the antisymmetric half of the error is zero.
 
-LEAST_KEYSTONE_MM = 0.04  # RMS of what perspective moves; less may be the printer's own
-MOST_UNLIKE_SHARE = 0.4  # share by which the two ways to see one tilt may differ: else it is no perspective
-OPEN_SD_MM = 1e3  # of what slopes, play and waves may be: anything
-LEAST_SCATTER_MM = 1e-3  # of marks: no picture is read better
-ROUNDS = 8  # of turning frames onto each other, and weighing the marks
+LEAST_KEYSTONE_MM = 0.04  # least RMS shift of the marks by perspective; less may be the printer's own error
+MOST_UNLIKE_SHARE = 0.4  # share by which two estimates of one tilt may differ: beyond, it is no perspective
+OPEN_SD_MM = 1e3  # prior standard deviation of slopes, play and waves: they are free
+LEAST_SCATTER_MM = 1e-3  # least scatter of marks: no picture is read better
+ROUNDS = 8  # rounds of turning one frame onto the other and reweighting the marks
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ def find_pose(found_mm: np.ndarray, plan: ProbePlan, *, mirrored: bool) -> Pose:
     upright = np.diag([-1.0 if mirrored else 1.0, -1.0])
     matrix = upright @ turn_onto(points @ upright, wanted)
     linear = _linear(plan, _centred(points @ matrix, wanted), known)
-    # the turn that `linear` still holds, in the convention of the machine
+    # the turn that remains in `linear`, by the convention for this kinematics
     angle = linear[1, 0] if plan.kinematics == "cartesian" else (linear[1, 0] - linear[0, 1]) / 2
     matrix = matrix @ _rotation(-angle)
     return Pose(matrix, np.median(wanted - points @ matrix, axis=0))
@@ -77,11 +77,10 @@ def turn_onto(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def narrowing(placed_mm: np.ndarray, plan: ProbePlan) -> float:
-    """Return by which share a picture narrows from one side of the marks [M, 2] to the other, as a tilted photo does.
+    """Return by which share a picture narrows across the marks [M, 2], as a tilted photo does; 0 if it does not.
 
-    It is 0 for one that does not.
-    Perspective moves the place p by p (g·p), each axis by the other's place, too: x by g_y x y, y by g_x x y, which no
-    motor can, and by g_x x² and g_y y². Only where all four agree it is perspective.
+    Perspective moves the place p by p (g·p): x by g_x x² + g_y x y, and y by g_y y² + g_x x y. No motor can make the
+    mixed terms. It is perspective only if all four terms agree.
     """
     known = np.isfinite(placed_mm).all(axis=1)
     at = plan.to_motor(plan.marks_mm[known])
@@ -99,14 +98,14 @@ def narrowing(placed_mm: np.ndarray, plan: ProbePlan) -> float:
 
 
 def _linear(plan: ProbePlan, placed: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return the slopes [2, 2] of the errors of ``placed`` [K, 2] (the known marks), freed of play and of waves."""
+    """Return the slopes [2, 2] of the errors of the known marks ``placed`` [K, 2]; play and waves are fitted beside."""
     xy = plan.marks_mm[known]
     return _freed_fit(plan, known, list((xy - xy.mean(axis=0)).T), placed - xy).T
 
 
 def _freed_fit(plan: ProbePlan, known: np.ndarray, wanted: list[np.ndarray], error: np.ndarray) -> np.ndarray:
-    """Fit the errors [K, 2] of the known marks by columns, robustly and beside slopes, play and waves; return the
-    values [len(wanted), 2] of these."""
+    """Fit the columns ``wanted`` to the errors [K, 2] of the known marks, robustly, with slopes, play and waves beside
+    them; return their coefficients [len(wanted), 2]."""
     xy = plan.marks_mm[known]
     motor = plan.to_motor(xy)
     columns = [*wanted, np.ones(len(xy)), *plan.motor_approaches[0][known].T.astype(float)]
@@ -123,17 +122,17 @@ def _freed_fit(plan: ProbePlan, known: np.ndarray, wanted: list[np.ndarray], err
 
 # Check every mark against its neighbours with a rough model of the fault, to catch dust taken for a mark.
 #
-# Two smooth branches for each motor, with the waves of its pulley, and play between them explain any single fault well
-# enough to see a stranger that is off by a fraction of a millimetre. What all marks of a stretch of the print share, as
-# after a skipped tooth, is no reason for doubt.
+# The model has two smooth branches for each motor, play between them, and the waves of its pulley. It describes any
+# single fault well enough to detect a wrong mark that is off by a fraction of a millimetre. An error that all marks of
+# a stretch share, say after a skipped tooth, is no reason for doubt.
 
-HARMONICS_OF_TURN = 10  # waves of a pulley's turn that the rough model has
-COSINES_OF_BED = 14  # bends along an axis that it has
-SIDE_ROUNDS = 3  # how often the side of each belt and the model are found in turn
-SURE_OF_SIDE_MM = 2.5  # having moved this far, a belt is on the side it pushes, in the first round
+HARMONICS_OF_TURN = 10  # harmonics of a pulley's turn in the rough model
+COSINES_OF_BED = 14  # cosines along an axis in the rough model
+SIDE_ROUNDS = 3  # rounds of finding each belt's side and the model in turn
+SURE_OF_SIDE_MM = 2.5  # in the first round, a motor that moved this far one way pushes the belt from a known side
 NEIGHBOUR_MARKS = 5  # marks printed one after the other: an error that they share is a jump, not a mistake
 LEAST_DOUBT_MM = 0.15  # a mark that lies nearer than this to where it is expected is never doubted
-FIRST_SPREAD_MM, LEAST_SPREAD_MM = 0.5, 0.02  # of marks about the rough model: first guess, and smallest believed
+FIRST_SPREAD_MM, LEAST_SPREAD_MM = 0.5, 0.02  # spread of marks about the rough model: first guess, and least
 # Prior standard deviations, as large as damaged printers need (physics.md §3), in the order of `_columns`: origin,
 # scale over half a bed, fading waves, the pulley's waves, bends without a period; then terms of the other motor.
 PRIOR_SD_MM = np.array(
@@ -148,11 +147,10 @@ CROSS_PRIOR_SD_MM = np.array([5.0, 2.0, 2.0, 2.0])
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """Where each mark should be: ``place_mm`` [M, 2], ``unsure_mm`` [M, 2] the model's own standard deviation.
+    """Where each mark should be: ``place_mm`` [M, 2], with the model's standard deviation ``unsure_mm`` [M, 2].
 
-    ``left_out_mm`` [M, 2] is how far each mark would lie from its place had it no say in that itself (NaN where
-    missing); ``shared_mm`` [M, 2] the part of its place that only the marks printed next to it vouch for;
-    ``spread_mm`` [2] how far marks usually lie from their place.
+    ``left_out_mm`` [M, 2] is each mark's leave-one-out residual (NaN if missing). ``shared_mm`` [M, 2] is the part of
+    its place that only the marks printed just before or after support. ``spread_mm`` [2] is the usual residual.
     """
 
     place_mm: np.ndarray
@@ -164,7 +162,7 @@ class Expected:
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """What the rough model needs to know of a plan, computed once: for each motor its way-points and its columns."""
+    """A plan as the rough model needs it, computed once: for each motor its way-points and its columns."""
 
     plan: ProbePlan
     motors_mm: np.ndarray
@@ -266,10 +264,10 @@ def _contacts_by_play(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray,
 
 
 def _shared_error(residual: np.ndarray) -> np.ndarray:
-    """Return the error [M] that each mark shares with the NEIGHBOUR_MARKS printed before it or after it, the likelier.
+    """Return the error [M] that each mark shares with the NEIGHBOUR_MARKS printed before or after it.
 
-    A skipped tooth shifts all that is printed afterwards: the marks at such a jump agree with one side only. A mark
-    that was not found takes the side before it.
+    A skipped tooth shifts everything printed afterwards, so a mark at such a jump agrees with one side only. The nearer
+    side counts; for a mark that was not found, the side before it.
     """
     before, after = _median_before(residual), _median_before(residual[::-1])[::-1]
     before, after = np.where(np.isnan(before), after, before), np.where(np.isnan(after), before, after)
@@ -279,7 +277,7 @@ def _shared_error(residual: np.ndarray) -> np.ndarray:
 
 
 def _median_before(residual: np.ndarray) -> np.ndarray:
-    """Return the median of what is known of the NEIGHBOUR_MARKS before each mark, NaN where fewer than three are."""
+    """Return the median of the known NEIGHBOUR_MARKS before each mark, NaN where fewer than three are known."""
     padded = np.concatenate([np.full(NEIGHBOUR_MARKS, np.nan), residual])
     around = np.stack([padded[k : k + len(residual)] for k in range(NEIGHBOUR_MARKS)], axis=1)
     count = np.isfinite(around).sum(axis=1)
@@ -290,22 +288,22 @@ def _median_before(residual: np.ndarray) -> np.ndarray:
 
 
 LEAST_AGREEMENT = 0.85  # share of the sizes that agree with the code; a wrong placement reaches 0.75
-MOST_ROUNDS = 12  # of dropping marks and taking up dots
-GROWING_ROUNDS = 3  # rounds after which it goes on only while more marks are found
-MOST_TOLERANCE_MM = 1.2  # a mark whose place is known less well than this is left until its neighbours are known
-LEAST_MARKS = 9  # that must be found
-SUPPORT_REACH = 5  # marks printed before a mark, and as many after, that support it
-LEAST_SUPPORT = 0.5  # share of them that must be found, beside the share of all marks that are
-LEAST_RUN, LONGEST_RUN = 8, 20  # marks of a run that a jump shifted together; a longer one is cut
-RUN_SHARE = 0.8  # share of a run that must lie under its shift
-RUN_REACH = 12  # marks before and after one that may be of its run
+MOST_ROUNDS = 12  # rounds of dropping marks and adding dots
+GROWING_ROUNDS = 3  # after these, further rounds only follow while more marks are found
+MOST_TOLERANCE_MM = 1.2  # a mark whose place is known less well than this waits until its neighbours are known
+LEAST_MARKS = 9  # fewest marks that must be found
+SUPPORT_REACH = 5  # so many marks printed before a mark, and as many after it, support it
+LEAST_SUPPORT = 0.5  # least share of these that must be found, relative to the share of all marks
+LEAST_RUN, LONGEST_RUN = 8, 20  # marks in a run that a jump shifted together; a longer run is cut
+RUN_SHARE = 0.8  # least share of a run's marks that must fit its shift
+RUN_REACH = 12  # so many marks before and after a mark may belong to its run
 LONGEST_JUMP_MM = 9.0
 SAME_SHIFT_MM = 0.35  # how far a mark of a run may lie from where the run's shift puts it
-APART_MM = 0.7  # marks whose common error differs by more lie on two sides of a jump
+APART_MM = 0.7  # marks whose common errors differ by more lie on two sides of a jump
 ODD_SPREADS, ODD_MM = 2.5, 0.15  # after a jump, a mark this many spreads and mm from its place may be another mark
-RUN_NATS, RUN_LEAD_NATS = 5.0, 4.0  # log odds that a run's sizes must have, and have beyond the next best shift's
-ODD_SIZE_NATS = -3.0  # least log odds of one dot, whose size may not fit because it is smeared
-HOPELESS_MM = 0.6  # where marks spread by more about the rough model, it says nothing about single marks
+RUN_NATS, RUN_LEAD_NATS = 5.0, 4.0  # least log odds of a run's sizes, and their least lead over the next best shift
+ODD_SIZE_NATS = -3.0  # least log odds of a single dot: a smeared dot may have the wrong size
+HOPELESS_MM = 0.6  # if marks spread by more about the rough model, it says nothing about single marks
 DOUBT_SPREADS, DOUBT_SDS = 6.0, 3.0  # a mark is doubted this many spreads and standard deviations from its place
 
 
@@ -313,8 +311,8 @@ DOUBT_SPREADS, DOUBT_SDS = 6.0, 3.0  # a mark is doubted this many spreads and s
 class Marks:
     """``match`` says which dot is which mark, ``pose`` how the plate lay.
 
-    ``measured_mm`` [M, 2] in the bed's frame, NaN where a mark was not found; ``expected_mm`` [M, 2] is where the other
-    marks say that each should be.
+    ``measured_mm`` [M, 2] are the marks in the bed's frame, NaN where not found. ``expected_mm`` [M, 2] is where the
+    rough model expects them.
     """
 
     match: Match
@@ -328,7 +326,7 @@ class Marks:
 
 
 def read_marks(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> Marks | None:
-    """Tell which of the dots [N, 2] (mm, image axes, y down) is which mark; None where no placement convinces."""
+    """Match the dots [N, 2] (mm, image axes, y down) to the plan's marks; None if no placement convinces."""
     match = identify(dots_mm, diameters_mm, plan)
     if match is None or match.agreement < LEAST_AGREEMENT or match.found.sum() < LEAST_MARKS:
         return None
@@ -364,14 +362,14 @@ class Sizes:
 
     @classmethod
     def of(cls, dot: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> "Sizes":
-        """Learn how dots differ from their intended size from the marks found so far."""
+        """Estimate from the marks found so far how dots differ from their intended size."""
         ratio = np.log(diameters_mm[dot[dot >= 0]] / plan.diameter_mm[dot >= 0])
         usual = float(np.median(ratio))
         sd = max(SIGMA_PER_MEDIAN * float(np.median(np.abs(ratio - usual))), 0.03)
         return cls(np.log(diameters_mm) - usual, np.log(plan.diameter_mm), sd, float(plan.big.mean()))
 
     def fits(self, mark: int, candidate: int) -> bool:
-        """Say whether a dot could be a mark, all else being right."""
+        """Return whether a dot's size allows it to be a mark."""
         return bool(abs(self.dots[candidate] - self.marks[mark]) < max(5 * self.sd, 0.25))
 
     def evidence(self, marks: np.ndarray, candidates: np.ndarray) -> np.ndarray:
@@ -390,9 +388,9 @@ def _vouched_for(
 ) -> np.ndarray:
     """Drop the marks that no others confirm.
 
-    A mark is dropped where too many marks printed around it are missing, and where the others, asked without it, expect
-    it far away. Of a run of marks that a skipped tooth shifted together, those are dropped that lie beside their place,
-    and all where the sizes of the run do not spell the code.
+    A mark is dropped if too many marks printed around it are missing, or if the others, fitted without it, expect it
+    far away. In a run that a skipped tooth shifted, marks off their expected place are dropped, too. All of a run are
+    dropped if its sizes do not spell the code.
     """
     window = np.ones(2 * SUPPORT_REACH + 1)
     beside = np.convolve(dot >= 0, window, "same") - (dot >= 0)
@@ -415,7 +413,7 @@ def _vouched_for(
 
 
 def _placed(dots_mm: np.ndarray, dot: np.ndarray, plan: ProbePlan, *, mirrored: bool) -> tuple[Pose, np.ndarray]:
-    """Return how the plate lay, by the marks found so far, and these [M, 2] on the bed."""
+    """Return the plate's pose by the marks found so far, and these marks [M, 2] on the bed."""
     found = np.full((len(plan), 2), np.nan)
     found[dot >= 0] = dots_mm[dot[dot >= 0]]
     pose = find_pose(found, plan, mirrored=mirrored)
@@ -429,7 +427,7 @@ def _revised(
     measured_mm: np.ndarray,
     expectation: Expectation,
 ) -> np.ndarray:
-    """Drop the marks that lie where the others do not expect them; take up dots that lie where a mark is missing."""
+    """Drop marks that lie where the others do not expect them; add dots that lie where a mark is missing."""
     plan = expectation.plan
     known = expectation.marks(measured_mm)
     expected = known.place_mm
@@ -452,10 +450,10 @@ def _revised(
 
 
 def _after_jumps(dot: np.ndarray, placed_mm: np.ndarray, expected_mm: np.ndarray, sizes: Sizes) -> np.ndarray:
-    """Take up runs of marks that are missing together because the printer jumped.
+    """Add runs of marks that are missing together because the printer jumped.
 
-    A run is looked for under the one shift at which its sizes spell the code. A lattice that is shifted by its own
-    pitch fits as well in place; only the sizes tell it, so a run must be long enough.
+    A run is accepted under the one shift at which its sizes spell the code. Shifted by its own pitch, a lattice fits
+    its places equally well. Only the sizes show the difference, so a run must be long enough.
     """
     dot = dot.copy()
     free = np.setdiff1d(np.arange(len(placed_mm)), dot[dot >= 0])
@@ -476,7 +474,7 @@ def _after_jumps(dot: np.ndarray, placed_mm: np.ndarray, expected_mm: np.ndarray
 def _shifted_run(
     part: np.ndarray, tree: cKDTree, free: np.ndarray, placed_mm: np.ndarray, expected_mm: np.ndarray, sizes: Sizes
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return marks of a run and the free dots they are under the one shift that explains them, or none."""
+    """Return the marks of a run and their free dots, under the one shift that explains them; empty if none does."""
     nothing = np.empty(0, np.int64), np.empty(0, np.int64)
     near = tree.query_ball_point(expected_mm[part], LONGEST_JUMP_MM)
     found: list[tuple[float, np.ndarray, np.ndarray]] = []

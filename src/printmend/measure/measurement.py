@@ -1,4 +1,4 @@
-"""Scans of one print, put together: the scanner's own axes removed, every mark with its standard deviation."""
+"""Combine the scans of one print: remove the scanner's own axes, and give every mark its standard deviation."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -21,15 +21,15 @@ from printmend.messages import Tell, say
 from printmend.path import FLATBED, Instrument, Motion, Trace
 from printmend.units import MM_PER_INCH
 
-# Scans laid onto each other: of one print turned on the glass, of its parts, or of sheets that show the same marks.
+# Align scans: of one print turned on the glass, of its parts, or of sheets that show the same marks.
 
-LEAST_TURN_SINE = 0.35  # |sin| of the turn between two scans below which they do not tell the scanner's axes apart
+LEAST_TURN_SINE = 0.35  # least |sin| of the turn between two scans at which they separate the scanner's axes
 LEAST_SPREAD_SHARE = 0.25  # share of the pattern over which the marks that join two scans must spread
 TURN_ROUNDS = 12  # how often every scan is turned onto the mean of all
 
 
 def shared_number(plan: ProbePlan) -> np.ndarray:
-    """Return a number [M] for each mark that those of other sheets at the same place share."""
+    """Return a number [M] for each mark; marks of several sheets at the same place share one."""
     if len(plan.sheets) == 1:
         return np.arange(len(plan))
     return np.unique(plan.site, axis=0, return_inverse=True)[1].ravel()
@@ -47,8 +47,8 @@ def check_sheets(readings: Sequence[Reading], plan: ProbePlan) -> None:
 
 
 def scanner_axes(places_mm: Sequence[np.ndarray]) -> tuple[np.ndarray, str, bool]:
-    """Return the scanner's own linear map [2, 2] relative to a scanner with equal, square axes, a note, and whether the
-    scans could tell.
+    """Return the scanner's linear map [2, 2] relative to one with equal, square axes, a note, and whether the scans
+    determine it.
 
     Two scans of one plate are linked by A = S·R·S⁻¹ with a rotation R. For S = 1 + E, E symmetric and without
     trace, A·Rᵀ − 1 ≈ E − R·E·Rᵀ, which gives E unless R is a half turn.
@@ -80,7 +80,7 @@ def scanner_axes(places_mm: Sequence[np.ndarray]) -> tuple[np.ndarray, str, bool
 
 
 def aligned(place: np.ndarray, first: np.ndarray, reading: Reading) -> np.ndarray:
-    """Turn and shift the marks of a further scan [M, 2] onto those of the first: their common marks fix that best."""
+    """Turn and shift the marks [M, 2] of a further scan onto the first's; the common marks fix this best."""
     upright = place * np.array([-1.0 if reading.marks.match.mirrored else 1.0, -1.0])
     both = np.isfinite(upright).all(axis=1) & np.isfinite(first).all(axis=1)
     turned = upright @ turn_onto(upright[both], first[both])
@@ -88,10 +88,10 @@ def aligned(place: np.ndarray, first: np.ndarray, reading: Reading) -> np.ndarra
 
 
 def joined(places: Sequence[np.ndarray], readings: Sequence[Reading], plan: ProbePlan) -> tuple[list[np.ndarray], str]:
-    """Return scans that show parts of one print, [K × [S, 2]] on the bed, and how well what they share agrees.
+    """Join scans that show parts of one print: return them [K × [S, 2]] on the bed, and how well shared marks agree.
 
-    Every scan is turned and shifted onto the mean of all, again and again: least squares over all of them at once.
-    Raises `ScanError` for one that shares too few marks with the others.
+    Every scan is turned and shifted onto the mean of all, repeatedly: least squares over all scans at once.
+    Raises `ScanError` for a scan that shares too few marks with the others.
     """
     upright = [
         place * np.array([-1.0 if reading.marks.match.mirrored else 1.0, -1.0])
@@ -121,7 +121,7 @@ def joined(places: Sequence[np.ndarray], readings: Sequence[Reading], plan: Prob
 
 
 def mean_of(stack: np.ndarray) -> np.ndarray:
-    """Return the mean over the first axis of what is there, NaN where nothing is."""
+    """Return the mean over the first axis, without NaN; NaN where there is nothing else."""
     known = np.isfinite(stack)
     count = known.sum(axis=0)
     return np.where(count > 0, np.where(known, stack, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
@@ -149,12 +149,12 @@ def _check_shared(both: np.ndarray, reading: Reading, plan: ProbePlan) -> None:
 
 
 SETTLED_AXES_SD = 1e-4  # standard deviation (share) of the scanner's axes once two turns of the plate show them
-WHOLE_SHARE = 0.85  # of the marks: a scan that shows fewer shows a part of the print
-MOST_APART_SIGMAS = 6.0  # a mark that two scans see farther apart than this is left out: one of them saw dirt
-SURE_SIGMAS = 1.645  # beyond which an estimate lies in 1 of 20 cases
+WHOLE_SHARE = 0.85  # a scan with a smaller share of the marks shows a part of the print
+MOST_APART_SIGMAS = 6.0  # a mark is left out if two scans see it farther apart than this: one of them saw dirt
+SURE_SIGMAS = 1.645  # one-sided 95 % quantile of the normal distribution
 SAME_PICTURE_PX = 5e-3  # two pictures whose dots differ by less (RMS) are one
-LEAST_MARKS = 10  # that both show; fewer do not tell
-LEAST_DISAGREEMENT_MM = 0.01  # unevenness of scans, RMS, that is reported: five times a flatbed's
+LEAST_MARKS = 10  # fewest marks that two scans must share for a comparison
+LEAST_DISAGREEMENT_MM = 0.01  # least RMS unevenness of scans to report: five times a flatbed's
 OVERLAY_PX = 3000  # longer side of the overlay
 ENLARGED = (1, 2, 5, 10, 20, 50)  # largest factor by which the overlay enlarges errors
 # Colours of what is drawn: blue, green, red.
@@ -163,10 +163,10 @@ FOUND, MISSING, ERROR, RULER, ASKED = (60, 170, 60), (40, 40, 230), (230, 120, 3
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Measured marks [M, 2] in the bed's frame, NaN where missing; ``sigma_mm`` [M]; ``notes`` for the owner; how far
-    the ``instrument`` is to be trusted, x and y those of the bed; ``asked`` are the two marks whose distance would
-    settle the scale, None where nothing is asked, and ``asked_mm`` is about how far apart their outer edges are.
-    ``motion`` is what the lines at speed show, None where there are none."""
+    """Measured marks [M, 2] in the bed's frame, NaN where missing, with ``sigma_mm`` [M]; ``notes`` for the owner; the
+    ``instrument``'s uncertainty along the bed's x and y. ``asked`` are the two marks whose distance would settle the
+    scale, None if nothing is asked, and ``asked_mm`` is about how far apart their outer edges are. ``motion`` is how
+    far the head strays by the lines at speed, None if there are none."""
 
     plan: ProbePlan
     measured_mm: np.ndarray
@@ -201,11 +201,11 @@ def measure_scans(
 ) -> Measurement:
     """Measure one print from one or more scans; draw what was found over the first into ``overlay``.
 
-    ``plan`` is what `write_probe` wrote beside the G-code, or its path. The result's ``trace`` is what to learn from.
-    ``distance_mm`` is what callipers say of the two dots that a measurement without it names, outer edge to outer edge:
-    it settles the scale. ``scanner_error`` is the standard deviation, as a share, of lengths in the scans where it is
-    known; `FLATBED` says what is assumed. ``look`` is shown what was found in the first scan, its image included.
-    ``tell`` puts the words on the overlay into a language.
+    ``plan`` is the plan that `write_probe` wrote beside the G-code, or its path. Learn from the result's ``trace``.
+    ``distance_mm`` settles the scale: it is the distance between two dots by callipers, outer edge to outer edge. A
+    measurement without it names the two dots. ``scanner_error`` is the standard deviation, as a share, of lengths in
+    the scans if it is known; otherwise `FLATBED` holds. ``look`` receives the reading of the first scan with its image.
+    ``tell`` translates the words on the overlay.
 
     Raises `ScanError` as `read_scan` does, and for the ``scanner_error`` of a picture whose scale is a sheet's;
     `TraceError` for a distance that cannot be theirs.
@@ -247,7 +247,7 @@ def _measured(
             own = np.flatnonzero(plan.sheet_of == drawn[0].sheet).tolist()
             asked_for = tuple(map(own.index, wanted)) if wanted and {*wanted} <= {*own} else ()
             draw_overlay(overlay, drawn[0], asked_for, tell=tell)
-    if plan.pen:  # a circle says where the pen went round, not where it came to rest
+    if plan.pen:  # a circle shows where the pen went round, not where it came to rest
         measured[plan.big], sigma[plan.big] = np.nan, np.nan
     return Measurement(plan, measured, sigma, tuple(notes), instrument, wanted, wanted_mm, motion)
 
@@ -256,10 +256,10 @@ def _readings(
     paths: Sequence[str | Path], plan: ProbePlan, dpi: float | None, look: Callable[[Reading], None] | None,
     drawn: list[Reading] | None,
 ) -> tuple[list[Reading], list[str], Motion | None]:  # fmt: skip
-    """Return what the scans say, without their images, a note for each, and what lines at speed show; ``drawn`` takes
-    the first, image and all.
+    """Return the scans' readings without images, a note for each, and the head's motion by the lines at speed;
+    ``drawn`` receives the first reading with its image.
 
-    A picture that was named twice is counted once.
+    A picture that was given twice counts once.
     """
     readings: list[Reading] = []
     notes: list[str] = []
@@ -274,15 +274,15 @@ def _readings(
         if look is not None and not readings:
             look(reading)
         motions.append(motion_of(reading))
-        # the pixels of one scan at a time, beside those of the first where an overlay is drawn over them
+        # keep the pixels of one scan at a time, and those of the first for the overlay
         readings.append(_without_image(reading))
         notes.append(_described(reading, several=len(plan.sheets) > 1))
     return readings, notes, mean_motion(motions)
 
 
 def is_same_picture(one: Reading, other: Reading) -> bool:
-    """Say whether two readings are of one picture, saved twice, turned by quarters or mirrored: no print is laid down
-    twice at one angle to a ten-thousandth of a degree, nor read twice without noise."""
+    """Return whether two readings are of one picture, saved twice, turned by quarters or mirrored. No print is laid
+    down twice at the same angle to a ten-thousandth of a degree, nor read twice without noise."""
     if one.sheet != other.sheet:
         return False
     both = one.marks.found & other.marks.found
@@ -294,7 +294,7 @@ def is_same_picture(one: Reading, other: Reading) -> bool:
 
 
 def _known(reading: Reading, scanner_error: float) -> Instrument:
-    """Return how far a scanner is to be trusted whose owner knows how far lengths in its scans are off."""
+    """Return the uncertainty of a scanner whose owner knows how far lengths in its scans are off."""
     if source_of(reading.scale) != "scanner":
         raise ScanError(
             reading.path, wanted=say("scan-without-sheet"),
@@ -304,7 +304,7 @@ def _known(reading: Reading, scanner_error: float) -> Instrument:
 
 
 def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, np.ndarray, Instrument, list[str]]:
-    """Return the marks [M, 2] on the bed, their standard deviations [M], what is open of the instrument, and notes."""
+    """Return the marks [M, 2] on the bed, their standard deviations [M], the instrument's uncertainty, and notes."""
     number = shared_number(plan)
     mine = [plan.sheet_of == reading.sheet for reading in readings]
     places, settled, notes, stretch = [], False, [], np.eye(2)
@@ -360,17 +360,17 @@ def missing_said(found: np.ndarray, plan: ProbePlan) -> list[str]:
 
 
 def _among_all(values: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Return values of the marks ``own`` [M] among all of them, NaN for the others."""
+    """Spread the values of the marks ``own`` [M] over all marks, NaN for the others."""
     every = np.full(len(own), np.nan)
     every[own] = values
     return every
 
 
 def wave_left_mm(on_bed: Sequence[np.ndarray], marks_mm: np.ndarray) -> float:
-    """Return how uneven the mean of scans [K × [M, 2]] still is, RMS of a coordinate, by what they disagree in.
+    """Estimate from the scans' disagreement how uneven their mean [K × [M, 2]] still is (RMS of one coordinate).
 
-    The print is the same in all of them. Errors of reading differ from mark to mark, an uneven carriage makes
-    neighbours differ alike: the covariance of neighbours' differences between two scans is twice the variance of one
+    All scans show the same print. Reading errors are independent from mark to mark; an uneven carriage moves
+    neighbours alike. So the covariance between neighbours of the difference of two scans is twice the variance of one
     scan's unevenness, and four times that of the mean of two.
     """
     found = [0.0]
@@ -386,8 +386,8 @@ def wave_left_mm(on_bed: Sequence[np.ndarray], marks_mm: np.ndarray) -> float:
 
 
 def instrument_on_bed(instrument: Instrument, matrix: np.ndarray, *, settled: bool) -> Instrument:
-    """Return how far an instrument is to be trusted along the bed's axes; ``settled``: two turns show its own,
-    and its carriage makes no larger waves than those in which they disagree."""
+    """Return an instrument's uncertainty along the bed's axes. If ``settled``, two turns of the plate have shown its
+    own axes, and its carriage makes no larger waves than those in which the scans disagree."""
     if settled:
         return replace(instrument, axes_sd=SETTLED_AXES_SD, lean_sd=SETTLED_AXES_SD, carriage_mm=instrument.wave_mm)
     double = 2 * np.arctan2(matrix[0, 1], matrix[0, 0])
@@ -439,8 +439,8 @@ def _without_image(reading: Reading) -> Reading:
 
 
 def draw_overlay(path: Path, reading: Reading, asked: tuple[int, ...] = (), *, tell: Tell = str) -> None:
-    """Draw found marks as rings, missing ones as crosses, the error of each mark as a line, enlarged to be seen, and
-    the two marks whose distance is ``asked`` for, joined."""
+    """Draw found marks as rings, missing ones as crosses, and the error of each mark as an enlarged line. Join the two
+    marks whose distance is ``asked`` for."""
     factor = min(1.0, OVERLAY_PX / max(reading.image.shape[:2]))
     picture = cv2.resize(reading.image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     plan, found = reading.plan, reading.marks.found

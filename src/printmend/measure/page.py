@@ -1,8 +1,8 @@
-"""One picture, flat and to scale: a scan as it is, or what lies on the sheet of tags as a scanner would have seen it.
+"""Read one picture, flat and to scale: a scan as it is, or a photo rectified by the sheet of tags.
 
-A part has a height. Of one that lies on the sheet, the camera sees the upper side nearer, and so larger, than the
-paper: a point at the height h above the place p of the sheet appears at p + (p − C)·h/(C_z − h), C the camera's place
-over the sheet. C follows from the homography once the focal length is known, which a photo's file states.
+A part has a height: the camera is nearer to its upper side than to the paper, and sees it larger. A point at the height
+h above the place p of the sheet appears at p + (p − C)·h/(C_z − h), with C the camera's place over the sheet. C follows
+from the homography and the focal length, which a photo's file states.
 """
 
 import struct
@@ -38,24 +38,24 @@ from printmend.messages import say
 from printmend.path import FLATBED, RESIZED, Instrument
 from printmend.units import MM_PER_INCH
 
-USUAL_DPI = 600.0  # resolution that is taken where neither the owner nor the file states it
-# What a sheet of tags leaves open: the printer that made it and may have fitted it to a page, and in a photo the lens.
+USUAL_DPI = 600.0  # default resolution, if neither the owner nor the file states one
+# The uncertainty of a sheet of tags: its printer may have fitted it to a page; in a photo, the lens adds to it.
 SHEET = replace(RESIZED, axes_sd=0.0007, lean_sd=0.0003)
 PHOTO = replace(RESIZED, wave_mm=0.005, carriage_mm=0.0)
-# Standard deviations (shares) of a focal length that the file states, and of the usual one of a telephone.
+# Standard deviations (shares) of a focal length: of one that the file states, and of a telephone's usual one.
 STATED_FOCAL_SD, USUAL_FOCAL_SD = 0.04, 0.15
-PAPER_RIM_MM = 3.0  # rim of a sheet of paper that is left out: its edge's shadow is no plastic
-WINDOW_RIM_MM = 1.0  # rim of the window that is left out: the line along which it is cut
-MOST_SHEET_SCALE = 0.012  # share by which a print on the sheet may be too large or too small …
-AXES_AGREE_SHARE = 0.004  # … where x and y agree to this share: beyond, the sheet was printed to another scale
+PAPER_RIM_MM = 3.0  # width of the paper's rim that is ignored: the shadow of its edge is no plastic
+WINDOW_RIM_MM = 1.0  # width of the window's rim that is ignored: the line along which it is cut
+MOST_SHEET_SCALE = 0.012  # the sheet was printed to another scale if a print on it is off by more than this share …
+AXES_AGREE_SHARE = 0.004  # … and x and y agree to this share
 _EXIF, _EXPOSURE, _FOCAL, _FOCAL_FILM = 0x8769, 0x829A, 0x920A, 0xA405
 
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """A picture to scale: ``image`` [H, W, 3] at ``px_per_mm``, how far its scale and axes are to be trusted, and in
-    words where the scale came from. ``eye_mm`` [3] is where a photo's camera was, in the picture's own mm, the height
-    above the sheet last; None for a flatbed. ``unsure`` marks a picture of which nobody stated the resolution."""
+    """A picture to scale: ``image`` [H, W, 3] at ``px_per_mm``, the uncertainty of its scale and axes, and in words
+    where the scale came from. ``eye_mm`` [3] is where a photo's camera was, in the picture's own mm, the height above
+    the sheet last; None for a flatbed. ``unsure`` marks a picture without a stated resolution."""
 
     image: np.ndarray
     px_per_mm: float
@@ -70,7 +70,7 @@ class Page:
 
     @property
     def tagged(self) -> bool:
-        """True where the scale is that of a sheet of tags."""
+        """True if the scale comes from a sheet of tags."""
         return source_of(self.scale) == "sheet"
 
 
@@ -80,13 +80,13 @@ def photo_todo() -> str:
 
 
 def scanned_at(dpi: float, stated: float | None) -> Instrument:
-    """Return a flatbed at a resolution, which the picture's file ``stated``: a PNG in whole pixels a metre."""
+    """Return `FLATBED` if the picture's file ``stated`` this resolution (a PNG rounds it), else `RESIZED`."""
     agree = stated is not None and abs(dpi / stated - 1) < FLATBED.scale_sd
     return FLATBED if agree else RESIZED
 
 
 def is_bare_scan(instrument: Instrument) -> bool:
-    """Tell a scan without the sheet of tags."""
+    """Return whether this is a scan without the sheet of tags."""
     return instrument in (FLATBED, RESIZED)
 
 
@@ -168,14 +168,14 @@ def check_sheet(path: str | Path, scales: tuple[float, float]) -> None:
 
 
 def exposure(path: str | Path) -> tuple[bool, float | None]:
-    """Say whether a camera took an image, and with which focal length [mm of a film of 36 × 24 mm], None if unsaid."""
+    """Return whether a camera took an image, and its focal length [mm] in terms of 36 × 24 mm film, None if unknown."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with Image.open(path) as image:
                 noted = image.getexif().get_ifd(_EXIF)
     except (SyntaxError, OSError, ValueError, TypeError, KeyError, struct.error):
-        return False, None  # damaged: the picture itself has been read
+        return False, None  # damaged metadata; the picture itself has been read
     try:
         focal = float(noted.get(_FOCAL_FILM) or 0.0)
     except (TypeError, ValueError, ZeroDivisionError):
@@ -184,13 +184,13 @@ def exposure(path: str | Path) -> tuple[bool, float | None]:
 
 
 def _window() -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of what the sheet's window shows."""
+    """Return the lower and upper corner [2] mm of the sheet's window, without its rim."""
     low = np.full(2, BORDER_MM + TAG_MM / 2 + WINDOW_EDGE_MM)
     return low + WINDOW_RIM_MM, low + window_mm() - WINDOW_RIM_MM
 
 
 def _eye_mm(lens: Lens, focal_px: float) -> np.ndarray:
-    """Return where the camera was [3] mm: above the sheet's (x, y), at the height z."""
+    """Return the camera's place [3] mm: x and y on the sheet, and the height z above it."""
     columns = lens.sheet_axes(focal_px)
     columns /= (np.linalg.norm(columns[:, 0]) + np.linalg.norm(columns[:, 1])) / 2
     rotation = np.stack([columns[:, 0], columns[:, 1], np.cross(columns[:, 0], columns[:, 1])], axis=1)
@@ -201,7 +201,7 @@ def _eye_mm(lens: Lens, focal_px: float) -> np.ndarray:
 def _raised(
     lens: Lens, eye_mm: np.ndarray, nearer: float, shown_mm: tuple[np.ndarray, np.ndarray]
 ) -> tuple[Lens, np.ndarray, np.ndarray]:
-    """Return the lens for the plane that is ``nearer`` the camera by this share, and the corners shown there."""
+    """Return the lens for a plane that is closer to the camera by the share ``nearer``, and the corners shown there."""
     shrunk = np.diag([1 - nearer, 1 - nearer, 1.0])
     shrunk[:2, 2] = nearer * eye_mm[:2]
     low, high = (eye_mm[:2] + (corner - eye_mm[:2]) * (1 - nearer) for corner in shown_mm)

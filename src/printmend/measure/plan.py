@@ -27,17 +27,17 @@ _DIGITS = 8  # hexadecimal digits of a plan's identity
 class ProbePlan:
     """Where the nozzle went and where it left marks.
 
-    ``mm_per_turn`` is the belt that the pulleys of the two motors move. ``waypoints_mm`` [N, 2] are all commanded
-    way-points since homing, the first the home position. For each mark:
-    ``rows`` [M] its way-point, ``site`` [M, 2] its place on the square lattice of marks, ``big`` [M] whether it is
-    one of the large dots that say which mark is which, ``direction`` [M, 2] the sign of the last move of each bed
-    axis before it, ``reversal_mm`` [M, 2] how far each axis had moved that way since it turned.
-    With a ``pen`` the large dots are drawn as small circles: they say which mark is which, and are not measured.
+    ``mm_per_turn`` is how much belt each motor's pulley moves in a turn. ``waypoints_mm`` [N, 2] are all commanded
+    way-points since homing, the first the home position. For each mark: ``rows`` [M] is its way-point; ``site`` [M, 2]
+    is its place on the square lattice of marks; ``big`` [M] says whether it is one of the large dots, which form the
+    code; ``direction`` [M, 2] is the sign of each bed axis' last move before it; ``reversal_mm`` [M, 2] is how far
+    each axis had moved that way since its reversal.
+    With a ``pen`` the large dots are drawn as small circles: they form the code, and are not measured.
     A bed larger than a sheet of paper is printed sheet after sheet: ``starts`` are the way-points at which each begins
     anew at home, and where sheets overlap, the same ``site`` has a mark on each. Before the dots, way-points 3 to
     ``net`` may draw a thin net that joins them: strokes, each from one way-point to the next.
-    From way-point ``moving`` on, where it is not 0, follow no dots but the corners of lines printed at the speed of
-    parts: they show how far a moving head strays.
+    If ``moving`` is not 0, the way-points from it on are not dots but the corners of lines printed at the speed of
+    parts. They show how far a moving head strays.
     ``pitch_mm`` and ``angle_rad`` give the lattice: mark = origin + pitch·R(angle)·site.
     """
 
@@ -133,7 +133,7 @@ class ProbePlan:
 
 
 def approaches(waypoints_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each way-point [N, 2] the sign of each axis' last move and the distance since it turned [mm]."""
+    """Return for each way-point [N, 2] the sign of each axis' last move, and its travel since the reversal [mm]."""
     moves = np.diff(waypoints_mm, axis=0)
     signs = np.sign(np.round(moves, 6)).astype(np.int64)
     direction = np.zeros(waypoints_mm.shape, np.int64)

@@ -1,7 +1,7 @@
-"""A ruler beside a print settles the scale of a picture along itself: its millimetre lines, told by their regular rows.
+"""Find rulers in a picture: their millimetre lines settle the picture's scale along the ruler.
 
-Lines are thin, straight and alike in direction; one end of all of them lies on the ruler's edge. A row of them at even
-distances, every fifth longer, is a scale; how far apart its lines are in the picture is the picture's millimetre.
+A ruler's lines are thin, straight and parallel; one end of each lies on the ruler's edge. A row of evenly spaced lines,
+every fifth longer, is a scale; the spacing of its lines is the picture's millimetre.
 """
 
 from dataclasses import dataclass, replace
@@ -18,23 +18,23 @@ SLENDER_RATIO = 3.0  # least length of a line over its width
 LEAST_CONTRAST = 14.0  # grey levels between a line and the ruler
 SAME_WAY_RAD = 0.035  # how far the directions of the lines of one row may scatter
 EDGE_MM = 0.5  # how far the ends of its lines may lie from the ruler's edge
-LEAST_LINES = 30  # lines of a row
-LEAST_LINES_SHARE = 0.7  # of the lines between its first and last that must be seen
-MOST_UNEVEN_SHARE = 0.06  # RMS by which lines may lie off even places, as a share of their distance
-LONGER_RATIO = 1.15  # by so much each fifth or fourth line is longer than its neighbours
+LEAST_LINES = 30  # fewest lines of a row
+LEAST_LINES_SHARE = 0.7  # share of the lines between its first and last that must be seen
+MOST_UNEVEN_SHARE = 0.06  # largest RMS error of evenly spaced lines, as a share of their spacing
+LONGER_RATIO = 1.15  # every fifth or fourth line is longer than its neighbours by at least this factor
 MILLIMETRES, INCHES = (1.0, 0.5), (25.4 / 8, 2.54, 25.4 / 16, 1.27, 25.4 / 32)  # distances of lines on rulers [mm]
 SCALE_SHARE = 0.02  # share by which a picture may be off its stated scale
-SAME_WAY_COSINE = 0.8  # |cos| of the angle between two rows above which they tell of the same direction
+SAME_WAY_COSINE = 0.8  # two rows measure the same direction if |cos| of the angle between them is larger
 OWN_SD = 0.0004  # standard deviation (share) of a ruler's own length: 0.1 mm over its reach
-MOST_LINES = 6000  # that are looked at; a picture with more shows something else
-THICK_MM, THICK_SD_MM = 0.4, 0.4  # thickness of rulers, printed ones and of steel, and its standard deviation
+MOST_LINES = 6000  # a picture with more lines shows something else
+THICK_MM, THICK_SD_MM = 0.4, 0.4  # thickness of rulers, printed or of steel, and its standard deviation
 
 
 @dataclass(frozen=True, eq=False)
 class Ruler:
-    """A ruler in a picture: its direction [2] there, ``excess`` by which share the picture's millimetre is too large,
-    how many ``lines`` it has over ``length_mm``, the ``corners_mm`` [4, 2] of its lines (image mm, y down), and how far
-    its length is to be trusted (``sd``, a share)."""
+    """A ruler in a picture: its direction [2] there, the share ``excess`` by which the picture's millimetre is too
+    large, the number of ``lines`` over ``length_mm``, the ``corners_mm`` [4, 2] of its lines (image mm, y down), and
+    the standard deviation ``sd`` of its length, as a share."""
 
     along: np.ndarray
     excess: float
@@ -48,16 +48,16 @@ class Ruler:
         return replace(self, along=self.along @ matrix)
 
     def in_photo(self, away_mm: float, tall_mm: float) -> "Ruler":
-        """Return the ruler as a camera ``away_mm`` above the sheet sees it; the picture is to scale ``tall_mm`` above.
+        """Correct the ruler for a camera ``away_mm`` above the sheet, in a picture that is to scale at ``tall_mm``.
 
-        Its lines lie above the sheet by its thickness, nearer to the camera, and nobody says how thick it is.
+        Its lines lie above the sheet by its thickness, nearer to the camera, and the thickness is uncertain.
         """
         nearer = (THICK_MM - tall_mm) / away_mm
         sd = float(np.hypot(self.sd, THICK_SD_MM / away_mm))
         return replace(self, excess=(1 + self.excess) / (1 + nearer) - 1, sd=sd)
 
     def stretched(self, stretch: np.ndarray) -> "Ruler":
-        """Return the ruler in a picture from which a stretch [2, 2] is taken off."""
+        """Return the ruler in the picture after a stretch [2, 2] is removed from it."""
         along = self.along @ np.linalg.inv(stretch).T
         longer = float(np.hypot(*along))
         return replace(self, along=along / longer, excess=(1 + self.excess) * longer - 1)
@@ -119,10 +119,10 @@ def _lines(grey: np.ndarray, scale: float, kind: int) -> tuple[np.ndarray, np.nd
 
 
 def _rows(middle: np.ndarray, way: np.ndarray, length: np.ndarray) -> list[Ruler]:
-    """Return the rows of lines at even distances, ``excess`` their distance less one millimetre."""
+    """Return the rows of evenly spaced lines; ``excess`` is their spacing less one millimetre."""
     found: list[Ruler] = []
     left = np.ones(len(middle), bool)
-    for _ in range(4):  # a few rows: two edges of a ruler, or of two rulers
+    for _ in range(4):  # up to four rows: both edges of two rulers
         if left.sum() < LEAST_LINES:
             break
         double = np.arctan2(2 * way[left, 0] * way[left, 1], way[left, 0] ** 2 - way[left, 1] ** 2)
@@ -142,7 +142,7 @@ def _rows(middle: np.ndarray, way: np.ndarray, length: np.ndarray) -> list[Ruler
 
 
 def _one_row(middle: np.ndarray, way: np.ndarray, length: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Return the numbers of the lines of which one end lies on the line that most of them share."""
+    """Return the numbers of the lines that have one end on the straight edge that most lines share."""
     tick = _mean_way(way[near])
     best = np.empty(0, np.int64)
     for end in (-0.5, 0.5):
@@ -162,7 +162,7 @@ def _mean_way(way: np.ndarray) -> np.ndarray:
 
 
 def _even(middle: np.ndarray, way: np.ndarray, length: np.ndarray) -> Ruler | None:
-    """Return a row where its lines are evenly spaced and every fifth (or fourth) is longer."""
+    """Return the row if its lines are evenly spaced and every fifth (or fourth) is longer, or None."""
     tick = _mean_way(way)
     along = np.array([-tick[1], tick[0]])
     place = middle @ along
@@ -196,6 +196,6 @@ def _even(middle: np.ndarray, way: np.ndarray, length: np.ndarray) -> Ruler | No
 
 
 def _longer(length: np.ndarray, number: np.ndarray, every: int) -> bool:
-    """Say whether the lines whose number leaves one remainder by ``every`` are longer than all others."""
+    """Return whether one line in ``every`` is longer than the others."""
     usual = [float(np.median(length[number % every == k])) for k in range(every) if (number % every == k).any()]
     return len(usual) == every and sorted(usual)[-1] > LONGER_RATIO * sorted(usual)[-2]

@@ -1,4 +1,4 @@
-"""One image of a printed probe: dots found, scale known, marks identified, and how a moving head strays aside."""
+"""Read one image of a printed probe: find its dots and scale, identify the marks, and measure how the head strays."""
 
 import itertools
 from collections.abc import Sequence
@@ -49,18 +49,18 @@ from printmend.units import MM_PER_INCH, SIGMA_PER_MEDIAN
 MOST_SCALE_FACTOR = (
     1.22  # where spacing and size of the dots are both off by more, the resolution is wrong, not the printer
 )
-LEAST_TAG_SPREAD_MM = 60.0  # tags that spread less than this along either axis give a scale, but no axes
+LEAST_TAG_SPREAD_MM = 60.0  # tags that span less than this along either axis give a common scale only
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What one scan says.
+    """The result of reading one scan.
 
-    ``image`` [H, W, 3] is the scan, or a photo rectified; ``dots`` are all its dots, ``dots_mm`` [N, 2] their places
-    (y down); ``sheet`` is the number of the sheet that it shows, ``plan`` that sheet's own with its M marks; ``marks``
-    says which is which; ``sigma_mm`` [M]; ``scale`` says in words where the scale came from, and
-    ``instrument`` how far it and the axes of the image are to be trusted; ``mm_per_px`` is the size of a pixel;
-    ``rulers`` lay beside the print on a flatbed.
+    ``image`` [H, W, 3] is the scan, or the rectified photo; ``dots`` are all its dots, ``dots_mm`` [N, 2] their places
+    (y down). ``sheet`` is the number of the sheet shown, ``plan`` that sheet's plan with its M marks; ``marks`` matches
+    dots to marks; ``sigma_mm`` [M] are their standard deviations. ``scale`` says in words where the scale came from,
+    and ``instrument`` how uncertain the scale and the axes are; ``mm_per_px`` is the size of a pixel; ``rulers`` lay
+    beside the print on a flatbed.
     """
 
     path: str
@@ -88,9 +88,9 @@ class Reading:
 def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None) -> Reading:
     """Read the marks of ``plan``, or of the one of its sheets that is shown, from an image file.
 
-    ``dpi`` overrides what the file says, and that it may be a photo; without either it is 600. Marks that are not
-    there are missing; the others count. Raises `ScanError` for an image that is none, a page without dots, another
-    plate or one of which too little is left to tell, a wrong resolution (which is named) and a photo without tags.
+    ``dpi`` overrides the file's resolution, and says that it is no photo; without either it is 600. Marks that are not
+    found stay missing. Raises `ScanError` for a file that is no image, a page without dots, another plate, a plate with
+    too few marks left, a wrong resolution (which the message names) and a photo without tags.
     """
     image, stated = read_image(path)
     tags = find_tags(image)
@@ -120,13 +120,13 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None) ->
 
 
 def _shown(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> tuple[int, Marks | None]:
-    """Return the number of the sheet that dots [N, 2] show, and its marks; None where they are no sheet's."""
+    """Return the number of the sheet that dots [N, 2] show, and its marks, None if they match no sheet."""
     read = [read_marks(dots_mm, diameters_mm, sheet) for sheet in plan.sheets]
     best = max(range(len(read)), key=lambda number: -1 if (one := read[number]) is None else int(one.found.sum()))
     return best, read[best]
 
 
-# Ten, because it makes the value of ten fields.
+# Ten parameters, because it fills the ten fields of a value.
 def _reading(
     path: str | Path, image: np.ndarray, dots: Dots, dots_mm: np.ndarray, sheet: int, plan: ProbePlan, marks: Marks,
     mm_per_px: float, scale: str, instrument: Instrument,
@@ -154,7 +154,7 @@ def _read_photo(
 
 
 def _scales(dots_mm: np.ndarray, marks: Marks, plan: ProbePlan) -> tuple[float, float]:
-    """Return how much larger than commanded the marks lie, along two axes of the bed."""
+    """Return the ratio of the marks' measured to commanded spacing, along the two axes of the bed."""
     places, wanted = dots_mm[marks.match.dot[marks.found]], plan.marks_mm[marks.found]
     fit, *_ = np.linalg.lstsq(wanted - wanted.mean(axis=0), places - places.mean(axis=0), rcond=None)
     x, y = np.hypot(*fit.T)
@@ -162,8 +162,8 @@ def _scales(dots_mm: np.ndarray, marks: Marks, plan: ProbePlan) -> tuple[float, 
 
 
 def _scaled(dots: Dots, tags: Tags, dpi: float, stated: float | None) -> tuple[np.ndarray, str, Instrument]:
-    """Return the dots [N, 2] in mm by the reference sheet where it is in the scan, else by the resolution; how far
-    that is to be trusted."""
+    """Return the dots [N, 2] in mm, by the reference sheet if the scan shows it, else by the resolution; the source of
+    the scale; and its uncertainty."""
     plain = dots.centre_px * (MM_PER_INCH / dpi)
     if len(tags) < LEAST_TAGS:
         return plain, say("scale-from-dpi", f"{dpi:g}"), scanned_at(dpi, stated)
@@ -176,9 +176,9 @@ def _scaled(dots: Dots, tags: Tags, dpi: float, stated: float | None) -> tuple[n
 
 
 def _scale_ratio(dots: Dots, marks: Marks, dpi: float, plan: ProbePlan) -> float | None:
-    """Return by how much dots and their spacing are too large or too small, where both are, else None.
+    """Return the ratio of measured to planned spacing if spacing and dots are both too large, or both too small.
 
-    A damaged printer stretches the spacing, but not the dots.
+    Otherwise return None: a damaged printer stretches the spacing, but not the dots.
     """
     spacing = marks.match.pitch / plan.pitch_mm
     size = float(np.median(dots.diameter_px[marks.match.dot[marks.found]] / plan.diameter_mm[marks.found]))
@@ -189,7 +189,7 @@ def _scale_ratio(dots: Dots, marks: Marks, dpi: float, plan: ProbePlan) -> float
 
 
 def _resolution_error(path: str | Path, image: np.ndarray, dots: Dots, dpi: float, plan: ProbePlan) -> ScanError:
-    """Return the error that names the resolution at which the dots are the plan's marks, if there is one."""
+    """Return an error that names the resolution at which the dots would match the plan's marks, if there is one."""
     for other in sorted(COMMON_DPI, key=lambda value: abs(np.log(value / dpi))):
         if abs(np.log(other / dpi)) < 0.1:
             continue
@@ -223,7 +223,7 @@ def _unknown_dots(path: str | Path, dots: Dots, plan: ProbePlan) -> ScanError:
 
 
 def image_px(reading: Reading, bed_mm: np.ndarray) -> np.ndarray:
-    """Return where in its image a reading shows places of the bed [N, 2]: pixels [N, 2], counted from their centres."""
+    """Return the pixels [N, 2] of a reading's image that show bed places [N, 2]; whole numbers are pixel centres."""
     pose = reading.marks.pose
     image_mm = (bed_mm - pose.shift_mm) @ np.linalg.inv(pose.matrix)
     affine = affine_of(reading.dots_mm, reading.dots.centre_px)
@@ -238,24 +238,24 @@ def affine_of(source: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 # How far a moving head strays across its line, from the lines at speed of a scanned probe.
 #
-# A line of plastic has two edges. The head moves both alike, their own wobble moves each by itself: half their sum
-# strays by motion and wobble, half their difference by wobble alone. The difference of the two mean squares is the
-# motion's.
+# A line of plastic has two edges. The head's motion shifts both alike; each edge also wobbles by itself. Half their sum
+# contains motion and wobble, half their difference only wobble. The difference of the two mean squares is the mean
+# square of the motion.
 
-LEAST_LEG_MM, END_MM = 6.0, 0.8  # legs that are measured; what is left out at either end, where the bead is round
-WINDOW_MM, STEP_MM, ALONG_MM = 1.35, 0.03, 0.1  # across a leg, and the places on it
+LEAST_LEG_MM, END_MM = 6.0, 0.8  # shortest leg that is measured; length left out at either end, where the bead is round
+WINDOW_MM, STEP_MM, ALONG_MM = 1.35, 0.03, 0.1  # half the window across a leg, its step, and the step along the leg
 BIN = 3  # places that are averaged: less than a bead's width
-WIDTH_MM = (0.25, 1.3)  # of a bead; what is wider or narrower is something else
-EDGE_MM = 0.35  # beyond the middle of an edge, where its blur has ended
+WIDTH_MM = (0.25, 1.3)  # range of a bead's width; anything else is no bead
+EDGE_MM = 0.35  # distance from the middle of an edge at which its blur has ended
 NEAR_MARKS = 6  # dots beside a leg that say where it may lie
-ODD_SIGMAS = 4.0  # beyond which a place shows dust
+ODD_SIGMAS = 4.0  # a place farther off than this shows dust
 LEAST_BINS, LEAST_LEGS = 10, 8
-ALIKE_SHARE = 0.2  # by which the wobble of half the sum and of half the difference may differ
-HIDDEN_SHARE = 0.15  # of the motion's own square: what blur and averaging over a bead's width may hide
+ALIKE_SHARE = 0.2  # share by which the wobble in half the sum may differ from that in half the difference
+HIDDEN_SHARE = 0.15  # share of the motion's mean square that blur and averaging over a bead's width may hide
 
 
 def motion_of(reading: Reading) -> Motion | None:
-    """Return how far the head strays, None where the plan has no lines at speed or the scan shows too few of them."""
+    """Return how far the head strays, or None if the plan has no lines at speed or the scan shows too few of them."""
     plan = reading.plan
     if not plan.moving:
         return None
@@ -274,7 +274,7 @@ def motion_of(reading: Reading) -> Motion | None:
 
 
 def mean_motion(found: Sequence[Motion | None]) -> Motion | None:
-    """Return what several scans of one print say together: the print's own wobble is the same in all of them."""
+    """Average the motion in several scans of one print; its sd too, since all scans share the print's own wobble."""
     known = [each for each in found if each is not None]
     if not known:
         return None
@@ -282,7 +282,7 @@ def mean_motion(found: Sequence[Motion | None]) -> Motion | None:
 
 
 def _colour(reading: Reading) -> np.ndarray:
-    """Return the direction [3] along which plastic differs from the plate, by the dots: 0 on the plate, 1 on them."""
+    """Return the colour direction [3], estimated at the dots, whose signal is 0 on the plate and 1 on plastic."""
     dots = reading.dots
     angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -303,8 +303,8 @@ def _pixels(image: np.ndarray, at_px: np.ndarray) -> np.ndarray:
 
 
 def _leg(reading: Reading, start: np.ndarray, end: np.ndarray, colour: np.ndarray) -> tuple[float, float] | None:
-    """Return the mean squares of half the sum and of half the difference of a leg's edges [mm²], None where it does
-    not lie clean in the image."""
+    """Return the mean squares of half the sum and of half the difference of a leg's edges [mm²], or None if the image
+    shows it unclean."""
     length = float(np.hypot(*(end - start)))
     along = (end - start) / length
     across = np.array([-along[1], along[0]])
@@ -341,7 +341,7 @@ def _leg(reading: Reading, start: np.ndarray, end: np.ndarray, colour: np.ndarra
 
 
 def _shift(reading: Reading, at_mm: np.ndarray) -> np.ndarray:
-    """Return by how much the dots nearest to a place lie off [2] mm: a line beside them does as they do."""
+    """Return the error [2] mm of the dots nearest to a place: a line beside them has the same."""
     plan, found = reading.plan, np.flatnonzero(reading.marks.found)
     near = found[np.argsort(np.hypot(*(plan.marks_mm[found] - at_mm).T))[:NEAR_MARKS]]
     return np.asarray(np.median(reading.marks.measured_mm[near] - plan.marks_mm[near], axis=0))

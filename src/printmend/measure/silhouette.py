@@ -1,4 +1,4 @@
-"""The outline of a printed part in an image: what is plastic, and where along a ray it ends."""
+"""Find the outline of a printed part in an image: which pixels are plastic, and where along a ray it ends."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ LEAST_PIECE_SHARE = 0.03  # … and so is one with a smaller share of the area o
 LEAST_CONTRAST = 10.0  # grey levels between plastic and plate
 MARGIN_MM = 4.0  # margin around the part within which its edges are looked for
 REACH_MM = 0.45  # half the window about an edge whose integral places it
-INNER_MM, OUTER_MM = (-0.34, -0.12), (0.14, 0.45)  # where the levels of plastic and plate are read, from the edge
-BESIDE_MM = (0.1, 0.22)  # where what shows beside an upper layer is read
-BETWEEN = 0.25  # share of that by which the middle of an upper layer's edge lies above half of its step
-STEEP_SHARE = 0.4  # of the step about its middle: the part of an upper layer's edge that places it
+INNER_MM, OUTER_MM = (-0.34, -0.12), (0.14, 0.45)  # distances from the edge at which plastic and plate are read
+BESIDE_MM = (0.1, 0.22)  # distances from an upper layer's edge at which the deeper layer may show
+BETWEEN = 0.25  # an upper layer's edge lies at half its step, plus this share of the signal read beside it
+STEEP_SHARE = 0.4  # share of the step, about its middle, that places an upper layer's edge
 RAY_STEP_MM = 0.025  # distance between the places of a ray across an edge
-ACROSS_MM = (-0.36, -0.24, -0.12, 0.0, 0.12, 0.24, 0.36)  # places beside a ray of the rays that are averaged with it
+ACROSS_MM = (-0.36, -0.24, -0.12, 0.0, 0.12, 0.24, 0.36)  # offsets of the parallel rays that are averaged
 CHUNK = 400  # rays followed at once
 
 
@@ -48,10 +48,10 @@ class Silhouette:
 def find_silhouette(
     image: np.ndarray, px_per_mm: float, *, subject: str, beside_mm: Sequence[np.ndarray] = ()
 ) -> Silhouette:
-    """Find the plastic in an image [H, W, 3] uint8; what reaches into one of the areas with the corners
-    ``beside_mm`` [4, 2] is a ruler.
+    """Find the plastic in an image [H, W, 3] uint8; pieces that reach into an area with the corners ``beside_mm``
+    [4, 2] are rulers.
 
-    Raises `ScanError` where nothing stands out against the background, or what does is cut off by the image's edge.
+    Raises `ScanError` if nothing stands out against the background, or if the image's edge cuts off what does.
     """
     factor = min(1.0, 1.0 / (COARSE_MM * px_per_mm))
     size = (max(1, round(image.shape[1] * factor)), max(1, round(image.shape[0] * factor)))
@@ -93,7 +93,7 @@ def find_silhouette(
     scale = np.array([image.shape[1] / size[0], image.shape[0] / size[1]])
     first, last = np.floor(low * scale).astype(int), np.ceil(high * scale).astype(int)
     cut = np.ascontiguousarray(image[first[1] : last[1], first[0] : last[0]])
-    # the reduced picture of the part alone, so that its pixels have exactly their nominal size
+    # reduce the part's cut-out again, so that its pixels have exactly their nominal size
     shape = (round(cut.shape[1] / px_per_mm / COARSE_MM), round(cut.shape[0] / px_per_mm / COARSE_MM))
     inside = kept[low[1] : high[1], low[0] : high[0]].astype(np.uint8)
     mask = cv2.resize(inside, shape, interpolation=cv2.INTER_NEAREST).astype(bool)
@@ -102,7 +102,7 @@ def find_silhouette(
 
 
 def _plate(small: np.ndarray) -> np.ndarray:
-    """Return the plate's colour at every pixel: a square surface through what looks like the picture's rim."""
+    """Return the plate's colour at every pixel: a quadratic surface fitted to pixels that look like the rim."""
     height, width = small.shape[:2]
     y, x = np.meshgrid(
         np.linspace(-1, 1, height, dtype=np.float32), np.linspace(-1, 1, width, dtype=np.float32), indexing="ij"
@@ -126,8 +126,8 @@ def _plate(small: np.ndarray) -> np.ndarray:
 
 
 def _plastic_colour(excess: np.ndarray) -> tuple[np.ndarray, float | None]:
-    """Return the direction [3] along which plastic stands out best against the plate's grain (Fisher), and half of how
-    far it does; None where nothing does."""
+    """Return the direction [3] along which plastic stands out best against the plate's grain (Fisher), and half its
+    signal; None if nothing stands out."""
     pixels = excess[::2, ::2].reshape(-1, 3)
     strength = np.abs(pixels).max(axis=1)
     out = strength > max(0.5 * float(np.quantile(strength, 0.995)), LEAST_CONTRAST)
@@ -145,12 +145,12 @@ def find_edges(
     silhouette: Silhouette, at_px: np.ndarray, out_px: np.ndarray, capture_mm: float, *, foot: bool = False
 ) -> np.ndarray:
     """Return how far [S] mm from ``at_px`` [S, 2] the plastic ends along ``out_px`` [S, 2] (unit vectors, out of the
-    plastic), NaN where it does not within ``capture_mm``.
+    plastic), NaN if it does not within ``capture_mm``.
 
-    The edge is where the plastic would end if it ended at once: the integral of its share. Blur leaves this alone.
-    ``foot``: a layer that lies deeper may show beside the edge, dark and out of focus. It spoils the integral, so the
-    middle of the steep part places the edge. That lies at half the step above the plate where the edge hides the
-    deeper layer, at half the step above that layer where both darken; the level between is off by the least.
+    The edge is where plastic with a sharp end would end: at the integral of its share, which blur does not change.
+    With ``foot``, a deeper layer may show beside the edge, dark and out of focus, and spoil the integral. The middle
+    of the steep part then places the edge. Its level is half the step above the plate if the edge hides the deeper
+    layer, and half the step above that layer if both show; a level between the two has the least error.
     """
     found = np.full(len(at_px), np.nan)
     for first in range(0, len(at_px), CHUNK):
@@ -162,7 +162,7 @@ def find_edges(
 def _edges_at_once(
     silhouette: Silhouette, at_px: np.ndarray, out_px: np.ndarray, capture_mm: float, foot: bool
 ) -> np.ndarray:
-    """Return what `find_edges` does, of few enough rays for their pixels to fit in the memory."""
+    """Do the work of `find_edges` for few enough rays that their pixels fit in memory."""
     scale = silhouette.px_per_mm
     reach = capture_mm + REACH_MM
     along = np.arange(-reach, reach + RAY_STEP_MM / 2, RAY_STEP_MM)

@@ -1,15 +1,15 @@
-"""trace.csv: commanded way-points and where they were measured, as a table that anything can write.
+"""trace.csv: commanded way-points and where they were measured, as a table that any program can write.
 
-The format is fixed: UTF-8, a header with at least ``x_mm,y_mm,x_measured_mm,y_measured_mm``, one row for each
-commanded way-point in the order of motion since homing, the first row the home position, straight moves between
-rows, the measured cells empty where nothing was measured. ``z_mm``, ``z_measured_mm``, ``layer`` and ``sigma_mm`` are
-used where present; ``placed`` is 0 where the measured positions have an origin of their own, as a scan's. ``scale_sd``,
-``axes_sd``, ``lean_sd``, ``wave_mm``, ``carriage_mm`` and ``resized_sd``, the same in every row, say how far the
-instrument is to be trusted (see `Instrument`), and ``scale_axes``, ``scale_lean`` and ``axes_lean`` how these hang
-together; ``motion_mm2`` and ``motion_sd_mm2`` how far a moving head strays (see `Motion`); ``printer``,
-``kinematics`` and ``probe`` say whose print it was (see `Origin`). A wall shows one direction
-only: its row has empty measured cells, the direction out of the plastic in ``nx`` and ``ny``, and in ``offset_mm`` how
-far along it the wall lies from where it was commanded. Other columns are ignored.
+The format is fixed: UTF-8, with a header of at least ``x_mm,y_mm,x_measured_mm,y_measured_mm``. Each row is a commanded
+way-point, in the order of motion since homing; the first is the home position. Moves between rows are straight.
+Measured cells are empty where nothing was measured. These columns are optional: ``z_mm``, ``z_measured_mm``, ``layer``,
+``sigma_mm``, and ``placed``, which is 0 if the measured positions have their own origin, as in a scan. Others have
+the same value in every row. ``scale_sd``, ``axes_sd``, ``lean_sd``, ``wave_mm``, ``carriage_mm`` and ``resized_sd`` are
+the instrument's uncertainty (see `Instrument`); ``scale_axes``, ``scale_lean`` and ``axes_lean`` are the correlations
+of the first three. ``motion_mm2`` and ``motion_sd_mm2`` say how far a moving head strays (see `Motion`); ``printer``,
+``kinematics`` and ``probe`` name the print (see `Origin`). A wall shows one direction only: its row has empty measured
+cells, the direction out of the plastic in ``nx``, ``ny``, and the offset along it in ``offset_mm``. Other columns are
+ignored.
 """
 
 import csv
@@ -33,23 +33,23 @@ REQUIRED = ("x_mm", "y_mm", "x_measured_mm", "y_measured_mm")
 OPTIONAL = ("sigma_mm", "z_mm", "layer", "z_measured_mm")
 PLACED = "placed"
 WALL = ("nx", "ny", "offset_mm")
-MOTION = ("motion_mm2", "motion_sd_mm2")  # of lines printed at speed: `Motion`
-TOGETHER = ("scale_axes", "scale_lean", "axes_lean")  # correlations of the first three, once one length is known
+MOTION = ("motion_mm2", "motion_sd_mm2")  # from lines printed at speed: `Motion`
+TOGETHER = ("scale_axes", "scale_lean", "axes_lean")  # correlations of the first three, after a length was settled
 ORIGIN = ("printer", "kinematics", "probe")
 KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *DOUBTS, *TOGETHER, *MOTION)
-_ROUNDED = -1e-5  # least eigenvalue of correlations that were written with six digits
-_MOST_DOUBT = 0.5  # of an instrument: one that is less sure of a length measures nothing
-MIN_MEASURED = 10  # points of a trace
+_ROUNDED = -1e-5  # rounding to six digits may make an eigenvalue of the correlations this small
+_MOST_DOUBT = 0.5  # an instrument less sure of a length than this measures nothing
+MIN_MEASURED = 10  # fewest measured points of a trace
 OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
 AT_HOME_MM = 0.05  # a trace that begins nearer to the home position began there
-_LARGEST_MM = 1e9  # what is farther is wrong all the same, and its square is still a number
-# Typical distance of an axis's commanded and measured places, both sorted, as a share of their spread: no pulley is so
-# wrong, a wrong unit is.
+_LARGEST_MM = 1e9  # larger values are clipped to this: they are wrong all the same, and their squares stay finite
+# Typical distance between an axis's commanded and measured places, both sorted, as a share of their spread: no pulley
+# error reaches this, but a wrong unit does.
 _SAME_PLACES_SHARE = 0.35
 _MOST_MOTION_MM2 = 1.0  # a head that strays by a millimetre prints nothing
-_MOST_LAYERS = 1_000_000  # number of a layer
-_FILLED_SHARE, _HOME_APART_MM = 0.5, 0.5  # of a bed that a test print fills at least; of a home beyond the bed's edge
-_FARTHEST_WALL_MM = 50.0  # that a wall may lie from where it was commanded
+_MOST_LAYERS = 1_000_000  # largest number of a layer
+_FILLED_SHARE, _HOME_APART_MM = 0.5, 0.5  # least share of the bed that a test print spans; how far home may lie outside
+_FARTHEST_WALL_MM = 50.0  # largest distance of a wall from its commanded place
 HEADER_TODO = say("start-with-header", ",".join(REQUIRED))
 
 # Stands for an empty cell while the table is parsed; no printer goes there, and a literal nan stays visible.
@@ -63,7 +63,7 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
     """Read a trace.csv; ``printer`` gives the bed that the points must lie on.
 
     Raises `TraceError` for a missing or text cell, NaN, infinity, a wrong unit, too few points, points far outside
-    the bed and a table that says that it is another printer's.
+    the bed and a table that names another printer.
     """
     path = Path(path)
     names, columns, origin, blank_rows = _table(path)
@@ -104,7 +104,7 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
 
 
 def _walls(path: Path, names: list[str], columns: dict[str, np.ndarray]) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return the directions [N, 2], made unit vectors, and offsets [N] of walls; None where no row has any."""
+    """Return the walls' directions [N, 2], normalised, and their offsets [N]; None if no row has any."""
     if not any(name in names for name in WALL):
         return None, None
     if missing := [name for name in WALL if name not in names]:
@@ -148,7 +148,7 @@ def _instrument(path: Path, columns: dict[str, np.ndarray]) -> Instrument | None
 
 
 def _motion(path: Path, columns: dict[str, np.ndarray]) -> Motion | None:
-    """Return what lines at speed showed by the first row, None where no column says it."""
+    """Return how far a moving head strays by the first row, or None without these columns."""
     if not all(name in columns and np.isfinite(columns[name][0]) for name in MOTION):
         return None
     square, sd = (float(columns[name][0]) for name in MOTION)
@@ -200,8 +200,8 @@ def _quoted(text: str) -> str:
 
 
 def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None, int]:
-    """Return the header's names, the known columns [N], NaN where a cell is empty, whose print it was, and how many
-    blank rows stand between others."""
+    """Return the header's names, the known columns [N] (NaN where a cell is empty), the print's origin, and the number
+    of blank rows between others."""
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:
@@ -212,7 +212,7 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None,
         raise TraceError(path, wanted=say("utf-8-table"), came=say("other-bytes"), todo=say("save-csv-utf-8")) from None
     data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     first, _, rest = data.partition(b"\n")
-    rest = _BLANK_ROW.sub(b"", rest)  # spreadsheets write them below a table; an empty line keeps the others' numbers
+    rest = _BLANK_ROW.sub(b"", rest)  # rows of commas, as spreadsheets append; empty lines keep line numbers
     names = [name.strip().strip('"') for name in first.decode().split(",")]
     _check_header(path, names, first.decode())
     line = next((line for line in io.BytesIO(rest) if line.strip()), b"").decode().strip()
@@ -236,7 +236,7 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None,
 
 
 def _origin(names: list[str], cells: list[str]) -> Origin | None:
-    """Return whose print the first row says that it was, None where it says nothing."""
+    """Return the print's origin by the first row, or None if it names none."""
     if ORIGIN[0] not in names:
         return None
     said = dict(zip(names, cells, strict=False))
@@ -264,7 +264,7 @@ def _check_header(path: Path, names: list[str], line: str) -> None:
 
 
 def _check_quotes(path: Path, text: bytes) -> None:
-    """Refuse a quote that is not closed in its line: it would take the rows below into its cell."""
+    """Raise `TraceError` for a quote that is not closed in its line: its cell would swallow the rows below."""
     for number, line in enumerate(text.split(b"\n") if b'"' in text else (), start=2):
         is_odd = line.count(b'"') % 2 and len(line) < csv.field_size_limit()
         if is_odd and len(list(csv.reader([line.decode(), ""]))) == 1:
@@ -275,9 +275,9 @@ def _check_quotes(path: Path, text: bytes) -> None:
 
 
 def _check_width(path: Path, text: bytes, width: int, first: int) -> None:
-    """Refuse a row of more cells than the header's ``width``: after a decimal comma numbers stand in the next cell.
+    """Raise `TraceError` for a row with more cells than the header's ``width``, as decimal commas make.
 
-    Cells beyond may be empty, as where each line ends with a comma, if all rows have as many as the ``first`` one.
+    Extra cells may be empty, say if each line ends with a comma, as long as all rows have as many as the ``first``.
     """
     for number, line in enumerate(text.split(b"\n"), start=2):
         if (first <= width and line.count(b",") < width) or len(line) >= csv.field_size_limit():
@@ -373,8 +373,8 @@ def _check_values(path: Path, columns: dict[str, np.ndarray]) -> None:
 def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: np.ndarray) -> None:
     """Refuse inches, centimetres and swapped columns, by the slope of measured on commanded.
 
-    Damaged pulleys have gains of 0.6–1.3, and slopes over a short stretch vary more: only slopes beyond any
-    of them, over a stretch that is long against play, speak of a unit.
+    Damaged pulleys have gains of 0.6–1.3, and slopes over a short stretch vary more. Only a slope beyond these, over
+    a stretch much longer than the play, shows a wrong unit.
     """
     rows = np.isfinite(measured).all(axis=1)
     if not rows.any():  # walls alone
@@ -398,7 +398,7 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
                     came=say("positions-look-like-factor", column, unit, f"{factor:g}"),
                     todo=say("multiply-columns", column, f"{factor:g}"),
                 )
-    # the same places in another order are put right, or named, by who knows the printer's way: `learn.order`
+    # `learn.order` sorts or reports the same places in another order: it knows the printer's path
     apart = np.median(np.abs(np.sort(x, axis=0) - np.sort(y, axis=0)), axis=0) / np.maximum(x.std(axis=0), 1e-9)
     for axis, given, found in zip("xy", x.T, y.T, strict=True):
         if (
@@ -423,7 +423,7 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
 
 
 def _check_inches(path: Path, commanded: np.ndarray, printer: Printer) -> None:
-    """Refuse a table wholly in inches: it fills the corner of the bed that the whole bed in inches is."""
+    """Raise `TraceError` for a table wholly in inches: it fills a corner of the bed, 1/25.4 of its size."""
     low, high = np.array([(axis.min_mm, axis.max_mm) for axis in printer.axes[:2]]).T
     inside = (commanded >= low / MM_PER_INCH - _HOME_APART_MM) & (commanded <= high / MM_PER_INCH + _HOME_APART_MM)
     span = np.ptp(commanded, axis=0)

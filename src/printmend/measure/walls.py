@@ -1,7 +1,7 @@
-"""The walls of one layer of a file: where beads end in the open, so that a scan can show where they were printed.
+"""Find the walls of one layer of a file: bead sides with air beside them, whose printed place a scan can show.
 
-Every place of a wall is a way-point of the motion: the rows of the trace are the commanded way-points since homing,
-with further rows put on the straight moves of the layer. A *wall place* is one side of a bead with air beside it.
+Every wall place is a way-point of the motion: the rows of the trace are the commanded way-points since homing, with
+further rows inserted on the layer's straight moves. A *wall place* is one side of a bead with air beside it.
 """
 
 import math
@@ -23,15 +23,15 @@ CHORD_MM = 0.02  # how far an arc's chords may lie from it
 OPEN_MM = (0.15, 0.45, 0.8)  # distances from a bead at which there must be air beside it
 GAP_MM = 0.5  # narrower gaps between beads close in print
 BLOB_MM = 1.2  # length at the start and at the end of a path where a bead is too thick or too thin
-CORNER_MM, CORNER_RAD = 0.9, 0.7  # a path that turns by more within this distance on either side is a corner
+CORNER_MM, CORNER_RAD = 0.9, 0.7  # a corner is where a path turns by more than this angle within this distance
 FILAMENTS_MM = (1.75, 2.85)  # diameters, the likelier first
-USUAL_BEAD_MM, BEAD_RANGE_MM = 0.45, (0.2, 1.6)  # width of a bead where the file's E makes none in that range
-LEAST_PLACES = 60  # places of walls that can be seen; with fewer there is nothing to measure
+USUAL_BEAD_MM, BEAD_RANGE_MM = 0.45, (0.2, 1.6)  # a bead's width if the file's E gives none in the range
+LEAST_PLACES = 60  # fewest visible wall places that can be measured
 LEAST_PART_MM2 = 20.0  # a piece with a smaller area is no part
 SKIRT_MM = 2.5  # width of the broadest skirt
 _TYPE = re.compile(rb"^;[ \t]*(?:TYPE:|FEATURE:|FEATURE )[ \t]*([^\r\n]+)", re.MULTILINE | re.IGNORECASE)
 _NO_PART = re.compile(r"skirt|brim|raft|support|custom|prime|purge|wipe|tower", re.IGNORECASE)
-_NAMED = re.compile(r"skirt|brim|raft|support|tower")  # what an owner can switch off
+_NAMED = re.compile(r"skirt|brim|raft|support|tower")  # features that an owner can switch off
 _RAFT_LAYER = re.compile(rb"^;LAYER:-\d", re.MULTILINE)
 
 
@@ -40,11 +40,11 @@ class Walls:
     """One layer as a scan may show it.
 
     ``commanded_mm`` [N, 2] are all way-points from homing to the layer's last wall, the first the home position;
-    ``layer`` says of which layer the walls are, from 1. For each wall place: ``row`` [S], in the order of motion,
-    ``normal`` [S, 2] the direction out of the plastic, ``half_mm`` [S] half the bead's width. ``plastic`` [H, W] bool
-    is the layer seen from above, row 0 at the lowest y, whose first pixel's centre is at ``corner_mm`` [2],
-    ``RASTER_MM`` a pixel. ``layers`` is how many the file has, ``tall_mm`` how high it is printed, and
-    ``height_mm`` how high this layer is.
+    ``layer`` is the walls' layer, from 1. For each wall place: its ``row`` [S], in the order of motion; ``normal``
+    [S, 2], the direction out of the plastic; ``half_mm`` [S], half the bead's width. ``plastic`` [H, W] bool is the
+    layer seen from above at ``RASTER_MM`` a pixel. Its row 0 is at the lowest y, its first pixel's centre at
+    ``corner_mm`` [2]. ``layers`` is the file's number of layers, ``tall_mm`` the print's height, and ``height_mm``
+    this layer's height.
     """
 
     commanded_mm: np.ndarray
@@ -60,9 +60,9 @@ class Walls:
     height_mm: float = 0.2
 
     def trace(self, offset_mm: np.ndarray, sigma_mm: np.ndarray) -> Trace:
-        """Return the trace of the motion from what was measured of each place [S] along its normal, NaN where not.
+        """Return the motion's trace, given each wall place's measured offset [S] along its normal, NaN if not measured.
 
-        A place of which both sides lie open has two rows.
+        A place with both sides in the open has two rows.
         """
         rows = np.sort(np.concatenate([np.arange(len(self.commanded_mm)), self.row[_second(self.row)]]))
         commanded = self.commanded_mm[rows]
@@ -84,8 +84,8 @@ def _second(row: np.ndarray) -> np.ndarray:
 def read_walls(program: Program, printer: Printer, *, layer: int = 1) -> Walls:
     """Return the walls of a layer of a file, counted from 1.
 
-    Raises `GcodeError` for a layer that the file has not, one that is a raft, a brim or a skirt alone, or one whose
-    walls are too short to be measured.
+    Raises `GcodeError` for a layer that the file does not have, that is only a raft, brim or skirt, or whose walls are
+    too short to measure.
     """
     moves = straightened(program.moves, CHORD_MM)
     index, layers, has_skirt = _layer_of(program, moves, layer)
@@ -113,7 +113,7 @@ def read_walls(program: Program, printer: Printer, *, layer: int = 1) -> Walls:
             todo=say("choose-part-least-30-mm-outline"),
         )  # fmt: skip
     commanded, rows = _with_places(path, part_of, printed, place, either)
-    commanded = commanded[: rows.max() + 1]  # the layers above tell nothing of this one
+    commanded = commanded[: rows.max() + 1]  # the layers above do not matter
     both = [np.flatnonzero(one[either]) for one in keep]
     order = np.argsort(np.concatenate(both), kind="stable")
     which = np.concatenate(both)[order]
@@ -124,8 +124,8 @@ def read_walls(program: Program, printer: Printer, *, layer: int = 1) -> Walls:
 
 
 def _layer_of(program: Program, moves: Moves, layer: int) -> tuple[int, int, bool]:
-    """Return the layer's own number, how many there are, and whether its slicer says that it has a skirt; refuse
-    what is no part."""
+    """Return the layer's own number, the number of layers, and whether the slicer marks a skirt. Raises `GcodeError`
+    if the layer holds no part."""
     numbers = np.unique(moves.layer[moves.extruding & (moves.layer >= 0)])
     if not 1 <= layer <= len(numbers):
         raise GcodeError(
@@ -142,7 +142,7 @@ def _layer_of(program: Program, moves: Moves, layer: int) -> tuple[int, int, boo
     ahead = program.text[max(0, first - 400) : last].tobytes()
     kinds = [kind.decode("utf-8", "replace").strip() for kind in _TYPE.findall(ahead)]
     raft = layer == 1 and _RAFT_LAYER.search(program.text[: last + 1].tobytes()) is not None
-    said = [kind for kind in kinds if kind.lower() != "custom"]  # whatever a program makes may call itself that
+    said = [kind for kind in kinds if kind.lower() != "custom"]  # any program may label its lines so
     if raft or (said and all(_NO_PART.search(kind) for kind in kinds)):
         came = say("a-raft") if raft else ", ".join(sorted(set(kinds))).lower()
         named = sorted(set(_NAMED.findall(came)))
@@ -154,8 +154,8 @@ def _layer_of(program: Program, moves: Moves, layer: int) -> tuple[int, int, boo
 
 
 def _waypoints(moves: Moves, printer: Printer) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return the way-points [N, 2] since the last homing of X and Y, the way-point [M] that each move ends at (−1: not
-    known or before), and whether the first is the home position."""
+    """Return the way-points [N, 2] since the last homing of X and Y, the way-point [M] at each move's end (−1 if
+    unknown or earlier), and whether the first way-point is the home position."""
     home = np.array(printer.home_mm)
     first = 0
     for index, axes in zip(moves.home_index, moves.home_axes, strict=True):
@@ -177,7 +177,7 @@ def _waypoints(moves: Moves, printer: Printer) -> tuple[np.ndarray, np.ndarray, 
 
 
 def _height(moves: Moves, index: int) -> float:
-    """Return the height [mm] of a layer, 0.2 where the file does not tell."""
+    """Return the height [mm] of a layer, 0.2 if the file does not show it."""
     z = np.array([np.median(moves.end_mm[moves.extruding & (moves.layer == one), 2]) for one in (index, index - 1)
                   if (moves.extruding & (moves.layer == one)).any()])  # fmt: skip
     height = float(z[0] - z[1]) if len(z) > 1 else float(z[0])
@@ -185,7 +185,7 @@ def _height(moves: Moves, index: int) -> float:
 
 
 def _widths(moves: Moves, printed: np.ndarray, length_mm: np.ndarray, height_mm: float) -> np.ndarray:
-    """Return the widths [M] of beads: rectangles with round ends, as slicers reckon them."""
+    """Return the widths [M] of beads, whose sections are rectangles with round ends, as slicers compute them."""
     for filament in FILAMENTS_MM:
         area = moves.extrusion_mm[printed] * math.pi * filament**2 / 4 / length_mm
         width = area / height_mm + height_mm * (1 - math.pi / 4)
@@ -197,7 +197,7 @@ def _widths(moves: Moves, printed: np.ndarray, length_mm: np.ndarray, height_mm:
 
 
 def _drawn(start: np.ndarray, end: np.ndarray, width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the plastic [H, W] of beads and the place [2] of its first pixel."""
+    """Draw beads: return their plastic [H, W] and the place [2] mm of its first pixel."""
     margin = 3.0
     corner = np.minimum(start.min(axis=0), end.min(axis=0)) - margin
     size = np.ceil((np.maximum(start.max(axis=0), end.max(axis=0)) + margin - corner) / RASTER_MM).astype(int)
@@ -212,10 +212,10 @@ def _drawn(start: np.ndarray, end: np.ndarray, width: np.ndarray) -> tuple[np.nd
 
 
 def _parts(plastic: np.ndarray, *, has_skirt: bool) -> np.ndarray:
-    """Return the plastic without skirts and purge lines: pieces that lie around another, or are much thinner.
+    """Return the plastic without skirts and purge lines: pieces that surround others, or are very small.
 
-    Around a small part even a skirt is large: where there is one, what is as thin as a skirt and lies around another is
-    it.
+    A skirt around a small part has a larger area than the part. So if the layer has a skirt, any piece that surrounds
+    another and is as thin as a skirt counts as one.
     """
     count, labels, stats, _ = cv2.connectedComponentsWithStats(plastic.astype(np.uint8), connectivity=8)
     areas = stats[:, cv2.CC_STAT_AREA] * RASTER_MM**2
@@ -239,7 +239,8 @@ def _parts(plastic: np.ndarray, *, has_skirt: bool) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Places:
-    """Places on printed moves: the ``move`` [S] of each, its share [S], ``at_mm`` and ``along`` [S, 2]."""
+    """Places on printed moves: the ``move`` [S] of each, its ``share`` [S] of the way, ``at_mm`` and the direction
+    ``along`` [S, 2]; ``straight`` [S] is False near corners and ends."""
 
     move: np.ndarray
     share: np.ndarray
@@ -249,7 +250,7 @@ class _Places:
 
 
 def _places(printed: np.ndarray, start: np.ndarray, end: np.ndarray, length: np.ndarray) -> _Places:
-    """Return places every `STEP_MM` along each unbroken path, and which of them are neither corners nor ends."""
+    """Return places every `STEP_MM` along each unbroken path, and mark those that are neither corners nor ends."""
     broken = np.concatenate([[True], (start[1:] != end[:-1]).any(axis=1) | (np.diff(printed) > 1)])
     path = np.cumsum(broken) - 1
     travelled = np.concatenate([[0.0], np.cumsum(length)])
@@ -280,7 +281,7 @@ def _places(printed: np.ndarray, start: np.ndarray, end: np.ndarray, length: np.
 def _open(
     plastic: np.ndarray, corner: np.ndarray, at_mm: np.ndarray, out: np.ndarray, half_mm: np.ndarray
 ) -> np.ndarray:
-    """Mark the places [S] with plastic on their bead's own side and nothing but air along ``out`` [S, 2]."""
+    """Mark the places [S] with plastic inside their bead and only air along ``out`` [S, 2]."""
 
     def there(reach_mm: np.ndarray) -> np.ndarray:
         pixel = np.rint((at_mm + reach_mm[:, None] * out - corner) / RASTER_MM).astype(int)
@@ -296,7 +297,7 @@ def _open(
 def _with_places(
     path: np.ndarray, row_of: np.ndarray, printed: np.ndarray, place: _Places, wanted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the way-points with the wanted places put in, and the row of each of these [S]."""
+    """Insert the wanted places into the way-points; return these and the row [S] of each place."""
     move, share, at = place.move[wanted], place.share[wanted], place.at_mm[wanted]
     key = row_of[printed[move]] - 1 + np.clip(share, 1e-6, 1 - 1e-6)
     order = np.argsort(np.concatenate([np.arange(len(path)), key]), kind="stable")
