@@ -19,10 +19,10 @@ from printmend.promise.predict import Errors, without_doubt
 from printmend.twin.twin import Twin
 
 _CHORD_MM = 0.002  # how far an arc's chords may lie from it
-_SAMPLE_MM = 0.5  # most path between two places that are judged
-_FILAMENT_SHARE = 0.01  # most by which the filament of the two files may differ, as a share
-# A rising path is judged stretch by stretch, each against the wanted path of the same filament and a little more.
-_NEAR_MM = 5.0  # that little more: length of wanted path before and after a stretch
+_SAMPLE_MM = 0.5  # longest path between two places that are judged
+_FILAMENT_SHARE = 0.01  # share by which the filament of the two files may differ
+# A rising path is judged stretch by stretch, each against the wanted path of the same filament and a margin.
+_NEAR_MM = 5.0  # the margin: length of wanted path before and after a stretch
 _STRETCH_RATIO = 8  # length of a stretch, in `_NEAR_MM`
 
 
@@ -40,26 +40,26 @@ class _Places(NamedTuple):
 
 
 def judge_gcode(source: str | Path, output: str | Path, twin: Twin) -> Prediction:
-    """Print ``source`` and ``output``, the file made from it, on a twin, and say how far each is from what was wanted.
+    """Print ``source`` and ``output``, the file made from it, on a twin, and measure the error of each.
 
-    The result's ``before`` is of the source, ``after`` of the output. Skipped teeth and lost steps, which no file can
-    mend, are left out. Raises `InputError` for a twin with a gain table, which has no place for way-points, and
-    `GcodeError` as `check_gcode` does and where the layers do not correspond.
+    The result's ``before`` is the source's error, ``after`` the output's. Skipped teeth and lost steps, which no file
+    can mend, are left out. Raises `InputError` for a twin with a gain table, which gives way-points no places. Raises
+    `GcodeError` like `check_gcode`, and if the layers do not correspond.
     """
     truth = twin.homed()
     return judged(check_gcode(source, exact_model(truth)), str(source), str(output), truth)
 
 
 def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanism) -> Prediction:
-    """Return ``prediction`` with what the file ``output`` does in place of what mending would do.
+    """Return ``prediction`` with the errors of the file ``output`` in place of those predicted for mending.
 
-    Shares nothing with the planner: the files are read whole, layer by layer the distance of every printed place to
-    the nearest wanted one is measured. Where lines lie side by side that is less than the distance from its own line.
-    Raises `GcodeError` where the layers do not correspond.
+    This shares no code with the planner: it reads both files whole and measures, layer by layer, the distance of every
+    printed place to the nearest wanted line. Among parallel lines that is less than the distance to its own line.
+    Raises `GcodeError` if the layers do not correspond.
     """
     wanted = straightened(read_gcode(source, printer=mechanism.printer).moves, _CHORD_MM)
     given = straightened(read_gcode(output, printer=mechanism.printer).moves, _CHORD_MM)
-    # On a rising path, or where the screw is bad, commands have heights of their own: filament says which layer it is.
+    # On a rising path, or with a bad screw, a layer's commands differ in height: the filament used tells the layer.
     same = wanted.layer.max(initial=-1) == given.layer.max(initial=-1)
     if mechanism.screw is None and not same and not _is_sloped(wanted):
         raise GcodeError(
@@ -125,8 +125,8 @@ def _errors(places: _Places) -> Errors:
 def _distances(wanted: Moves, given: Moves, mechanism: Mechanism) -> _Places:
     """Return the printed places along the extruded path of ``given``, each with its distance from ``wanted``.
 
-    Where a bad screw gives a layer's commands several heights, what is printed after so much filament belongs to the
-    layer that the wanted path has there; on a rising path to a short stretch of it.
+    If a bad screw gives a layer's commands several heights, the filament used so far assigns each place to a layer of
+    the wanted path. On a rising path, it assigns each place to a short stretch of it.
     """
     commanded, move, weight, share = _sampled(given)
     printed = print_from_home(mechanism, commanded)
@@ -164,16 +164,16 @@ def _advance(moves: Moves) -> np.ndarray:
 
 
 def _fed(moves: Moves) -> np.ndarray:
-    """Return how much filament [M] was fed at the end of each move, retractions left out."""
+    """Return the filament [M] extruded by the end of each move, without retractions."""
     return np.cumsum(_advance(moves))
 
 
 def _sampled(moves: Moves) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return commanded places [S, 3] along all moves, the move of each, the length it stands for, and its share of it.
 
-    The places of an extruding move lie in the middle of equal parts of it, for at its end a chord is exact. Its end is
-    a place of length 0, and so is the start of one that does not begin where the last one ended (the head went there
-    by itself, homing for example).
+    The places of an extruding move are the middles of equal parts, because a chord has no error at its ends. A move's
+    end is a place of length 0. So is its start if the last move ended elsewhere: the head went there by itself, say to
+    home.
     """
     start, end = moves.start_mm, moves.end_mm
     length = np.linalg.norm((end - start)[:, :2], axis=1)

@@ -1,8 +1,8 @@
-"""Pack what an owner measured, learned and checked into one zip file, for the people who improve printmend.
+"""Pack an owner's measurements, models and checks into one zip file, for the people who improve printmend.
 
-Each file is read, checked and written anew from what printmend knows of it: numbers, and words of its own. So names of
-files and folders, dates, notes and the metadata of pictures do not come along. Names and times in the zip are fixed:
-the same files make the same donation. Nothing is sent.
+Each file is read, checked and written anew, with only the numbers and words that printmend itself writes. So the names
+of files and folders, dates, notes and the metadata of pictures are left out. Names and times in the zip are fixed: the
+same files make the same donation. Nothing is sent.
 """
 
 import csv
@@ -29,14 +29,14 @@ from printmend.printer import preset_names, read_printer
 from printmend.printer.printer import printers_named
 
 FORMAT, VERSION = "printmend donation", 1
-MOST_BYTES = 400_000_000  # of a donation's files together; a scan of A4 at 600 dpi has some 50 million
+MOST_BYTES = 400_000_000  # most bytes of a donation's files together; a scan of A4 at 600 dpi has some 50 million
 MOST_PICTURES = 12
 DAY_S = 86400.0
 _NOBODY = "a printer"
-_TIME = (1980, 1, 1, 0, 0, 0)  # of every file in the zip: the first that the format knows
+_TIME = (1980, 1, 1, 0, 0, 0)  # time of every file in the zip: the earliest that the format allows
 _TOKEN = re.compile(r"[\w.+%°-]{1,40}|printmend model")
 _KEY = re.compile(r"[a-z0-9_-]{1,40}")
-# Keys whose values are words of printmend's own; of all others only numbers are given.
+# Keys whose values are words of printmend's own; under all other keys only numbers are kept.
 _WORDS = {"effect", "event", "format", "home_side", "kind", "kinematics", "learner", "part", "program", "pulley",
           "result", "severity", "state", "unit"}  # fmt: skip
 _MODEL = ("format", "version", "program", "learner", "printer", "motors", "frame", "screw", "noise_mm", "diagnosis",
@@ -57,9 +57,9 @@ def donation(
     *, plan: Path | None = None, scans: Sequence[Path] = (), trace: Path | None = None, model: Path | None = None,
     checks: Sequence[Path] = (),
 ) -> tuple[Part, ...]:  # fmt: skip
-    """Return the files of a donation, each read and written anew. A model brings its history, where it has one.
+    """Return the files of a donation, each read and written anew. A model brings its history, if it has one.
 
-    Raises `InputError`, or one of its kind, for a file that is not what it is said to be, and for too much.
+    Raises `InputError` or a subclass for a file of the wrong kind, and for more than `MOST_BYTES`.
     """
     for path in filter(None, (plan, *scans, trace, model, *checks)):
         if not path.is_file():
@@ -103,7 +103,7 @@ def _parts(
 
 
 def write_donation(path: Path, parts: Sequence[Part]) -> None:
-    """Write the parts and manifest.json, which says what each is, as one zip; a kill leaves the old file or the new."""
+    """Write the parts, and manifest.json that describes them, as one zip; a kill leaves the old file or the new."""
     with replacing(path, "wb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as packed:
         for name, data in [("manifest.json", _manifest(parts)), *((part.name, part.data) for part in parts)]:
             entry = zipfile.ZipInfo(name, _TIME)
@@ -112,7 +112,7 @@ def write_donation(path: Path, parts: Sequence[Part]) -> None:
 
 
 def _manifest(parts: Sequence[Part]) -> bytes:
-    """Return what is in a donation, as readable JSON."""
+    """Return a donation's list of contents, as readable JSON."""
     files = [
         {"name": part.name, "what": part.what, "bytes": len(part.data), "sha256": hashlib.sha256(part.data).hexdigest(),
          "left_out": list(part.left_out)}
@@ -144,7 +144,7 @@ def _scan(path: Path, name: str, what: str) -> Part:
 
 
 def _table(path: Path, name: str, what: str) -> Part:
-    """Return the columns of a trace that printmend knows, and of them the rows that hold numbers only."""
+    """Return the known columns of a trace, without rows that hold anything but numbers."""
     text = read_text(path, wanted=say("trace-csv"), todo=say("save-csv-utf-8"), error=TraceError)
     try:
         rows = list(csv.reader(io.StringIO(text, newline=""), strict=True))
@@ -158,7 +158,7 @@ def _table(path: Path, name: str, what: str) -> Part:
     for row in rows[1:]:
         cells = {key: row[place].strip() if place < len(row) else "" for key, place in places.items()}
         if any(cells.values()) and all(key in ORIGIN or _is_number(cell) for key, cell in cells.items()):
-            whose = whose or {key: _origin(key, cells.get(key, "")) for key in ORIGIN}  # as a reader takes the first
+            whose = whose or {key: _origin(key, cells.get(key, "")) for key in ORIGIN}  # readers take the first, too
             given.append([whose.get(key, cell) for key, cell in cells.items()])
     data = io.StringIO(newline="")
     csv.writer(data, lineterminator="\n").writerows(given)
@@ -174,13 +174,13 @@ def _model(path: Path) -> Part:
     document["printer"]["name"] = _public_name(model.printer.name)
     document["findings"] = []
     text = model_text(replace(model, document=document))
-    parse_model(text, subject=str(path))  # it is a whole model still
+    parse_model(text, subject=str(path))  # check that it is still a whole model
     what = say("donated-model")
     return Part("printer.mend.json", what, text.encode(), (say("donated-less-findings"), say("donated-less-digests")))
 
 
 def _history(model_path: Path) -> Part:
-    """Return what was learned and verified, by days since the first time."""
+    """Return the history of learning and verifying, dated in days since the first event."""
     events = read_history(model_path)
     lines = []
     for event in events:
@@ -192,7 +192,7 @@ def _history(model_path: Path) -> Part:
 
 
 def _plain(key: str, value: Any) -> Any:
-    """Return the numbers of a value, and the words of it that are printmend's own."""
+    """Return a value with only its numbers and printmend's own words."""
     if isinstance(value, Mapping):
         return {name: _plain(name, item) for name, item in value.items() if _KEY.fullmatch(name)}
     if isinstance(value, list | tuple):
@@ -206,21 +206,21 @@ def _word(key: str, value: str) -> str:
 
 
 def _origin(key: str, cell: str) -> str:
-    """Return whose print a row says that it was, without the owner's words."""
+    """Return a cell of a row's origin without the owner's words."""
     if key == "printer":
         return _public_name(cell) if cell else ""
     return cell if key == "kinematics" and cell in ("cartesian", "corexy") else ""
 
 
 def _public_name(name: str) -> str:
-    """Return the make and model that a printer's name means, without what its owner calls it."""
+    """Return the make and model that a printer's name refers to, without the owner's own name for it."""
     if any(name == read_printer(preset).name for preset in preset_names()):
         return name
     return " or ".join(sorted(printers_named(name))[:3]) or _NOBODY
 
 
 def _is_number(cell: str) -> bool:
-    """Say whether a cell holds a finite number, or nothing."""
+    """Return whether a cell is empty or holds a finite number."""
     try:
         return not cell or math.isfinite(float(cell))
     except ValueError:

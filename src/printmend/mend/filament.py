@@ -1,7 +1,7 @@
 """Split a measured scale into the machine's and the filament's, and mend both together.
 
-A model's own numbers are the machine's alone. Its section ``filaments`` keeps the scales that were measured, and by how
-much parts shrink in each filament. `printed_in` is the model as it prints in one of them.
+A model's own numbers describe only the machine. Its section ``filaments`` keeps the measured scales, and how much parts
+shrink in each filament. `printed_in` returns the model as it prints in one of them.
 """
 
 import re
@@ -38,21 +38,21 @@ from printmend.promise.filament import (
 )
 from printmend.promise.words import axis_scales, instrument_of
 
-PLAIN = 0.025  # share: a machine's scale error beyond this is no filament's, for none of the table shrinks by as much
-SURE_SDS = 2.0  # … and this many, where a print without filament shows it
-PLAIN_SDS = 4.0  # standard deviations that it must be off, too
-OTHER_SDS = 5.0  # by which a scale must differ from what is known, to be another machine's
-READING_SD_MM = 0.05  # of a length read from a steel rule with half millimetres
-TRAVELS_MM = (50.0, 2000.0)  # lengths of a travel that are read with a rule
-LEAST_SD = 1e-4  # share: no two prints in one filament shrink more alike
+PLAIN = 0.025  # share: a larger scale error is the machine's, since no filament in the table shrinks by as much
+SURE_SDS = 2.0  # least standard deviations of a scale error that a measurement without filament shows
+PLAIN_SDS = 4.0  # least standard deviations of a scale error that only prints in filament show
+OTHER_SDS = 5.0  # a scale this many standard deviations from the known one is another machine's
+READING_SD_MM = 0.05  # standard deviation of a reading from a steel rule with half millimetres
+TRAVELS_MM = (50.0, 2000.0)  # range of a travel that is read with a rule
+LEAST_SD = 1e-4  # share: shrinkage varies at least this much between prints in one filament
 MOST_OFF = 0.1  # share: a travel that is further off was read or typed wrongly
 NUMBERS = ("printer", "motors", "frame", "screw", "noise_mm", "findings", "format", "version", "program", "learner")
 _TRAVEL = re.compile(r"([xy])=(\d+(?:\.\d+)?):(\d+(?:[.,]\d+)?)", re.IGNORECASE)
 
 
 def parse_travel(text: str) -> Entry:
-    """Return what a steel rule says of the machine's scale, from ``x=200:199.6``: the head was sent 200 mm along X, and
-    went 199.6. Raises `ConfigError` for anything else."""
+    """Read the machine's scale, measured with a steel rule, from ``x=200:199.6``: the head was sent 200 mm along X, and
+    went 199.6 mm. Raises `ConfigError` for anything else."""
     found = _TRAVEL.fullmatch(text.strip())
     sent, went = (float(each.replace(",", ".")) for each in found.groups()[1:]) if found else (0.0, 0.0)
     if found is None or not TRAVELS_MM[0] <= sent <= TRAVELS_MM[1] or abs(went / sent - 1) > MOST_OFF:
@@ -67,8 +67,8 @@ def parse_travel(text: str) -> Entry:
 
 
 def filament_of(trace: Trace | None, filament: str | None) -> str | None:
-    """Return what a measured print was made in: walls are those of a part, which shrinks in whatever it is; dots on a
-    plate or paper do not."""
+    """Return the filament of a measured print, or `UNNAMED` for a part whose filament is not named: every part shrinks.
+    A trace with walls is a part. Dots on a plate or paper do not shrink: None."""
     return UNNAMED if filament is None and trace is not None and trace.normal is not None else filament
 
 
@@ -76,8 +76,8 @@ def learn_in(
     trace: Trace, printer: Printer, filament: str | None, travels: Sequence[Entry] = (), *, model: str = AUTO,
     rng: np.random.Generator | None = None,
 ) -> SavedModel:  # fmt: skip
-    """Learn a machine from a trace as `learn` does. ``filament`` is what the measured part was printed in, None for
-    marks that cannot shrink; ``travels`` are what a rule says of the machine's scale."""
+    """Learn a machine from a trace as `learn` does. ``filament`` is the measured part's, None for marks that cannot
+    shrink; ``travels`` are the machine's scales measured with a rule."""
     filament = filament_of(trace, filament)
     if filament is None and not travels:
         return learn_model(trace, printer, model=model, rng=rng)
@@ -96,8 +96,8 @@ def update_in(
     old: SavedModel, trace: Trace | None, filament: str | None, travels: Sequence[Entry] = (), *,
     rng: np.random.Generator, ageing: Ageing | None = None,
 ) -> Updated:  # fmt: skip
-    """Update a model as `update` does, with a part printed in ``filament`` and what a rule says; without a ``trace``
-    with the rule alone. Raises `ModelError` for a model that says nothing of its doubt."""
+    """Update a model as `update` does, with a part printed in ``filament`` and ``travels`` measured with a rule, or
+    without a ``trace`` with the rule alone. Raises `ModelError` for a model without drawn machines."""
     before, filament = parse_entries(old), filament_of(trace, filament)
     if trace is None:
         entries = (_shown(old, None),) if before is None else before
@@ -107,14 +107,14 @@ def update_in(
         return updated
     entries, shown = (_shown(old, None),) if before is None else before, _shown(updated.model, filament)
     new = [axis for axis, name in enumerate("xy") if _is_other(entries, shown, axis) or _is_anew(updated, axis)]
-    for axis in new:  # of another machine nothing that was measured before is true
+    for axis in new:  # measurements of the previous machine no longer hold
         entries = tuple(_without(each, axis) for each in entries)
     changes = tuple(each for each in updated.changes if new or each.kind not in ("scale", "axes"))
     return replace(updated, model=_settled(updated.model, entries, (shown, *travels)), changes=changes)
 
 
 def _is_other(entries: Sequence[Entry], shown: Entry, axis: int) -> bool:
-    """Say whether a measured scale is not that of the machine and the filament that the entries know."""
+    """Return whether a measured scale contradicts the machine and the filament that the entries describe."""
     same = [each for each in entries if each.filament == shown.filament and np.isfinite(each.scale[axis])]
     one, sd = split(entries, axis), shown.sd[axis]
     if shown.filament is None:
@@ -128,7 +128,7 @@ def _is_other(entries: Sequence[Entry], shown: Entry, axis: int) -> bool:
 
 
 def _is_anew(updated: Updated, axis: int) -> bool:
-    """Say whether a motor that moves an axis got other parts."""
+    """Return whether a motor that moves this axis was learned anew: it got other parts."""
     names = [name.upper() for name in updated.model.printer.motors]
     return any(
         name in updated.anew for name in (names if updated.model.printer.kinematics == "corexy" else [names[axis]])
@@ -136,11 +136,10 @@ def _is_anew(updated: Updated, axis: int) -> bool:
 
 
 def verify_in(model: SavedModel, trace: Trace, filament: str | None) -> Verdict:
-    """Compare a check print with what was promised, as `verify` does, but for what it shrank.
+    """Compare a check print with the promise, as `verify` does, after undoing its shrinkage.
 
-    A check print in a ``filament`` that the model knows was mended with it, and so enlarged by what it would shrink;
-    one in another was not. What is open of the shrinkage counts as the filament's, and neither keeps nor breaks the
-    promise.
+    If the model knows the ``filament``, mending enlarged the check print by its shrinkage; otherwise it did not. The
+    uncertainty of the shrinkage is the filament's, and neither keeps nor breaks the promise.
     """
     known = known_filaments(model).get(filament or "")
     if known is None:
@@ -151,14 +150,14 @@ def verify_in(model: SavedModel, trace: Trace, filament: str | None) -> Verdict:
 
 
 def updated_in(model: SavedModel, trace: Trace, filament: str | None) -> Updated:
-    """Bring a model up to date with a mended check print in a ``filament``, as `verify_in` takes it."""
+    """Update a model with a mended check print in a ``filament``, enlarged by mending as in `verify_in`."""
     mended = printed_in(model, filament) if filament in known_filaments(model) else model
     return update_in(model, made(mended, trace), filament, rng=np.random.default_rng(0))
 
 
 def printed_in(model: SavedModel, filament: str | None) -> SavedModel:
-    """Return a model as it prints parts in a filament: what mending must undo is the machine's and what the part will
-    shrink. Raises `ModelError` for a filament that the model does not know."""
+    """Return a model as it prints in a filament: mending must undo the machine's errors and the part's shrinkage.
+    Raises `ModelError` for a filament that the model does not know."""
     if filament is None:
         return model
     material_of(filament)
@@ -185,7 +184,7 @@ def shrunk(mechanism: Mechanism, share: np.ndarray) -> Mechanism:
 
 
 def filament_words(model: SavedModel) -> tuple[str, ...]:
-    """Say what a model knows of its machine's own scale and of its filaments, a line each."""
+    """Return a line for the machine's own scale, if it is known, and one for each filament that a model knows."""
     entries = parse_entries(model)
     if not entries:
         return ()
@@ -201,12 +200,12 @@ def filament_words(model: SavedModel) -> tuple[str, ...]:
 
 
 def settled(model: SavedModel, filament: str | None) -> SavedModel:
-    """Return a model that was just learned from a `grown` trace, with its scale split between machine and filament."""
+    """Split the scale of a model, just learned from a `grown` trace, between machine and filament."""
     return model if filament is None else _settled(model, (), (_shown(model, filament),))
 
 
 def grown(trace: Trace, printer: Printer, filament: str | None) -> Trace:
-    """Return a trace of a part as it was before it shrank by what its polymer does on the average."""
+    """Return a part's trace as it was before it shrank, taking the mean shrinkage of its polymer."""
     if filament is None:
         return trace
     material, middle = material_of(filament), np.array(printer.middle_mm[:2])
@@ -222,8 +221,8 @@ def grown(trace: Trace, printer: Printer, filament: str | None) -> Trace:
 
 
 def _enlarged(trace: Trace, printer: Printer, share: np.ndarray, sd: float) -> Trace:
-    """Return a trace whose wanted and measured places are those before it shrank by a ``share`` [2] along X and Y,
-    known to ``sd``."""
+    """Return a trace with its wanted and measured places as they were before shrinking by a ``share`` [2] along X and
+    Y; ``sd`` is the standard deviation of the share."""
     middle, more = np.array(printer.middle_mm[:2]), share / (1 - share)
     wanted, measured = (each + more * (each - middle) for each in (trace.commanded_mm, trace.measured_mm))
     wanted[0] = trace.commanded_mm[0]
@@ -237,7 +236,7 @@ def _enlarged(trace: Trace, printer: Printer, share: np.ndarray, sd: float) -> T
 
 
 def _shown(model: SavedModel, filament: str | None) -> Entry:
-    """Return the scale that the last measurement of a model showed; the machine's alone for one without filament."""
+    """Return the scale that a model's last measurement showed: machine and filament, or the machine alone for None."""
     belief, seen = belief_of(model), model.document["promise"].get("seen")
     if isinstance(seen, dict):
         mean, sd = (numbers(seen, name, "the model [promise]", 2) for name in ("mean", "sd"))
@@ -260,15 +259,15 @@ def _without(entry: Entry, axis: int) -> Entry:
 
 
 def _acts(one: Split, entries: Sequence[Entry], axis: int) -> bool:
-    """Say whether a scale is surely the machine's: known to 0.05 %, surely there without any filament, or larger than
-    any filament's."""
+    """Return whether a scale is surely the machine's: known to 0.05 %, shown by a measurement without filament, or
+    larger than any filament's."""
     alone = any(each.filament is None and np.isfinite(each.scale[axis]) for each in entries)
     least = SURE_SDS * one.sd if alone else max(PLAIN, PLAIN_SDS * one.sd)
     return one.is_told or abs(one.mean) > least
 
 
 def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -> SavedModel:
-    """Return a model whose scale is what all entries say of its machine, with the shrinkage of each filament."""
+    """Return a model with the machine's scale and each filament's shrinkage, as estimated from all entries."""
     belief, entries = belief_of(model), (*before, *new)
     rng = np.random.default_rng(0)
     splits = [split(entries, axis) for axis in range(2)]
@@ -288,7 +287,7 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
     faults = [each for each in model.document.get("diagnosis", []) if each["part"] == "z"]
     section = {**model.document["promise"], "parts": belief_section(belief.scene, parts)["parts"]}
     if any(each.filament for each in entries):
-        section.pop("shown", None)  # that is said of machine and filament
+        section.pop("shown", None)  # it held for machine and filament together
     section.pop("seen", None)
     details: dict[str, Any] = {key: value for key, value in model.document.items() if key not in NUMBERS}
     details |= {
@@ -311,8 +310,8 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
 def _shrinkage(
     name: str, entries: Sequence[Entry], own: np.ndarray, acts: np.ndarray, rng: np.random.Generator
 ) -> tuple[Part, Part]:
-    """Return how much parts in a filament shrink, draw by draw beside the machine's scale ``own`` [2, D]: what a print
-    in it showed is known better than either."""
+    """Return how much parts in a filament shrink along X and Y. Each draw pairs with a draw of the machine's scale
+    ``own`` [2, D]: a print shows their sum better than either alone."""
     found = []
     for axis in range(2):
         seen = [each for each in entries if each.filament == name and np.isfinite(each.scale[axis])]
@@ -329,7 +328,7 @@ def _shrinkage(
 
 
 def _rescaled(belief: Belief, own: np.ndarray, acts: np.ndarray) -> list[Part]:
-    """Return a machine's parts with another scale along the bed's axes: ``own`` [2, D] in the drawn machines."""
+    """Return a machine's parts with a new scale along the bed's axes: ``acts`` [2], and ``own`` [2, D] as drawn."""
     kept = [part for part in belief.parts if part.effect not in ("scale", "aspect", "shrinkage")]
     if not belief.scene.corexy:
         return [*(_part("scale", axis, acts[axis], own[axis]) for axis in range(2)), *kept]
@@ -355,8 +354,8 @@ def _part(effect: str, where: int, acts: float, draws: np.ndarray) -> Part:
 def _stretched(
     model: SavedModel, belief: Belief, more: np.ndarray
 ) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:
-    """Return a machine whose prints are larger by the shares ``more`` [2] along X and Y, and each motor's series; the
-    end stops, where it starts there, are where they were."""
+    """Return a machine whose prints are larger by the shares ``more`` [2] along X and Y, and each motor's series. End
+    stops at which it starts keep their places."""
     mechanism, printer, scene = model.mechanism, model.printer, belief.scene
     at_mm = np.array(printer.home_mm if scene.homed else printer.middle_mm[:2], float)
     motors = np.full(2, more.mean()) if scene.corexy else more
@@ -384,7 +383,7 @@ def _stretched(
 
 
 def _untold(entries: Sequence[Entry], axes: Sequence[int]) -> str:
-    """Say of which axes machine and filament cannot be told apart, and how to tell them."""
+    """Say on which axes machine and filament cannot be separated, and how to separate them."""
     names = list(dict.fromkeys(each.filament for each in entries if each.filament))
     seen = []
     for name in names:
@@ -400,5 +399,5 @@ def _untold(entries: Sequence[Entry], axes: Sequence[int]) -> str:
 
 
 def _both(words: Sequence[str]) -> str:
-    """Return one or two as one."""
+    """Join one or two phrases."""
     return say("and", *words) if len(words) == 2 else together("", words)

@@ -1,4 +1,4 @@
-"""The whole way of `printmend fit`: from scans of a part and its file to sizes and slicer settings."""
+"""Do the work of `printmend fit`: from scans of a part and its file to sizes and slicer settings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,13 +35,13 @@ from printmend.promise.filament import known_filaments
 from printmend.promise.words import axis_scales
 from printmend.twin import Twin
 
-LEAST_TALL_MM = 8.0  # height of a part, from which on its foot lies in the dark while its top is scanned
+LEAST_TALL_MM = 8.0  # the foot of a part this tall lies in the dark while its top is scanned
 LOW = "part-is-low"  # message: the foot may show beside the top
 
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """What scans say of a part: the estimate, the file's own settings, the corrections, and each slicer's settings."""
+    """The result for a part: the estimate, the file's own settings, the corrections, and each slicer's settings."""
 
     estimate: Estimate
     file: Sliced
@@ -59,7 +59,7 @@ class Fits:
         )  # fmt: skip
 
     def sizes(self) -> list[str]:
-        """Return what came out too small or too large, and how to hear more."""
+        """Return lines about sizes that came out too small or too large, and how to see the rest."""
         return fit_sizes(self.estimate, self.file, self.corrections)
 
     def json(self) -> dict[str, Any]:
@@ -75,8 +75,8 @@ def measured_part(
     dpi: float | None = None, distances_mm: Sequence[float] = (), overlay: Path | None = None,
     tell: Tell = str,
 ) -> Measured:  # fmt: skip
-    """Measure a part from a scan of its underside (or of the side that shows ``layer``), and of its ``top``. Raises
-    like `measure_part`."""
+    """Measure a part from a scan of its underside (or of the side that shows ``layer``), and from one of its ``top``.
+    Raises like `measure_part`."""
     program = read_gcode(path, printer=printer)
     first = measure_part(
         scan, program, printer, layer=layer, dpi=dpi, distances_mm=distances_mm, overlay=overlay, tell=tell
@@ -91,8 +91,8 @@ def measured_part(
 def fits(
     measured: Measured, path: str | Path, printer: Printer, model: SavedModel | None, filament: str | None
 ) -> Fits:
-    """Return what measured layers of a file say of its part. Raises `ConfigError` for a filament whose polymer nobody
-    knows."""
+    """Return the sizes and settings that a file's measured layers suggest. Raises `ConfigError` for a filament of an
+    unknown polymer."""
     with open_gcode(path) as opened:
         file = sliced(*opened.parts[0].hints())
     twin = None if model is None else Twin(model.mechanism)
@@ -111,7 +111,7 @@ def fits(
 
 
 def _known(model: SavedModel | None, filament: str | None) -> Known:
-    """Return what is known of a part's scale before it is scanned, beyond what the model's machine does."""
+    """Return the prior for a part's scale, beyond the scale error of the model's machine."""
     plain = Known()
     machine_sd = np.full(2, 0.002)
     if model is not None:

@@ -2,8 +2,8 @@
 
 The history of printer.mend.json is printer.mend.history.jsonl. Each line has its ``event`` (learned, updated or
 verified), ``time`` and the ``model`` that resulted. A fault's trend is a straight line through its sizes since the last
-repair, each weighed by its doubt. Two sizes matter: the one at which a print is off by a tenth of a millimetre for it,
-and the one at which it is off by half a millimetre, which is the time for a repair.
+repair, weighted by their uncertainty. Two sizes matter: the one that shifts a print by a tenth of a millimetre, and
+the one that shifts it by half a millimetre, at which the fault should be repaired.
 """
 
 import json
@@ -28,18 +28,18 @@ if TYPE_CHECKING:
 
 YEAR_S = 365.25 * 86400.0
 MONTH_S = YEAR_S / 12
-LEAST_SD = 0.003  # least standard deviation of a fault's size [mm, % or °]: two prints of one machine differ by this
+LEAST_SD = 0.003  # least standard deviation of a fault's size [mm, % or °]: prints of one machine differ by this
 ABSENT_SD = 0.015  # standard deviation of the size [mm, % or °] of a fault that was not found
-TREND_SIGMAS = 2.0  # standard deviations of a slope that is a trend
-REPAIRED_SHARE = 0.5  # a fault whose size falls below this share of the last was repaired, if the fall is sure
-REPAIRED_SIGMAS = 4.0  # standard deviations that a sure fall has
-FARTHEST_YEARS = 20.0  # wear is foretold no further
+TREND_SIGMAS = 2.0  # a slope of more standard deviations is a trend
+REPAIRED_SHARE = 0.5  # a fault was repaired if its size surely falls below this share of the last
+REPAIRED_SIGMAS = 4.0  # least standard deviations of a sure fall
+FARTHEST_YEARS = 20.0  # wear is predicted no further
 # The kinds of fault that are forms of play.
 PLAYS = ("play", "friction", "loose-belt", "play-by-angle")
-LEAST_RUN = 3  # measurements since the last repair; fewer tell no trend
-MOST_DRAWN = 4  # faults in the picture, the worst
+LEAST_RUN = 3  # fewest measurements since the last repair that show a trend
+MOST_DRAWN = 4  # most faults in the picture, the worst first
 DRAWN_YEARS = 3.0  # how far past the last measurement the picture goes
-CROSSING_DRAWS = 2000  # lines drawn to see when a trend reaches a level: a quantile of 5 % is then known to 0.5 %
+CROSSING_DRAWS = 2000  # lines drawn to find when a trend reaches a level; the 5 % quantile is then known to 0.5 %
 _MESSAGES = {  # of events, and of results of a check print
     "learned": "event-learned", "updated": "event-updated", "verified": "event-verified",
     "refitted": "event-refitted", "kept": "result-kept", "broken": "result-broken", "cannot tell": "result-cannot-tell",
@@ -58,8 +58,8 @@ class Size:
 
 @dataclass(frozen=True)
 class Passed:
-    """A size that a fault has passed: ``level``, at which a print is off by ``effect_mm``, and ``when_s`` since 1970;
-    None where it was passed before the first measurement."""
+    """A size that a fault has passed: the ``level`` that shifts a print by ``effect_mm``, and the time ``when_s`` since
+    1970, None if the fault passed it before the first measurement."""
 
     level: float
     effect_mm: float
@@ -68,9 +68,9 @@ class Passed:
 
 @dataclass(frozen=True)
 class Trend:
-    """A fault over time: its ``sizes``, the first of the trend ``since``, growth ``per_month`` ± ``per_month_sd``, what
-    it has ``passed``, the next size ``level`` that matters, at which a print is off by ``effect_mm``, and when that is
-    reached: ``crossing_s`` and its range, None where it is not in sight."""
+    """A fault over time: its ``sizes``, of which number ``since`` is the trend's first, its growth ``per_month`` ±
+    ``per_month_sd``, and the size it has ``passed``. ``level`` is the next size that matters: it shifts a print by
+    ``effect_mm``. The fault reaches it at ``crossing_s``, given with its range; None if that is not in sight."""
 
     fault: NamedFault
     sizes: tuple[Size, ...]
@@ -91,12 +91,12 @@ class Trend:
 
     @property
     def is_sure(self) -> bool:
-        """True where the fault surely grows or shrinks."""
+        """True if the fault surely grows or shrinks."""
         return abs(self.per_month) > TREND_SIGMAS * self.per_month_sd
 
     @property
     def words(self) -> str:
-        """Say how large it is, what it has passed, where it leads, and what to do."""
+        """Say how large the fault is, which size it has passed and will reach, and what to do."""
         unit, size = self.fault.unit, abs(self.fault.value)
         said = say("history-now", f"{size:.3f}", unit)
         if len(self.sizes) - self.since < LEAST_RUN:
@@ -153,19 +153,19 @@ class Trend:
 
 @dataclass(frozen=True, eq=False)
 class Ageing:
-    """How old the last measurement is, in ``months``, and by how much (± standard deviation) faults should have
-    ``grown`` since: of each part, in capitals, its play [mm] and scale [%], where three measurements tell."""
+    """The age of the last measurement in ``months``, and how much (± standard deviation) faults should have ``grown``
+    since: for each part, in capitals, its play [mm] and scale [%], if three measurements show a trend."""
 
     months: float
     grown: Mapping[tuple[str, str], tuple[float, float]]
 
     def of(self, part: str) -> dict[str, tuple[float, float]]:
-        """Return what has grown of one motor."""
+        """Return the expected growth of one motor's faults."""
         return {kind: size for (name, kind), size in self.grown.items() if name == part.upper()}
 
     @property
     def words(self) -> str:
-        """Say what was expected."""
+        """Say which growth was expected."""
         said = [
             say("history-grown", part, kind_words(kind), f"{more:+.3f} ± {sd:.3f} {'%' if kind == 'scale' else 'mm'}")
             for (part, kind), (more, sd) in self.grown.items()
@@ -177,7 +177,7 @@ class Ageing:
 
 
 def history_of(model_path: Path) -> Path:
-    """Return where the history of a model lies: beside it."""
+    """Return the path of a model's history, which lies beside it."""
     return model_path.parent / (model_path.name.removesuffix(".json") + ".history.jsonl")
 
 
@@ -186,7 +186,7 @@ def remember(
 ) -> Path:
     """Add an event to a model's history; return the file.
 
-    An event of now that is the last one again adds nothing: the same measurement was read twice.
+    A current event that repeats the last one adds nothing: the same measurement was read twice.
     """
     path = history_of(model_path)
     past = read_text(path, wanted=say("history"), todo=say("move-away"), error=ModelError) if path.exists() else ""
@@ -206,7 +206,7 @@ def remember(
 def remember_learned(
     model_path: Path, model: SavedModel, source: str, *, updated: bool = False, when: datetime | None = None
 ) -> Path:
-    """Note what a measurement said of the printer: its faults, and how well the model fits."""
+    """Record the result of a measurement: the printer's faults, and how well the model fits."""
     trace = model.document.get("trace", {})
     values = {
         "source": source, "faults": model.document.get("diagnosis", []), "noise_mm": float(model.noise_mm),
@@ -216,7 +216,7 @@ def remember_learned(
 
 
 def read_history(model_path: Path) -> tuple[dict[str, Any], ...]:
-    """Return the events of a model's history in the order of time. Raises `ModelError` for a file that is none."""
+    """Return the events of a model's history in order of time. Raises `ModelError` for a file that is no history."""
     path = history_of(model_path)
     if not path.exists():
         raise ModelError(path, wanted=say("history"), came=say("none"), todo=say("learn-update-verify-model-each-adds"))
@@ -258,8 +258,8 @@ def trends_of(events: Sequence[Mapping[str, Any]]) -> tuple[Trend, ...]:
 
 
 def ageing_of(model_path: Path, when: datetime | None = None) -> Ageing | None:
-    """Return what the history of a model says of the time from its last measurement until ``when`` (now), None without
-    any. Raises `ModelError` for a history that is none."""
+    """Return the ageing that a model's history predicts from its last measurement until ``when`` (default: now), None
+    without a measurement. Raises `ModelError` for a file that is no history."""
     if not history_of(model_path).exists():
         return None
     events = [event for event in read_history(model_path) if "faults" in event]
@@ -280,7 +280,7 @@ def ageing_of(model_path: Path, when: datetime | None = None) -> Ageing | None:
 def _random_walk(trend: Trend) -> float:
     """Return the random walk of a fault about its trend, as a standard deviation after one month.
 
-    It is what the fault strays between measurements beyond what the doubt of each of them explains.
+    This is the fault's scatter between measurements beyond their own uncertainty.
     """
     run = trend.sizes[trend.since :]
     months = np.diff([one.time_s for one in run]) / MONTH_S
@@ -291,17 +291,17 @@ def _random_walk(trend: Trend) -> float:
 
 
 def _fault_family(kind: str) -> str:
-    """Return the fault that a kind is a form of: play may look constant today and loose tomorrow, and the length with
-    which an idler repeats (period-31.4) comes out a little other each time."""
+    """Return the fault of which a kind is a form: play may look constant today and loose tomorrow, and an idler's
+    estimated period (period-31.4) varies from print to print."""
     if kind.startswith("period-"):
         return "period"
     return "play" if kind in PLAYS else kind
 
 
 def _trend(part: str, kind: str, unit: str, sizes: tuple[Size, ...]) -> Trend:
-    """Fit a straight line through a fault's sizes since its last repair, each weighed by its doubt.
+    """Fit a straight line through a fault's sizes since its last repair, weighted by their uncertainty.
 
-    Where they scatter about the line by more than their doubts, the line's own doubt grows by as much.
+    If they scatter about the line by more than that, the line's own uncertainty grows in proportion.
     """
     since = 0
     for k in range(1, len(sizes)):
@@ -334,10 +334,10 @@ def _trend(part: str, kind: str, unit: str, sizes: tuple[Size, ...]) -> Trend:
 
 
 def _passed(fault: NamedFault, run: Sequence[Size], slope: float | None) -> tuple[Passed | None, float]:
-    """Return what a fault has passed, and by how many mm it shifts a print at the next size that matters.
+    """Return the size that a fault has passed, and by how many mm it shifts a print at the next size that matters.
 
-    Where it grows by ``slope`` a month its trend says when; otherwise the straight line between the last measurement of
-    ``run`` that was smaller and the next.
+    If it grows by ``slope`` a month, its trend says when it passed. Otherwise the time is interpolated between the last
+    smaller measurement of ``run`` and the next one.
     """
     effects_mm = [effect_mm for effect_mm in (SOON_MM, REPAIR_MM) if fault.value >= _level(fault, effect_mm)]
     ahead_mm = REPAIR_MM if effects_mm else SOON_MM
@@ -359,7 +359,7 @@ def _passed(fault: NamedFault, run: Sequence[Size], slope: float | None) -> tupl
 def _crossing(
     here: float, slope: float, covariance: np.ndarray, level: float, now_s: float
 ) -> tuple[float | None, float | None, float | None]:
-    """Return when a line reaches a level and the 90 % range of that (Fieller's would be exact; drawn lines do)."""
+    """Return when a line reaches a level, and the 90 % range from drawn lines (Fieller's would be exact)."""
     drawn = np.random.default_rng(0).multivariate_normal([here, slope], covariance, CROSSING_DRAWS)
     with np.errstate(divide="ignore", invalid="ignore"):
         months = np.where(drawn[:, 1] > 0, np.maximum(level - drawn[:, 0], 0.0) / drawn[:, 1], np.inf)
@@ -387,7 +387,7 @@ def _iso(time_s: float | None) -> str | None:
 
 
 def _part_of(part: str) -> str:
-    """Return a part as it is written: a motor in capitals, the frame as a word."""
+    """Return a part's printed name: a motor in capitals, the frame as a word."""
     return part.upper() if len(part) == 1 else say("part-frame") if part == "frame" else part
 
 
@@ -397,7 +397,7 @@ def _month(time_s: float) -> str:
 
 
 def draw_history(path: Path, trends: Sequence[Trend], tell: Tell = str) -> None:
-    """Draw the worst faults over time into a PNG; ``tell`` puts the words into a language."""
+    """Draw the worst faults over time into a PNG; ``tell`` translates the words."""
     from printmend.draw.figure import PALETTE, draw_wear, new_figure, save
 
     shown = trends[:MOST_DRAWN]
@@ -412,7 +412,7 @@ def draw_history(path: Path, trends: Sequence[Trend], tell: Tell = str) -> None:
 
 
 def _drawn(trend: Trend) -> "Wear":
-    """Return what the picture of a fault shows: the sizes that matter where it has passed one, or will."""
+    """Return the contents of a fault's picture, with the sizes that it has passed or will reach."""
     from printmend.draw.figure import Wear
 
     last, line, reached = trend.sizes[-1].time_s, None, None
@@ -435,7 +435,7 @@ def _drawn(trend: Trend) -> "Wear":
 
 
 def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
-    """Return (date, event, what it said) of every event, for a table."""
+    """Return (date, event, result) for every event, for a table."""
     rows: list[tuple[str, str, str]] = []
     for event in events:
         if event.get("event") == "verified":
@@ -461,5 +461,5 @@ def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
 
 
 def _said(name: str) -> str:
-    """Return an event or a result as a message; a name that is not one of printmend's stays as it is."""
+    """Return the message for an event or a result; an unknown name stays as it is."""
     return say(_MESSAGES[name]) if name in _MESSAGES else name

@@ -1,4 +1,4 @@
-"""Mend many files with one model: those of a list, or every file that is put into a folder."""
+"""Mend many files with one model: the files of a list, or every file that is put into a folder."""
 
 import filecmp
 import json
@@ -21,17 +21,17 @@ from printmend.model import SavedModel, read_model
 from printmend.plan import Fineness
 from printmend.provenance import is_sealed
 
-# The last one alone is a mesh more often than G-code: named, it is tried; in a folder it is left alone.
+# A plain .3mf is a mesh more often than G-code: it is tried if named, and left alone in a folder.
 SUFFIXES = (".gcode.3mf", ".bgcode", ".gcode", ".gco", ".g", ".nc", ".3mf")
 _MARK = ".mended"
 
 
 @dataclass(frozen=True, eq=False)
 class FileOutcome:
-    """What became of a file: ``mended``, or the ``error`` and its exit ``code`` (2 or 3, 1 for a fault of printmend's).
+    """The outcome for a file: ``mended``, or the ``error`` and its exit ``code`` (2 or 3, 1 for a bug in printmend).
 
-    ``test_print``: it is a test print of printmend's and was copied unchanged. ``current``: this model had mended it,
-    so it was copied. ``already``: it was mended before and left alone.
+    ``test_print``: the file is a test print of printmend's and was copied unchanged. ``current``: this model had mended
+    the file already, so it was copied. ``already``: it was mended before and left alone.
     """
 
     source: Path
@@ -59,7 +59,7 @@ class FileOutcome:
 
     @property
     def words(self) -> str:
-        """Say what became of the file."""
+        """Say what happened to the file."""
         if self.test_print:
             return say("test-print-copied", self.source, self.output)
         if self.current:
@@ -84,10 +84,10 @@ def mended_path(source: Path) -> Path:
 
 
 def gcode_files(paths: Sequence[Path]) -> dict[Path, Path]:
-    """Return the files given, and the G-code files below the folders given without those named as mending names them.
+    """Return the given files, and all G-code files below the given folders except those named like mended files.
 
-    Each with its place below its folder, a file given by itself with its name. Raises `InputError` for a folder without
-    any.
+    Each comes with its path relative to its folder; a file given by itself comes with its name. Raises `InputError`
+    for a folder without G-code.
     """
     found: dict[Path, Path] = {}
     for path in paths:
@@ -102,13 +102,13 @@ def gcode_files(paths: Sequence[Path]) -> dict[Path, Path]:
 
 
 def is_gcode_name(name: str) -> bool:
-    """Tell by its name whether a file is G-code that was not mended yet, hidden and temporary files apart."""
+    """Return whether a name means G-code that was not mended yet; hidden files do not count."""
     low = name.lower()
     return low.endswith(SUFFIXES[:-1]) and not low.startswith(".") and f"{_MARK}." not in low
 
 
 def refuse_overwriting(target: Path | None, source: Path) -> None:
-    """Raise `InputError` where a file of another content would be written over."""
+    """Raise `InputError` if a file with other contents would be overwritten."""
     if target is not None and target.is_file() and not (source.exists() and target.samefile(source)):
         raise InputError(
             target, wanted=say("name-for-new-file"), came=say("file-there-already"),
@@ -117,20 +117,20 @@ def refuse_overwriting(target: Path | None, source: Path) -> None:
 
 
 def is_done(source: Path, target: Path, model: SavedModel) -> bool:
-    """Say whether a file is mended itself, or with this model in ``target`` since it was written or moved there."""
+    """Return whether a file is a mended file itself, or was mended to ``target`` as in `is_mended_to`."""
     try:
         return _mark(source) is not None or is_mended_to(source, target, model)
-    except PrintmendError:  # to be said of it when it is mended
+    except PrintmendError:  # mending it will report this error
         return False
 
 
 def is_mended_to(source: Path, target: Path, model: SavedModel) -> bool:
-    """Say whether a file is mended with this model in ``target`` since it was written or moved there."""
+    """Return whether ``target`` is the source mended with this model, and newer than the source and its last move."""
     try:
         came = source.stat()
         if target.samefile(source) or target.stat().st_mtime_ns < max(came.st_mtime_ns, came.st_ctime_ns):
             return False
-        if is_healthy(model):  # whose files are copied
+        if is_healthy(model):  # a healthy model's files are copied
             return filecmp.cmp(source, target, shallow=False)
         return _mark(target) == model.digest
     except (OSError, PrintmendError):  # none there yet
@@ -155,11 +155,11 @@ def mend_files(
     spare_done: Collection[Path] = (),
     jobs: int = 1,
 ) -> Iterator[FileOutcome]:
-    """Mend each source to its target, ``jobs`` at a time; yield what became of them, in their order.
+    """Mend each source to its target, ``jobs`` at a time; yield the outcomes in the same order.
 
-    ``as_they_are`` copies test prints of printmend's: mended, they would be check prints, and nobody asked for one. It
-    also copies files that this model mended. ``spare_done`` are sources to leave alone if they are mended already
-    (`is_done`).
+    ``as_they_are`` copies printmend's test prints, because mending would make them check prints, for which nobody
+    asked. It also copies files that this model mended. ``spare_done`` are sources to leave alone if they are mended
+    already (`is_done`).
     """
     taken: set[Path] = set()
     lock = threading.Lock()
@@ -192,7 +192,7 @@ def mend_files(
         except Exception as error:  # one file must not cost the others
             return FileOutcome(source, target, error=f"{source}: {type(error).__name__}: {error}", code=1)
 
-    with ThreadPoolExecutor(jobs) as pool:  # the kernels run beside each other
+    with ThreadPoolExecutor(jobs) as pool:  # the kernels release the GIL
         yield from pool.map(mend, sources, targets)
 
 

@@ -1,4 +1,4 @@
-"""Mend a G-code file, or only say what mending would do: is it meant for this printer, and how long will it take?"""
+"""Mend a G-code file, or only predict the result; check that the file is for this printer, and limit the added time."""
 
 import shutil
 import sys
@@ -140,13 +140,13 @@ def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool
 
 
 def few_moves_words(planner: Planner) -> str | None:
-    """Say how far the lines of a file may be off, where a machine bends so sharply that walls would take many moves."""
+    """Say how far a file's lines may be off if the machine bends so sharply that walls would need many moves."""
     head = planner.model.head
     return say("to-have-few-moves", coarser(planner)) if head.chords[k.ROLE_OUTER] > head.chords[-1] else None
 
 
 def _planned(file: GcodeFile, model: SavedModel, fineness: Fineness) -> tuple[float, Planner]:
-    """Return the share of added time at a fineness, and the planner that knows how its lines are drawn."""
+    """Plan a file at a fineness; return the share of added time, and the planner."""
     planner = start(model.mechanism, tolerance_mm=fineness.tolerance_mm)
     before_s = after_s = 0.0
     for part in file.parts:
@@ -164,15 +164,15 @@ def coarser(planner: Planner) -> str:
     return say("lines-less-closely", together(", ", [say("role-within", *each) for each in drawn]))
 
 
-# Is a file meant for this printer? Judge by its slicer's comments and by where it prints.
+# Check whether a file is for this printer, by its slicer's comments and by where it prints.
 
 _OUTSIDE_MM = 15.0  # how far beyond the bed a file may print: purge lines and wipes lie a few millimetres beyond some
-_BED_OFF_MM = 30.0  # how far a slicer's bed and the preset's may differ where the printer is the same …
-_STRANGER_BED_OFF_MM = 15.0  # … and where the file names none that may be the model's
+_BED_OFF_MM = 30.0  # how far a slicer's bed and the preset's may differ if the file names this printer …
+_STRANGER_BED_OFF_MM = 15.0  # … and if it does not
 
 
 def refuse_other_printer(name: str, printer: Printer, prediction: Prediction) -> None:
-    """Raise `ModelError` where a file prints far beyond the printer's bed."""
+    """Raise `ModelError` if a file prints far beyond the printer's bed."""
     if not prediction.extruding:
         return
     todo = say("use-model-printer-file")
@@ -184,7 +184,7 @@ def refuse_other_printer(name: str, printer: Printer, prediction: Prediction) ->
 
 
 def refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
-    """Raise `ModelError` where a file says that it is for another printer than the model's."""
+    """Raise `ModelError` if a file says that it is for a printer other than the model's."""
     todo = say("use-model-printer-file-force-if", printer.name)
     other = _other_printer(said, printer)
     if (
@@ -232,7 +232,7 @@ def _has_other_bed(said: Described, printer: Printer) -> bool:
     if said.bed_mm is None:
         return False
     off_mm = float(np.abs(np.subtract(_bed_mm(printer), said.bed_mm)).max())
-    # what the names say is asked last: to know printers by them takes 50 ms
+    # check the names last: loading the known printers takes 50 ms
     return off_mm > _BED_OFF_MM or (off_mm > _STRANGER_BED_OFF_MM and _other_printer(said, printer) is not None)
 
 
@@ -252,14 +252,14 @@ def small_bed_words(said: Described, printer: Printer) -> str | None:
     return say("slicer-s-bed-goes-from-printer", _bed_words(said.bed_mm), _bed_words(_bed_mm(printer)))
 
 
-_MOST_HELD_SHARE = 0.005  # most of the path that may be held back at the edge of the bed, as a share
+_MOST_HELD_SHARE = 0.005  # largest share of the path that may be held back at the edge of the bed
 AS_USUAL = Fineness()
-Watch = Callable[[Part, Plan], Plan]  # gets each program's plan, and may watch while it is carried out
+Watch = Callable[[Part, Plan], Plan]  # receives each program's plan, and may observe it at work
 
 
 @dataclass(frozen=True, eq=False)
 class Mended:
-    """What was done: ``output`` is where the mended file lies, None for the standard output."""
+    """The result of mending: ``output`` is the mended file's path, None for the standard output."""
 
     output: Path | None
     prediction: Prediction
@@ -281,8 +281,8 @@ def mend_gcode(
     without a fault returns the file byte for byte. Each plate of a project is a print of its own. ``fineness`` says how
     far the path may be off, and which firmware reads it. ``watch`` gets the plan of each program.
 
-    Raises `GcodeError` for what cannot be read or was mended before, `ModelError` where the file is not for this
-    printer, `RefusedError` where mending would not help, or take longer than it may, and not ``force``.
+    Raises `GcodeError` for a file that cannot be read or was mended before, `ModelError` for another printer's file,
+    and, unless ``force``, `RefusedError` if mending would not help or would add too much time.
     """
     output = None if output is None else Path(output)
     with open_gcode(source) as file:
@@ -302,7 +302,7 @@ def mend_gcode(
         with _destination(output) as handle:
             read = []
             folder = None if output is None else output.parent
-            # Only a text can end with a seal: in a container the programs are compressed, each by itself.
+            # Only a plain text can end with a seal: a container compresses each program by itself.
             key = model.seal_key if file.container == "plain" else None
 
             def texts(part: Part) -> Iterator[Text]:
@@ -321,7 +321,7 @@ def mend_gcode(
 
 
 def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | None = None) -> Prediction:
-    """Predict what mending would do, and write nothing. Raises like `mend_gcode`, except where it would not help."""
+    """Predict the result of mending, and write nothing. Raises like `mend_gcode`, except if mending would not help."""
     with open_gcode(source) as file:
         refuse_mended(file)
         refuse_grown(file, model.filament)
@@ -338,12 +338,12 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
 
 
 def is_healthy(model: SavedModel) -> bool:
-    """Say whether there is nothing to mend."""
+    """Return whether there is nothing to mend."""
     return model.is_healthy or is_identity(model.mechanism)
 
 
 def refuse_mended(file: GcodeFile) -> None:
-    """Raise `GcodeError` for a file that was mended before: its moves are no longer the wanted ones."""
+    """Raise `GcodeError` for a mended file: its moves are no longer the wanted ones."""
     for part in file.parts:
         digest = find_mark(*part.hints())
         if digest is not None or lost_mark(*part.hints()):
@@ -367,9 +367,9 @@ def refuse_grown(file: GcodeFile, filament: str | None) -> None:
 
 
 def _predicted(planner: Planner, model: SavedModel, read: list[Read], *, marks: int = 0) -> Prediction:
-    """Return what to expect of a file that was planned, whose programs were ``read``.
+    """Return the prediction for a planned file, whose programs were ``read``.
 
-    ``marks`` lines stood before what is printed that are not the file's own.
+    ``marks`` is how many lines mending inserted above the file's own.
     """
     prediction = with_doubt(prediction_of(planner), model)
     lines = tuple(line - marks for line in prediction.unknown_lines)
@@ -384,7 +384,7 @@ def _mended_text(
     part: Part, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None,
     read: list[Read], watch: Watch | None, folder: Path | None,
 ) -> Iterator[bytes | memoryview]:  # fmt: skip
-    """Return the text of a program as it is mended, and add to ``read`` how it was read.
+    """Return a program's mended text, and append to ``read`` how the program was read.
 
     A text that states printing times waits in ``folder`` until they are known.
     """
@@ -420,7 +420,7 @@ def _destination(output: Path | None) -> Iterator[IO[bytes]]:
 
 
 def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force: bool) -> None:
-    """Raise where the file should not be written."""
+    """Raise `RefusedError` or `ModelError` if the file should not be written."""
     _refuse_motionless(file, prediction)
     refuse_other_printer(file.name, model.printer, prediction)
     if force:
@@ -461,8 +461,8 @@ def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Predict
 
 
 def _is_probe(file: GcodeFile) -> bool:
-    """Say whether a file is a test print of printmend's: its dots are printed at rest, so the prediction counts lines
-    only."""
+    """Return whether a file is a test print of printmend's. Its dots are printed at rest, so the prediction counts only
+    its lines."""
     return any(find_test_print(*part.hints()) == "probe" for part in file.parts)
 
 

@@ -1,7 +1,7 @@
-"""A scan of a printed part becomes a trace: its walls, matched to the commanded path with the model in the loop.
+"""Turn a scan of a printed part into a trace: match its walls to the commanded path, and learn the machine meanwhile.
 
-A ray starts where the model so far puts a wall, and looks for its edge in the image. The edges found improve the model,
-and the next, shorter rays start nearer to the walls.
+A ray starts where the current model puts a wall, and looks for its edge in the image. The edges found improve the
+model, so the next, shorter rays start nearer to the walls.
 """
 
 from collections.abc import Sequence
@@ -31,11 +31,11 @@ from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
 
 CAPTURES_MM = (3.0, 1.5, 1.0, 0.6, 0.6)  # how far a ray looks, round by round
-LEAST_FOUND_SHARE = 0.6  # share of the visible walls that must be found; with fewer it is another part
+LEAST_FOUND_SHARE = 0.6  # least share of the visible walls that must be found; otherwise it is another part
 LARGEST_SIGMA_MM = 0.12  # walls that scatter more about the model are not this file's
 EDGE_SIGMA_MM = 0.01  # standard deviation of an edge: no scan is read better
 MOST_HEIGHT_SEEN_MM = (
-    0.04  # leave out a wall whose side looks broader than this to the camera: its foot would pass for its edge
+    0.04  # leave out a wall whose side looks broader than this to the camera: its foot would look like its edge
 )
 SURE_SDS, LEAST_HOLES_MM = 3.0, 0.02  # holes and the outline get separate bead widths if they differ by more than this
 OVERLAY_PX = 2000  # longer side of an overlay
@@ -48,11 +48,11 @@ FINE = 16.0  # OpenCV draws in sixteenths of a pixel with shift=4
 
 @dataclass(frozen=True, eq=False)
 class PartMeasurement:
-    """The ``trace`` of a part, ``notes`` for its owner, how many places of walls were ``found``.
+    """The ``trace`` of a part, ``notes`` for its owner, and the number of wall places ``found``.
 
-    ``stands_mm`` [S] is how far each place of ``walls`` is outside of the file's wall, bead width included; NaN where
-    none was seen. ``trace`` leaves out the offset that all walls share. ``onto`` [2, 2] took the places to the scale of
-    the callipers.
+    ``stands_mm`` [S] is how far each place of ``walls`` lies outside the file's wall, bead width included; NaN where
+    none was seen. ``trace`` leaves out the offset that all walls share. ``onto`` [2, 2] mapped the places to the
+    callipers' scale.
     """
 
     trace: Trace
@@ -63,7 +63,7 @@ class PartMeasurement:
     onto: np.ndarray
 
     def also_mapped(self, onto: np.ndarray) -> "PartMeasurement":
-        """Return it with the scale that callipers gave another scan of the same part and scanner."""
+        """Return the measurement at the scale that callipers gave another scan of the same part and scanner."""
         edge_mm = self.walls.commanded_mm[self.walls.row] + self.walls.half_mm[:, None] * self.walls.normal
         moved_mm = np.sum((mapped(edge_mm, onto) - edge_mm) * self.walls.normal, axis=1)
         return replace(self, stands_mm=self.stands_mm + moved_mm)
@@ -85,11 +85,11 @@ def measure_part(
     of it on the sheet of tags.
 
     ``dpi`` overrides the file's own. ``distances_mm`` are calliper readings of the widths that a measurement without
-    them asks for, in its order. ``tell`` puts the words on the overlay into a language.
+    them asks for, in its order. ``tell`` translates the words on the overlay.
 
-    Raises `ScanError` for an image of something else, of only a part, of several parts or
-    of another side, and for a photo without tags; `GcodeError` for a layer without walls; `TraceError` for a reading
-    that is not of its width.
+    Raises `ScanError` for an image of another part, of an incomplete part, of several parts or of another side, and for
+    a photo without tags; `GcodeError` for a layer without walls; `TraceError` for a reading that does not match its
+    width.
     """
     if not isinstance(program, Program):
         program = read_gcode(program, printer=printer)
@@ -153,13 +153,13 @@ def _located(path: str | Path, page: Page, walls: Walls, rulers: Sequence[Ruler]
         raise ScanError(path, wanted=error.wanted, came=error.came, todo=todo) from None
 
 
-# Its many parameters are what is known of a scanned layer.
+# Its many parameters describe one scanned layer.
 def _beads(
     walls: Walls, edges: "_Edges", fit: WallFit, printer: Printer, instrument: Instrument, layer: int
 ) -> tuple[np.ndarray, str]:
-    """Return by how much the bead of each wall [S] is too wide, and say so: one value for all walls, or separate values
-    for holes and the outline where these surely differ beside the machine's errors. Beads in a bend are pulled inwards,
-    which is not the machine's fault."""
+    """Return by how much the bead of each wall [S] is too wide, and words about it. All walls share one value, unless
+    holes and outline surely differ by more than the machine's errors. Beads in a bend are pulled inwards, which is not
+    the machine's fault."""
     outline = outline_of(walls)
     seen = Layer(layer, walls, outline, edges.offset_mm, fit.printed_mm - walls.commanded_mm)
     side = estimated([seen], printer, instrument, Known()).sides[0]
@@ -173,8 +173,8 @@ def _beads(
 
 @dataclass(frozen=True, eq=False)
 class _Edges:
-    """What the rays of one round met: places [S, 2] px in the image they began at, on the bed ``begin_mm`` [S, 2],
-    offsets [S] mm, NaN: nothing, and which walls the part itself ``hidden`` [S] from the camera."""
+    """The edges that the rays of one round met. Rays began at ``at_px`` [S, 2] in the image, ``begin_mm`` [S, 2] on the
+    bed, along ``out_px`` [S, 2]. Edges lie at ``offset_mm`` [S], NaN if none; the part itself hides ``hidden`` [S]."""
 
     at_px: np.ndarray
     out_px: np.ndarray
@@ -208,7 +208,7 @@ def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer, p
         trace = walls.trace(edges.offset_mm, np.full(len(walls.row), EDGE_SIGMA_MM))
         fit = fit_walls(trace, printer)
         swell = fit.swell_mm
-        # what lay turned and shifted is the pose's, not the machine's
+        # turn and shift belong to the pose, not to the machine
         printed = _on_walls(trace, walls, fit.printed_mm)
         shift = np.median(printed[walls.row] - walls.commanded_mm[walls.row], axis=0)
         printed = printed - shift
@@ -218,7 +218,7 @@ def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer, p
 
 
 def _scales(walls: Walls, edges: _Edges) -> tuple[float, float]:
-    """Return how much larger than commanded the part is in x and y, by least squares over its walls."""
+    """Return the part's size over its commanded size in x and y, by least squares over its walls."""
     seen = np.isfinite(edges.offset_mm)
     normal, at = walls.normal[seen], walls.commanded_mm[walls.row[seen]]
     at = at - at.mean(axis=0)
@@ -272,7 +272,7 @@ def _draw(path: Path, silhouette: Silhouette, walls: Walls, edges: _Edges, tell:
     shown = ~edges.hidden
     off = np.nan_to_num(edges.offset_mm[shown])[:, None] * ENLARGED * silhouette.px_per_mm * edges.out_px[shown]
     ends = (edges.at_px[shown] + off) * factor
-    # room for what points beyond the image
+    # add margins for lines that reach beyond the image
     height, width = picture.shape[:2]
     beyond = np.concatenate([-ends.min(axis=0), ends.max(axis=0) - [width, height]])
     left, top, right, bottom = (int(np.clip(np.ceil(side) + 8, 0, OVERLAY_PX // 4)) for side in beyond)

@@ -1,4 +1,4 @@
-"""What the model says about a file before and after mending."""
+"""Predict a file's errors before and after mending, and advise on their uncertainty."""
 
 import math
 from collections.abc import Iterator
@@ -20,21 +20,21 @@ from printmend.promise.words import in_a_line, in_words, knows_a_length, knows_a
 
 _EDGE_MM = 0.5  # slicers round: a print that reaches less than this beyond the bed's edge is on the bed
 _LEAST_GAIN_MM = 0.0005  # a smaller gain is below the resolution of the numbers in a file
-_NO_ERROR_MM = 1e-6  # root mean square below which a model knows of no error in a file
+_NO_ERROR_MM = 1e-6  # a smaller RMS error counts as no error
 _SHIFT_MM = 0.005  # a smaller shift of the whole print is not reported
-_WORTH_ADVICE_MM = 0.03  # an expected error that may be larger than this is worth another print
+_WORTH_ADVICE_MM = 0.03  # another print is worthwhile if the expected error may be larger than this …
 _OF_TURNS = (  # messages: gaps that a print over whole turns closes
     "seen-over-part-of-turn", "moved-over-pulley-s-turn-only", "z-heights-span-mm-turn-screw",
     "z-told-mm-only-measure-more",
 )  # fmt: skip
 _WORTH_CAUSE_MM = (
-    0.005  # … and its main cause is at least this much: every range contains what dots at rest do not show
+    0.005  # … and its main cause is larger than this: errors of motion, which dots at rest do not show, always remain
 )
 _MAIN_SHARE = 0.5  # a cause is named if it is more than this share of the expected error
-_BEYOND_MM = 5.0  # a part that lies farther outside of the measured places gets a warning
+_BEYOND_MM = 5.0  # a part that lies farther outside the measured places gets a warning
 _WHOLE_MARKS = 400  # a whole test print has at least this many marks
-# Most of the drawn machines, as a share, that may print no better mended where a few distances left most of what was
-# drawn to assumed chances.
+# Largest share of drawn machines that may print no better mended, after a measurement by hand: a few distances leave
+# most of what is drawn to the prior.
 _MOST_WORSE_SHARE_BY_HAND = 0.01
 
 
@@ -143,7 +143,7 @@ class Prediction:
     def is_untouched(self) -> bool:
         """Say whether the model has nothing to mend here: it puts every line where it belongs."""
         known_mm = max(self.before.planning_rms_mm, self.heights[0].rms_mm if self.heights else 0.0)
-        if self.path is not None:  # a mere shift is no error of the shape, but would be written
+        if self.path is not None:  # a pure shift is no error of the shape, but mending would correct it
             known_mm = max(known_mm, float(np.abs(self.path.off_mm).max(initial=0.0)))
         return known_mm < _NO_ERROR_MM and self.commands == self.moves
 
@@ -165,7 +165,7 @@ class Prediction:
         plain |= {"planning_rms_mm": self.after.planning_rms_mm, "made_of": dict(self.after.made_of)}
         if not self.extruding:
             plain["low_mm"] = plain["high_mm"] = None
-        if self.printed_low_mm[0] > self.printed_high_mm[0]:  # not a dot either
+        if self.printed_low_mm[0] > self.printed_high_mm[0]:  # nothing printed, not even a dot
             plain["printed_low_mm"] = plain["printed_high_mm"] = None
         return plain
 
@@ -222,7 +222,7 @@ class Prediction:
 
 
 def prediction_of(planner: Planner) -> Prediction:
-    """Sum up what a planner has seen of a file."""
+    """Summarise what a planner recorded about a file."""
     counts, state = planner.counts, planner.state
     layers = planner.layers[: int(counts.layer) + 1]
     length = float(layers["length"].sum())
@@ -293,7 +293,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
         more = dict(row)
         for name, whole in (("before", outlook.before), ("after", outlook.after)):
             own2, all2 = row[f"{name}_rms_mm"] ** 2, whole.planning_rms_mm**2
-            if name == "before" and shape2:  # the whole leaves the shift out, and the layers' own errors contain it
+            if name == "before" and shape2:  # the file's error excludes the shift, but the layers' errors contain it
                 own2, all2 = shape2.get(row["z_mm"], shape2[None]), shape2[None]
             more[f"{name}_rms_mm"] = math.sqrt(own2 + max(whole.rms_mm**2 - all2, 0.0))
             more[f"{name}_max_mm"] = max(min(row[f"{name}_max_mm"], whole.max_mm), more[f"{name}_rms_mm"])
@@ -307,7 +307,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
 
 
 def _square_shape_errors(path: PathPlaces) -> dict[float | None, float]:
-    """Return the mean square error of the places of each height (None: of all) without the part's place."""
+    """Return the mean square error of the places at each height (None: at all) without the part's shift."""
     left2 = shape_of(path) ** 2
     found: dict[float | None, float] = {None: float(np.average(left2, weights=path.weight))}
     if path.z_mm is not None:
@@ -318,7 +318,7 @@ def _square_shape_errors(path: PathPlaces) -> dict[float | None, float]:
 
 
 def _beyond_seen(model: SavedModel, prediction: Prediction) -> tuple[str, ...]:
-    """Warn of a part that lies outside of the places where a small test print had marks."""
+    """Warn of a part that lies outside the area where a small test print had marks."""
     seen = model.document.get("trace", {}).get("seen_mm")
     if seen is None or not (told := said_of(model.document, "unseen")):
         return ()

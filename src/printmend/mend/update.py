@@ -1,7 +1,7 @@
 """Update a saved model with a second print: by Bayes' rule, or by the phase of its motors alone.
 
-The drawn machines of the old model, widened by what wears, are the prior; a search finds what changed since
-(`infer.update`). Where another machine explains the print better, the model is learned anew.
+The drawn machines of the old model, widened by possible wear, are the prior; a search finds what changed since
+(`infer.update`). If another machine explains the print better, the model is learned anew.
 """
 
 from collections.abc import Iterator, Sequence
@@ -74,7 +74,7 @@ OF_ONE_PRINT = ("offset",)  # kinds of fault that differ from print to print, su
 
 @dataclass(frozen=True)
 class Change:
-    """One quantity of one motor before and now, ``sd`` that of the difference."""
+    """One quantity of one motor before and now, with the standard deviation ``sd`` of the difference."""
 
     part: str
     kind: str
@@ -151,8 +151,7 @@ def measured_again(
     old: SavedModel, belief: Belief, trace: Trace, rng: np.random.Generator, *, ageing: Ageing | None = None,
     stories: bool = True, refit: bool = False,
 ) -> Renewed:  # fmt: skip
-    """Return what a flat trace changes about the machine of a model. Raises `TraceError` for a trace without
-    measurements."""
+    """Return a model's machine as a flat trace renews it. Raises `TraceError` for a trace without measurements."""
     if not (trace.measured_rows | trace.wall_rows).any() or not np.isfinite(trace.commanded_mm).all():
         raise TraceError(say("trace"), wanted=say("measured-marks"), came=say("none-nan"), todo=say("check-trace"))
     printer = old.printer
@@ -302,14 +301,14 @@ def _turn(found: Renewed, motor: int, by_rad: float) -> Change:
     return Change(name, "phase", 0.0, value, sd, "°", words)
 
 
-# A known printer whose belts or pulleys were worked on: measure again, or find where its motors stand by one print.
+# After work on a known printer's belts or pulleys: measure again, or find the motors' phase from one print.
 #
 # Until then nothing is mended. A pulley that was turned on its shaft moves its errors to other places, and mending
 # would add to them.
 
-LEAST_SHIFT_MM = 0.05  # of a motor that is told
+LEAST_SHIFT_MM = 0.05  # smallest shift of a motor that is reported
 MOST_NOISE = 2.0  # a print of the same machine may scatter by so many times the old measurement's noise
-LEAST_NOISE_MM = 0.005  # of a measurement
+LEAST_NOISE_MM = 0.005  # least noise of a measurement
 
 
 def refitted(model: SavedModel, motors: Sequence[str]) -> SavedModel:
@@ -365,7 +364,7 @@ def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> U
         updated = _updated(
             old, moved, replace(found, homed_mm=()), ordered.trace, (*passed_over(once, copies), *ordered.found), digest
         )
-    # so small a print shows an idler's angle, and hardly its size
+    # so small a print shows an idler's angle, but hardly its amplitude
     changes = (
         *_shifts(old, phase),
         *_homes(old, found),
@@ -379,7 +378,7 @@ def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> U
 
 
 def _homes(old: SavedModel, found: Renewed) -> list[Change]:
-    """Return how far each belt rests at home from where it did: the work may have moved an end stop, too."""
+    """Return how far each belt's home position moved: the work may have moved an end stop, too."""
     homes = []
     for motor, name in enumerate(old.printer.motors):
         before, now = found.of("place", motor)

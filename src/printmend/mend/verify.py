@@ -1,4 +1,4 @@
-"""Measure after mending: was the promise kept, broken, or can this measurement not tell? Then update the model.
+"""Measure after mending: was the promise kept or broken, or is the measurement too coarse? Then update the model.
 
 The check print is any probe's G-code, mended with the model and printed. Its plan has the wanted places of the marks.
 Their measured errors, with the noise of the measurement subtracted, are compared with the promise for these places.
@@ -29,12 +29,12 @@ from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, parse_belief
 from printmend.promise.predict import HIGH, LOW, Errors, Outlook, PathPlaces, Promise, promised
 
-LEAST_MARKS = 10  # measured marks of a check print; fewer tell nothing
+LEAST_MARKS = 10  # fewest measured marks of a check print
 _LEAST_STRETCH_PERCENT = 0.01  # a smaller stretch by the instrument is not reported
 _NOISE_SD_SHARE = 0.15  # standard deviation of the stated noise of a measurement, as a share of it
 _UNMENDED_SHARE = 0.9  # a print with more than this share of its unmended error was hardly mended …
 _SAME_FAULT_SHARE = 0.5  # … if less than this share of its error differs from the model's unmended print
-SEEN_FACTOR = 2.0  # a promise is kept if an error of so many times its upper end is ruled out
+SEEN_FACTOR = 2.0  # a promise is kept if an error of this many times its upper end is ruled out
 _SURELY_SDS = 2.0  # an error is surely found if it exceeds the smallest detectable one by so many standard deviations
 _ASKED = "play"  # a measurement must be fine enough to show this effect, which grows most often
 
@@ -46,12 +46,12 @@ KEPT, BROKEN, UNSURE = "kept", "broken", "cannot tell"
 class Verdict:
     """Distances of the marks from their wanted places, root mean square [mm].
 
-    ``before_mm`` is that of the unmended print, by the model. Now it is between ``now_low_mm`` and ``now_high_mm``, as
-    far as this measurement can tell. The promise has a 90 % range. ``unlike_mm`` is the distance from where the model
+    ``before_mm`` is the unmended print's error, by the model. By this measurement, the error is now between
+    ``now_low_mm`` and ``now_high_mm``. The promise has a 90 % range. ``unlike_mm`` is the distance from where the model
     puts the marks of an unmended print. If ``placed``, the distances contain the print's place on the bed. Otherwise a
     common shift is subtracted, and ``stretch_percent`` of scale that may be the instrument's own. ``stated``: the
-    measurement states its own noise. ``wanders_mm``: place and scale may be off by this because the instrument
-    wanders. ``changed`` lists the sure changes of the machine. ``ways_known``: way-points between the marks show from
+    measurement states its own noise. ``wanders_mm`` is how far place and scale may be off because the instrument
+    drifts. ``changed`` lists the sure changes of the machine. ``ways_known``: way-points between the marks show from
     which side each was reached.
     """
 
@@ -91,7 +91,7 @@ class Verdict:
 
     @property
     def words(self) -> str:
-        """Say it in one line, the numbers first."""
+        """Return the verdict in one line, the numbers first."""
         now = f"{self.now_mm:.3f}" if self.at_most_mm is None else say("less-than", f"{self.at_most_mm:.3f}")
         promised = f"{self.promised_low_mm:.3f}–{self.promised_high_mm:.3f}"
         numbers = say("before-now-promised", f"{self.before_mm:.3f}", now, promised)
@@ -117,12 +117,12 @@ class Verdict:
 
 
 def verify(model: SavedModel, trace: Trace) -> Verdict:
-    """Compare a measured check print, whose G-code was mended with ``model``, with what the model promised.
+    """Compare a measured check print, whose G-code was mended with ``model``, with the model's promise.
 
     ``trace`` has the wanted places as its commanded ones. The print counts as a second measurement of the machine; the
-    updated drawn machines then have an error at the marks, and that is compared with the promise. Raises `TraceError`
-    for fewer than ten marks, for another printer's marks and for those that the model was learned from, `ModelError`
-    for a model without a promise.
+    error of the updated drawn machines at the marks is compared with the promise. Raises `TraceError` for fewer than
+    ten marks, for another printer's marks and for marks that the model was learned from. Raises `ModelError` for a
+    model without a promise.
     """
     belief = belief_of(model)
     check_origin(say("check-print"), trace.origin, model.printer)
@@ -145,7 +145,7 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     sigmas = np.empty(0) if trace.sigma_mm is None else trace.sigma_mm[known]
     stated = sigmas[np.isfinite(sigmas)]
     own_mm = float(np.sqrt(np.mean(stated**2))) if len(stated) else model.noise_mm
-    # scatter beyond the instrument's may be the printer's, or not
+    # scatter beyond the instrument's noise may or may not come from the printer
     beyond_mm = PLANE_FACTOR * float(np.sqrt(max(noise_mm**2 - ((1 + 2 * _NOISE_SD_SHARE) * own_mm) ** 2, 0.0)))
     surely_mm, wanders_mm = _errors_mm(found, trace, placed=placed)
     whole_mm = np.hypot(surely_mm, wanders_mm)
@@ -168,8 +168,8 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
 
 
 def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return each drawn machine's RMS distance of the marks from their wanted places [DRAWS], and the share that
-    wanders, which may be the printer's or the instrument's."""
+    """Return each drawn machine's RMS distance of the marks from their wanted places [DRAWS], and how much of it is
+    drift, which may be the printer's or the instrument's."""
     fit, scene = found.fit, found.now.scene
     nominal = scene.printer.from_motor(fit.places.motor_mm)
     ahead = np.einsum("mc,mc->m", fit.rows.along, (nominal - trace.commanded_mm)[fit.rows.mark])
@@ -189,7 +189,7 @@ def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarra
 
 
 def _is_beyond(found: Renewed) -> bool:
-    """Say whether a check print shows anything that no drawn machine has."""
+    """Return whether a check print shows an error that no drawn machine has."""
     return any(
         EFFECTS[part.effect].of in (Of.MACHINE, Of.SESSION) and part.effect != "wander" for part in found.beside
     )  # fmt: skip
@@ -239,7 +239,7 @@ def expectation(model: SavedModel, trace: Trace) -> Promise | None:
 
 
 def _sides(trace: Trace, printer: Printer) -> np.ndarray:
-    """Return which way each motor came to the measured marks [N, 2]: +1, −1, 0 before its first move."""
+    """Return the direction in which each motor reached the measured marks [N, 2]: +1, −1, 0 before its first move."""
     sides = [last_way(column) for column in printer.to_motor(trace.commanded_mm).T]
     return np.stack(sides, axis=1)[trace.measured_rows]
 
@@ -284,7 +284,7 @@ def updated(model: SavedModel, trace: Trace) -> Updated:
 
 
 def made(model: SavedModel, trace: Trace) -> Trace:
-    """Return a check print with its really commanded places: those that mending made of the wanted ones."""
+    """Return a check print with the places that were really commanded: mending made them from the wanted ones."""
     printer, mechanism = model.printer, model.mechanism
     belts = printer.to_motor(mechanism.frame.invert(trace.commanded_mm))
     motors = np.empty_like(belts)
@@ -298,7 +298,7 @@ def made(model: SavedModel, trace: Trace) -> Trace:
     commanded = printer.from_motor(motors)
     commanded[0] = trace.commanded_mm[0]
     offset = trace.offset_mm
-    if offset is not None and trace.normal is not None:  # a wall's offset counts from what was commanded
+    if offset is not None and trace.normal is not None:  # a wall's offset counts from its commanded place
         offset = offset + np.sum(trace.normal * (trace.commanded_mm - commanded), axis=1)
     return Trace(
         commanded, trace.measured_mm, sigma_mm=trace.sigma_mm, homed=trace.homed, placed=trace.placed,

@@ -24,14 +24,14 @@ _BROKEN = {
     "pulleys and belts": Corruption((Drive(pulley=_PULLEY, belt=Play(0.13)), Drive(pulley=_PULLEY, belt=Play(0.11)))),
     "a bent Z screw": Corruption(screw=Screw(lead_error=-0.003, periodic_mm=0.005, wobble_mm=0.04, backlash_mm=0.04)),
 }
-# What is done, in words, and on which broken printer.
+# Name of each step: the action and its broken printer.
 STEPS = {f"{what}: {words}": (what, broken) for words, broken in _BROKEN.items() for what in ("mend", "learn")}
 
 
 def warm(done: Callable[[str], None]) -> tuple[int, float]:
     """Learn and mend on simulated printers, calling ``done`` after each of `STEPS` with its name.
 
-    Returns how many kernels that compiled, and in how many seconds; what was compiled before is not compiled again.
+    Return how many kernels this compiled, and in how many seconds; kernels compiled earlier are not compiled again.
     """
     before = compilations.entries, compilations.seconds
     for step in STEPS:
