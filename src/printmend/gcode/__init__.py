@@ -1,5 +1,5 @@
-"""G-code text ↔ moves, lossless. Knows nothing of broken printers.
+"""Convert G-code text to moves and back without loss. Nothing here knows of broken printers.
 
-Import from the files: `read`, `arcs`, `machine`, `kernels`; nothing is imported here, so that a program
-that needs no G-code does not pay for the compiler.
+Import from the modules (`read`, `write`, `machine`, `kernels` …). Nothing is imported here, so that a program
+without G-code does not load the compiler.
 """

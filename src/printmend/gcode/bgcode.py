@@ -23,19 +23,19 @@ from printmend.messages import say
 
 MAGIC = b"GCDE"  # the first bytes of a binary G-code file
 GCODE, THUMBNAIL = 1, 5  # kinds of blocks
-_BLOCK_KINDS = 6  # that the format knows
+_BLOCK_KINDS = 6  # number of block kinds in the format
 _HEADER = struct.Struct("<4sIH")
 _BLOCK = struct.Struct("<HHI")
 _WINDOWS = {2: 11, 3: 12}  # heatshrink: compression → window bits; the look-ahead has 4
-_MAX_BLOCK_BYTES = 64 << 20  # thumbnails are the largest blocks, and far below
+_MAX_BLOCK_BYTES = 64 << 20  # thumbnails are the largest blocks, and far smaller
 _MAX_RATIO, _RATIO_MATTERS_BYTES = 300, 32 << 20  # deflate cannot reach 1100; real files stay below 20
-_TEXT_BYTES = 65535  # of G-code in a block: slicers write as much
+_TEXT_BYTES = 65535  # G-code in a block: as much as slicers write
 _TIMES = re.compile(rb"^estimated (?:first layer )?printing time[^=\r\n]*=[^\r\n]*", re.IGNORECASE | re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class Block:
-    """One block as it lies in the file. ``raw`` is all of it, header and checksum included; ``data`` is compressed."""
+    """One block of a file. ``raw`` is the whole block with header and checksum; ``data`` is its compressed data."""
 
     kind: int
     compression: int
@@ -60,7 +60,7 @@ def read_header(handle: IO[bytes], name: str) -> tuple[bytes, bool]:
 
 
 def read_blocks(handle: IO[bytes], name: str, *, checked: bool) -> Iterator[Block]:
-    """Yield the blocks that follow the header; raise `GcodeError` where one is cut off, wrong or too large."""
+    """Yield the blocks that follow the header; raise `GcodeError` if one is cut off, wrong or too large."""
     unpacked = packed = 0
     while head := handle.read(_BLOCK.size):
         if len(head) < _BLOCK.size:
@@ -184,7 +184,7 @@ def _retold(block: Block, told: Callable[[bytes], bytes], name: str, checked: bo
 def _gcode_block(text: bytes, like: Block, checked: bool) -> bytes:
     data = text
     if like.encoding:
-        if b"\xff" in text:  # would read as the start of a command
+        if b"\xff" in text:  # MeatPack would read it as the start of a command
             came = say("byte-0xff")
             raise GcodeError("bgcode", wanted=say("text-meatpack-can-hold"), came=came, todo=say("export-plain-g-code"))
         out = np.empty(2 * len(text) + 6 * text.count(b"\n") + 16, np.uint8)

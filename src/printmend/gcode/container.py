@@ -1,4 +1,4 @@
-"""Files that hold G-code, whatever their container: chunks of whole lines out, the same container in again."""
+"""Read files that hold G-code, in any container, as chunks of whole lines; write them into the same container again."""
 
 import shutil
 import sys
@@ -18,11 +18,11 @@ from printmend.gcode.machine import Flavour, detect_flavour
 from printmend.messages import say
 
 Text = bytes | memoryview
-CHUNK_BYTES = 2 << 20  # read at once
+CHUNK_BYTES = 2 << 20  # bytes read at once
 MAX_LINE_BYTES = 1 << 20  # a longer line is no G-code
-HINT_BYTES = 1 << 20  # of a file's beginning and of its end, where slicers say what it is
+HINT_BYTES = 1 << 20  # bytes of a file's beginning and of its end, where slicers describe it
 GZIP = b"\x1f\x8b"  # begins a compressed file
-_TEXT_SHARE = 0.7  # of the bytes in a file's head that G-code has as printable characters and line ends
+_TEXT_SHARE = 0.7  # least share of printable characters and line ends in the head of a G-code file
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Part:
         hints = (next(self._pieces(), b"")[:HINT_BYTES], settings)
         if detect_flavour(*hints) != Flavour.UNKNOWN:
             return hints
-        last = b""  # the end of a compressed plate costs reading all of it
+        last = b""  # to see the end of a compressed plate, all of it must be read
         for piece in self._pieces():
             last = (last + piece)[-HINT_BYTES:]
         return (*hints, last)
@@ -91,7 +91,7 @@ class Part:
 
 
 Told = Callable[[Part, bytes], bytes]
-"""(program, a line that states its printing time) → that line anew."""
+"""(program, a line that states its printing time) → the line with the new time."""
 
 
 def as_told(_part: Part, line: bytes) -> bytes:
@@ -101,7 +101,7 @@ def as_told(_part: Part, line: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class GcodeFile:
-    """A file that holds G-code: its ``name`` for messages, where it lies, and what contains the text."""
+    """A file that holds G-code: its ``name`` for messages, its path, and its kind of container."""
 
     name: str
     path: Path
@@ -112,7 +112,7 @@ class GcodeFile:
         self, handle: IO[bytes], texts: Callable[[Part], Iterable[Text]], told: Told = as_told,
         folder: Path | None = None,
     ) -> None:  # fmt: skip
-        """Write the same container with ``texts(part)`` in place of each program; all else is kept byte for byte.
+        """Write the same container with ``texts(part)`` in place of each program; the rest is kept byte for byte.
 
         Only lines beside a program that state its printing time change: ``told`` rewrites them once the program is
         written. Until then the program may wait in a temporary file in ``folder``.
@@ -166,7 +166,7 @@ def _identify(path: Path, name: str) -> GcodeFile:
 
 
 def refuse_binary(head: bytes, name: str) -> None:
-    """Raise `GcodeError` for what is mostly not text; a few foreign bytes in comments pass."""
+    """Raise `GcodeError` for a file that is mostly not text; a few foreign bytes in comments pass."""
     if not head:
         raise GcodeError(name, wanted=say("g-code-motion"), came=say("empty-file"), todo=say("give-sliced-file"))
     codes = np.frombuffer(head, np.uint8)
@@ -186,7 +186,7 @@ def _whole_lines(pieces: Iterable[bytes], name: str) -> Iterator[np.ndarray]:
     for piece in pieces:
         held.append(piece)
         size += len(piece)
-        del piece  # here and below: what is done with is freed before more is read
+        del piece  # here and below: free what was used before more is read
         if size < CHUNK_BYTES:
             continue
         data = b"".join(held)
@@ -220,7 +220,7 @@ def _bgcode_texts(path: Path, name: str) -> Iterator[bytes]:
 
 
 def _without_moves(text: bytes) -> bytes:
-    """Return a text without the lines that begin with G and have no remark, which are most of a file."""
+    """Return a text without the lines that begin with G and have no comment; these are most of a file."""
     data = np.frombuffer(text, np.uint8)
     ends = np.append(np.flatnonzero(data == ord(b"\n")), len(data) - 1) if len(data) else np.empty(0, np.int64)
     starts = np.concatenate([[0], ends[:-1] + 1])[: len(ends)]

@@ -1,6 +1,6 @@
-"""The modal state of a machine that reads G-code, as a value that chunks pass on, and the word of its extruder.
+"""The modal state of a machine that reads G-code, passed on from chunk to chunk, and its extruder's word.
 
-The extruder's word is E, or A as slicers write it for Mach3 and Machinekit.
+That word is E, or A if a slicer writes for Mach3 or Machinekit.
 """
 
 import enum
@@ -17,9 +17,9 @@ from printmend.printer import Printer
 class Flavour(enum.IntEnum):
     """The firmware families that read the same text differently.
 
-    G90/G91 and E: Marlin 2 (and Smoothie) let them set E too; Klipper, Marlin 1 and the unknown treat E as relative
-    when either G91 or M83 is on; RepRapFirmware and Prusa's MK3 keep E apart. A bare G92 sets all axes to zero on
-    Klipper (and the unknown), and does nothing on the others.
+    On Marlin 2 and Smoothie, G90/G91 also set E. On Klipper and Marlin 1, E is relative while either G91 or M83 is on.
+    RepRapFirmware and Prusa's MK3 keep E apart. A bare G92 sets all axes to zero on Klipper, and does nothing on the
+    others. An unknown firmware is read like Klipper.
     """
 
     UNKNOWN = k.FLAVOUR_UNKNOWN
@@ -40,9 +40,8 @@ class MachineState:
     """``numbers`` and ``counts`` are records of NUMBERS and COUNTS of `kernels`.
 
     The kernel advances both in place: `copy` before a trial run, `expect_accel` before the first line. ``unsure_moves``
-    counts the printing moves whose E firmwares read differently, if neither the file nor its numbers tell which
-    firmware it is for. ``odd_axis`` is the letter of an axis that moves along in a file without E and may be the
-    extruder.
+    counts the printing moves whose E firmwares read differently, if neither the file nor its numbers show its firmware.
+    ``odd_axis`` is the letter of an axis that may be the extruder: it moves along in a file without E.
     """
 
     numbers: np.record
@@ -103,12 +102,12 @@ def detect_flavour(*texts: bytes) -> Flavour:
 
 
 def says_a_extrudes(*texts: bytes) -> bool:
-    """Say whether slicers' comments in pieces of a file name a firmware for which they write A instead of E."""
+    """Return whether slicers' comments in pieces of a file name a firmware for which slicers write A instead of E."""
     return _named(texts)[0] in _WITH_A
 
 
 def _named(texts: tuple[bytes, ...]) -> tuple[bytes, bool]:
-    """Return the first name of a firmware in pieces of a file, in small letters, and whether it is Cura's word."""
+    """Return the first firmware named in pieces of a file, in lower case, and whether Cura named it."""
     for text in texts:
         if b"gcode_flavor" in text.lower() and (found := _CONFIG.search(text)):
             return found[1].lower(), False
@@ -117,20 +116,20 @@ def _named(texts: tuple[bytes, ...]) -> tuple[bytes, bool]:
     return b"", False
 
 
-_ENOUGH_MOVES = 20  # that name A; with fewer, their numbers do not decide what A is
-_IMPLAUSIBLE_SHARE = 0.1  # of these moves, up to which A is taken for an extruder
-_MOST_FILAMENT_PER_MM = 0.3  # of path: a line 0.7 mm² thick of filament of 1.75 mm, wider than slicers write
+_ENOUGH_MOVES = 20  # moves that name A; fewer do not decide what A is
+_IMPLAUSIBLE_SHARE = 0.1  # A may be an extruder if at most this share of its moves is implausible
+_MOST_FILAMENT_PER_MM = 0.3  # per mm of path: 1.75 mm filament then gives a line of 0.7 mm², wider than slicers write
 _RECORDS, _FIRST_BYTES = 1 << 16, 1 << 16
 _HEATS = re.compile(rb"^\s*M10[49]\b", re.MULTILINE)
 _OTHER_AXES = [(letter, np.uint32(1 << (ord(letter) - ord("A")))) for letter in "ABCUVW"]
 
 
 def settle_extruder(text: np.ndarray, state: MachineState, *, says_a: bool) -> None:
-    """Note in ``state`` whether A drives the extruder, and which axis may drive it if the file does not say.
+    """Record in ``state`` whether A drives the extruder, or which axis may drive it if the file does not say.
 
-    ``text`` is a file's beginning. ``says_a`` tells whether its slicer wrote it for a firmware that extrudes with A.
-    Otherwise A is the extruder if no move names E, the file heats a nozzle, and A advances with the moves in X and Y as
-    filament does.
+    ``text`` is a file's beginning. ``says_a`` means that its slicer wrote it for a firmware that extrudes with A.
+    Otherwise A is the extruder if no move names E, the file heats a nozzle, and A advances like filament while X and Y
+    move.
     """
     for top in (text[:_FIRST_BYTES], text):  # nearly every file names E in its first lines
         rows = _moves(top, state)
@@ -155,7 +154,7 @@ def _moves(text: np.ndarray, state: MachineState) -> np.ndarray:
 
 
 def _is_filament(rows: np.ndarray) -> bool:
-    """Say whether the amounts pushed by moving commands may be filament."""
+    """Return whether the axis' advances along moves are plausible for filament."""
     length_mm = np.hypot(rows["x1"] - rows["x0"], rows["y1"] - rows["y0"])
     pushing = (rows["words"] & k.WORD_E > 0) & (length_mm > 0)
     pushed_mm, length_mm = rows["advance"][pushing], length_mm[pushing]

@@ -1,6 +1,6 @@
-"""Read G-code into moves: what the machine is told, line by line, in millimetres; arcs become chords where asked.
+"""Read G-code into moves: the commands, line by line, in millimetres; arcs become chords on request.
 
-Layers follow the slicer's comments where it wrote them, otherwise the height.
+Layers follow the slicer's comments if there are any, otherwise the height.
 """
 
 from dataclasses import dataclass, replace
@@ -25,22 +25,22 @@ from printmend.path import frozen
 from printmend.printer import Printer
 
 RECORDS = 1 << 16
-"""Records a call of the interpreter: 10 MB."""
+"""Records for each call of the interpreter: 10 MB."""
 
 
 @dataclass(frozen=True, eq=False)
 class Moves:
-    """Every motion of a file in its order, M of them, and what happened between them.
+    """All M motions of a file in order, and the events between them.
 
     ``line`` [M] counts from 0. ``kind`` [M] is KIND_LINEAR, KIND_CW or KIND_CCW of `kernels`. ``start_mm`` and
     ``end_mm`` [M, 3] are machine positions; ``known`` [M, 3] says which coordinates of both are certain (before homing
-    they are counted from 0). ``center_mm`` [M, 2] is NaN for straight moves; in ``plane`` [M] 0 it is (x, y), in
-    1 (z, x), in 2 (y, z). ``turns`` [M] counts further full circles. ``extrusion_mm`` [M] is filament, negative for
-    retractions; ``feed_mm_s`` [M] is 0 before the first F word. ``extruding`` [M] is true where filament advances while
+    they count from 0). ``center_mm`` [M, 2] is NaN for straight moves; its axes are (x, y) for ``plane`` [M] 0, (z, x)
+    for 1, and (y, z) for 2. ``turns`` [M] counts further full circles. ``extrusion_mm`` [M] is filament, negative for
+    retractions; ``feed_mm_s`` [M] is 0 before the first F word. ``extruding`` [M] is true if filament advances while
     the carriage moves. ``layer`` [M] counts from 0 (−1: before the first).
 
     Homing: ``home_index`` [H] is the move before which it happens (M for the end), ``home_axes`` [H, 3] the axes.
-    Events that make the place or the engaged side of the belts uncertain (EVENT_*): ``event_index`` [V], ``event`` [V].
+    Events (EVENT_*) make the place or the engaged side of the belts uncertain: ``event_index`` [V], ``event`` [V].
     """
 
     line: np.ndarray
@@ -83,9 +83,9 @@ class Program:
 
 
 def read_gcode(source: str | Path | bytes, *, printer: Printer | None = None) -> Program:
-    """Read a G-code file of any container, or plain text; homing goes to ``printer``'s home, or to the origin.
+    """Read a G-code file in any container, or plain text; homing goes to ``printer``'s home, or to the origin.
 
-    Of a project with several plates it is the first. Raises `GcodeError` for what is not G-code or holds no motion.
+    In a project with several plates, read the first. Raises `GcodeError` for a source without G-code or motion.
     """
     if isinstance(source, bytes):
         refuse_binary(source[:HINT_BYTES], "G-code")
@@ -102,7 +102,7 @@ def read_part(part: Part, *, printer: Printer | None = None) -> Program:
 
 
 def starting_state(part: Part, *, printer: Printer | None = None) -> MachineState:
-    """Return the state before a program's first line: its firmware's rules, as far as the file shows them."""
+    """Return the state before a program's first line, with its firmware's rules as far as the file shows them."""
     first = next(part.chunks(), np.empty(0, np.uint8))
     return _state_of(first[:HINT_BYTES], part.hints(), printer)
 
@@ -139,21 +139,21 @@ def interpret_text(text: np.ndarray, state: MachineState, name: str = "G-code") 
 
 
 def larger(capacity: int, name: str = "G-code") -> int:
-    """Return the next size of a record array that a line did not fit in; refuse lines beyond `MAX_LINE_BYTES`."""
+    """Return a larger size for a record array that a line did not fit into; refuse lines beyond `MAX_LINE_BYTES`."""
     if capacity > MAX_LINE_BYTES // 2:
         raise endless_line(name)
     return 2 * capacity
 
 
 # A reading of E is implausible if moves would pull filament back while the head moves, or melt more than a nozzle can,
-# or if most moves name an E that pushes none. Some do in good files, which name E on travels, too. The shares are
-# choices of ours.
-_ENOUGH_MOVES = 20  # of which a share is taken
-_IMPLAUSIBLE_SHARE = 0.1  # of the moves, up to which a reading of E is believed
-_IDLE_SHARE = 0.5  # of the moves: a reading of E in which more push nothing is implausible, too
-_TOP_SHARE = 0.1  # of a text: a mode set there holds for all that is printed
-_FILAMENT_PER_MM = 3.0  # of path: no nozzle takes more
-_SAME_MM = 1e-6  # of filament: two rules whose readings of a move differ by less read it alike
+# or if most moves with an E push nothing. Good files have some such moves, because they name E on travels, too. The
+# shares are our choices.
+_ENOUGH_MOVES = 20  # fewest moves for which a share means anything
+_IMPLAUSIBLE_SHARE = 0.1  # a reading of E is believed if at most this share of its moves is implausible
+_IDLE_SHARE = 0.5  # a reading of E is implausible, too, if a larger share of its moves pushes nothing
+_TOP_SHARE = 0.1  # share of a text that is its top: a mode set there holds for the whole print
+_FILAMENT_PER_MM = 3.0  # filament per mm of path: no nozzle melts more
+_SAME_MM = 1e-6  # filament: two rules agree on a move if their readings differ by less
 
 
 def settle_e(text: np.ndarray, state: MachineState) -> None:
@@ -191,13 +191,14 @@ def settle_e(text: np.ndarray, state: MachineState) -> None:
 
 
 def _says_e_first(text: bytes) -> bool:
-    """Say whether all rules read nearly all of a text alike: any G91 before a G90, then M82 or M83, all at its top."""
+    """Return whether all rules agree on nearly all of a text: its last G91, G90, and M82 or M83 stand in this order at
+    its top."""
     told, absolute = max(_last_statement(text, b"M82"), _last_statement(text, b"M83")), _last_statement(text, b"G90")
     return text.rfind(b"G91") <= absolute < told < _TOP_SHARE * len(text)
 
 
 def _last_statement(text: bytes, word: bytes) -> int:
-    """Return where a statement stands last in a text, outside comments; −1 where it does not."""
+    """Return the offset of a statement's last occurrence outside comments, −1 if there is none."""
     at = text.rfind(word)
     while at >= 0 and (comment := text.find(b";", text.rfind(b"\n", 0, at) + 1, at)) >= 0:
         at = text.rfind(word, 0, comment)
@@ -220,9 +221,9 @@ _RULES = {  # the message of each
 
 
 def e_warning(state: MachineState) -> str | None:
-    """Return what an owner must know about how `settle_e` reads E; None if firmwares agree on this file.
+    """Return a warning about how `settle_e` reads E; None if firmwares agree on this file.
 
-    ``state`` is that before the first line (`starting_state`).
+    ``state`` is the state before the first line (`starting_state`).
     """
     if state.counts.m83:
         return say("file-prints-before-says-m82-m83")
@@ -235,7 +236,7 @@ def e_warning(state: MachineState) -> str | None:
 
 
 def _pushed(text: np.ndarray, state: MachineState, rule: int, m83: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return how much filament each move that names E pushes under a rule, and how long the move is [mm]."""
+    """Return the filament that each move with an E pushes under a rule, and the move's length [mm]."""
     trial = state.copy()
     trial.counts.rule, trial.counts.m83 = rule, m83
     records = np.empty(RECORDS, k.RECORD)
@@ -247,7 +248,7 @@ def _pushed(text: np.ndarray, state: MachineState, rule: int, m83: int) -> tuple
 
 
 def _implausible_share(pushed_mm: np.ndarray, length_mm: np.ndarray, among: np.ndarray) -> float:
-    """Return the share of moves that no printer would be told to make; 0 if they are too few."""
+    """Return the share of implausible moves among those of the mask ``among``; 0 if these are too few."""
     pushed_mm, length_mm = pushed_mm[among], length_mm[among]
     if len(pushed_mm) < _ENOUGH_MOVES:
         return 0.0
@@ -288,29 +289,29 @@ def moves_of(records: np.ndarray) -> Moves:
     return replace(moves, layer=layers_of(moves.layer, moves.start_mm[:, 2], moves.end_mm[:, 2], moves.extruding))
 
 
-_SAME_Z_MM = 1e-3  # lower steps in height begin no layer
+_SAME_Z_MM = 1e-3  # smaller steps in height begin no layer
 _SLOPED_LAYER_MM = 0.05  # on a rising path (vase mode) a new layer begins this far above the last one's start
 
 
 def layers_of(marks: np.ndarray, z0_mm: np.ndarray, z1_mm: np.ndarray, extruding: np.ndarray) -> np.ndarray:
     """Return the layer [M] of each move, −1 before the first extruding layer.
 
-    ``marks`` [M] counts the layer comments before each move. Comments without an extruding move after them open no
-    layer (headers, double comments). Without comments a layer is a run of extruding moves at one height, so that
-    z-hops, which extrude nothing, do not cut; the travel between two layers belongs to the later one.
+    ``marks`` [M] counts the layer comments before each move. A comment without an extruding move after it (in a header,
+    or a double comment) opens no layer. Without comments, a layer is a run of extruding moves at one height. Z-hops do
+    not end it, because they extrude nothing. The travel between two layers belongs to the later one.
     """
     if len(marks) == 0:
         return np.empty(0, np.int64)
     used = np.unique(marks[extruding & (marks > 0)])
     if len(used):
-        # A comment that opens nothing belongs to the layer before it.
+        # A comment that opens no layer belongs to the layer before it.
         return np.searchsorted(used, marks, side="right").astype(np.int64) - 1
     printing = np.flatnonzero(extruding)
     layer = np.full(len(marks), -1, np.int64)
     if len(printing) == 0:
         return layer
     number = _by_height(z0_mm[printing], z1_mm[printing])
-    # A travel goes to the layer of the next extruding move, what follows the last one to the last.
+    # A travel belongs to the layer of the next extruding move; travels after the last one belong to the last layer.
     following = np.searchsorted(printing, np.arange(len(marks)))
     layer[:] = number[np.minimum(following, len(printing) - 1)]
     return layer
@@ -332,7 +333,7 @@ def _by_height(z0_mm: np.ndarray, z1_mm: np.ndarray) -> np.ndarray:
     return number
 
 
-# Arcs as chords.
+# Replace arcs with chords.
 
 _MAX_CHORDS = 20_000_000  # a file of a few lines can ask for endless turns
 
@@ -340,8 +341,8 @@ _MAX_CHORDS = 20_000_000  # a file of a few lines can ask for endless turns
 def straightened(moves: Moves, tolerance_mm: float) -> Moves:
     """Return the moves with every arc replaced by chords that stay within ``tolerance_mm`` of it.
 
-    Extrusion is split in proportion to the length; a helix rises linearly. Moves without arcs come back as they are.
-    Raises GcodeError where that takes more than 20 million chords.
+    Extrusion is split in proportion to the length; a helix rises linearly. Moves without arcs are returned unchanged.
+    Raises `GcodeError` for more than 20 million chords.
     """
     arcs = np.flatnonzero(moves.arcs)
     if len(arcs) == 0:

@@ -1,4 +1,4 @@
-"""What a file says of itself: its printer, the settings that it was sliced with, and what printmend made of it."""
+"""Read what a file's comments say: its printer, its slicer's settings, and printmend's own marks."""
 
 import json
 import re
@@ -13,15 +13,15 @@ from printmend.errors import GcodeError
 from printmend.messages import say
 from printmend.provenance import FORGED, MARK, MENDED, SEALED, TEST_PRINT, TEST_PRINT_MARK, claimed_test_print
 
-# The comments that say what a file is: mended, so that it is not mended twice, or a test print of printmend's.
+# printmend's own comments mark a file as mended, so that it is not mended twice, or as a test print.
 
-# Headers that must stay first; the mark follows the line that ends them.
+# Headers that must stay on top; the mark follows their last line.
 _HEADERS = (
     (b"; HEADER_BLOCK_START", b"; HEADER_BLOCK_END"),  # Bambu, Orca
     (b";START_OF_HEADER", b";END_OF_HEADER"),  # UltiMaker
     (b";Header Start", b";Header End"),  # Snapmaker
 )
-_FAR_BYTES = 1 << 19  # of a file: a header that ends beyond is taken to be endless
+_FAR_BYTES = 1 << 19  # a header that does not end within so many bytes is taken to be endless
 
 
 def find_mark(*texts: bytes) -> str | None:
@@ -44,9 +44,9 @@ def _mark(text: bytes) -> re.Match[bytes] | None:
 
 
 def find_test_print(*texts: bytes) -> str | None:
-    """Return which test print of printmend's the pieces of a file are from: "probe" or "first layer".
+    """Return the kind of printmend's test print that pieces of a file belong to: "probe" or "first layer".
 
-    None for any other file. A mended test print is none either: it is the check print of `printmend verify`.
+    None for any other file, and for a mended test print: that is a check print for `printmend verify`.
     """
     if find_mark(*texts) is not None:
         return None
@@ -54,13 +54,13 @@ def find_test_print(*texts: bytes) -> str | None:
 
 
 def lost_mark(*texts: bytes) -> bool:
-    """Say whether pieces of a file without a mark are of a mended one: the seal under it is still there."""
+    """Return whether a file lost its mark of mending: it has no mark, but the seal at its end is still there."""
     return any(SEALED in text for text in texts) and find_test_print(*texts) is None
 
 
 def is_test_print(path: Path) -> bool:
-    """Say whether a file is an unmended test print of printmend's. Programs that mend every file must leave it
-    unchanged, because it must show the printer without mending. Raises `GcodeError` for one that was changed since."""
+    """Return whether a file is an unmended test print of printmend's. Programs that mend every file must leave it
+    unchanged, because it must show the printer without mending. Raises `GcodeError` if it was changed since."""
     claim = claimed_test_print(str(path))
     if claim == FORGED:
         raise GcodeError(
@@ -71,13 +71,13 @@ def is_test_print(path: Path) -> bool:
 
 
 def with_comment(text: bytes, comment: bytes) -> bytes:
-    """Return G-code with a comment's line after its header, or after its first comment, or on top."""
+    """Insert a comment line into G-code: after its header, after its first comment, or on top."""
     at, line = _inserted(text, comment)
     return text[:at] + line + text[at:]
 
 
 def _inserted(text: bytes, comment: bytes) -> tuple[int, bytes]:
-    """Return where a comment's line goes, and the line with the line ends that it needs there."""
+    """Return the offset at which to insert a comment, and its line with the line ends needed there."""
     at, line_end = _place(text), _line_end(text)
     before = text[:at]
     missing = line_end if before and not before.endswith((b"\n", b"\r", b"\xef\xbb\xbf")) else b""
@@ -99,7 +99,7 @@ def marked(
         if first:
             at, line = _inserted(chunk.tobytes(), mark)
             chunk = np.concatenate((chunk[:at], np.frombuffer(line, np.uint8), chunk[at:]))
-            chunk.setflags(write=False)  # as all that come: the compiled kernels are for these
+            chunk.setflags(write=False)  # like all chunks: the kernels are compiled for read-only arrays
             first = False
         yield chunk
 
@@ -114,7 +114,7 @@ def _line_end(text: bytes) -> bytes:
 def _place(text: bytes) -> int:
     start = 3 if text.startswith(b"\xef\xbb\xbf") else 0
     for opening, ending in _HEADERS:
-        # Where the header is endless the mark stands above its end: `find_mark` looks no further than a MiB.
+        # In an endless header the mark goes above its end, because `find_mark` searches only the first MiB.
         if text.startswith(opening, start) and (end := text.find(ending, start, _FAR_BYTES)) >= 0:
             return _next_line(text, end)
     line = text[start : _next_line(text, start)].strip()
@@ -127,7 +127,7 @@ def _next_line(text: bytes, position: int) -> int:
     return len(text) if newline < 0 else newline + 1
 
 
-# Each expression is asked only where one of its words stands: a MiB that names no printer is passed over quickly.
+# Run each expression only if one of its words occurs: a MiB that names no printer is then skipped quickly.
 _NAMES, _BEDS = (b"printer_model", b"printer_settings_id", b"TARGET_MACHINE.NAME"), (b"bed_shape", b"printable_area")
 _ENDS = (b"MINX:", b"MINY:", b"MAXX:", b"MAXY:")
 _NAMED = re.compile(
@@ -149,7 +149,7 @@ Corners = tuple[tuple[float, float], tuple[float, float]]
 @dataclass(frozen=True)
 class Described:
     """The printer that a file is for: its ``names`` as slicers write them, the corners of its bed, and the lowest and
-    highest X and Y of the print; None for what is not said."""
+    highest X and Y of the print; None if the file does not say."""
 
     names: tuple[str, ...]
     bed_mm: Corners | None
@@ -178,7 +178,7 @@ def described(*texts: bytes) -> Described:
 
 
 def _bounds(texts: tuple[bytes, ...]) -> Corners | None:
-    """Return Cura's bounds of a print; None where they are missing, or not filled in (the lowest above the highest)."""
+    """Return Cura's bounds of a print; None if they are missing, or not filled in (the lowest above the highest)."""
     bounded = [text for text in texts if any(word in text for word in _ENDS)]
     at = {(end, axis): float(value) for text in bounded for end, axis, value in _BOUND.findall(text)}
     if len(at) < 4:
@@ -206,8 +206,8 @@ class Sliced:
 
     ``outline_mm`` is how far its corrections already push the outline of upper layers outwards, ``hole_mm`` how far
     they push the walls of holes into the hole. The first layer's outline is pushed ``foot_mm`` less. ``shrinkage`` is
-    the share by which the part is enlarged against shrinking, ``flow`` the multiplier of the flow. ``containers`` are
-    Cura's: its profile of the machine, then of each extruder.
+    the share by which the part is enlarged to compensate for shrinkage, ``flow`` the flow multiplier. ``containers``
+    are Cura's profiles: the machine's, then each extruder's.
     """
 
     maker: str = ""
@@ -225,7 +225,7 @@ class Sliced:
 
 
 def sliced(*hints: bytes) -> Sliced:
-    """Return what pieces of a file (`gcode.container.Part.hints`) say of its slicer and settings."""
+    """Read the slicer and its settings from pieces of a file (`gcode.container.Part.hints`)."""
     maker = next((name for name, words in MAKERS.items() if any(word in text for text in hints for word in words)), "")
     settings = _settings(hints)
 
@@ -259,7 +259,7 @@ def sliced(*hints: bytes) -> Sliced:
 
 
 def _shrunk(share: float) -> float:
-    return share if abs(share) < 0.1 else 0.0  # nothing shrinks by a tenth, so that this is another setting
+    return share if abs(share) < 0.1 else 0.0  # nothing shrinks by a tenth: this is another setting
 
 
 def _settings(hints: tuple[bytes, ...]) -> dict[str, str]:
@@ -275,7 +275,7 @@ def _settings(hints: tuple[bytes, ...]) -> dict[str, str]:
 
 
 def _containers(hints: tuple[bytes, ...]) -> tuple[str, ...]:
-    """Return the profiles that Cura writes at the end of a file, none where they cannot be read."""
+    """Return the profiles that Cura writes at the end of a file, none if they cannot be read."""
     text = b"".join(line for hint in hints for line in _CURA_LINE.findall(hint)).decode("utf-8", "replace")
     try:
         document = json.loads(text)

@@ -1,4 +1,4 @@
-"""Sliced projects (`.gcode.3mf`): a zip with one G-code member a plate and its MD5 beside it."""
+"""Sliced projects (`.gcode.3mf`): a zip with a G-code member for each plate and its MD5 beside it."""
 
 import hashlib
 import re
@@ -11,19 +11,19 @@ from printmend.errors import GcodeError
 from printmend.messages import say
 
 _PLATE = re.compile(r"Metadata/plate_\d+\.gcode")
-_MAX_BYTES = 8 << 30  # of one plate, unpacked
-_MAX_OTHER_BYTES = 1 << 30  # of any other member, unpacked
-_MAX_WHOLE_BYTES = 32 << 30  # of all members, unpacked
+_MAX_BYTES = 8 << 30  # limit of one plate, unpacked
+_MAX_OTHER_BYTES = 1 << 30  # limit of any other member, unpacked
+_MAX_WHOLE_BYTES = 32 << 30  # limit of all members, unpacked
 _MAX_RATIO = 300  # deflate cannot reach 1100; real G-code stays below 20
 _RATIO_MATTERS_BYTES = 32 << 20  # smaller members may be packed as tightly as they like
 _SLICE_INFO = "Metadata/slice_info.config"  # states the printing time of each plate, in XML
 _PLATE_INFO = re.compile(rb"<plate>.*?</plate>", re.DOTALL)
 _INDEX = re.compile(rb'key="index"\s+value="(\d+)"')
 _TIME = re.compile(rb'(key="(?:prediction|first_layer_time)"\s+value=")([0-9.]+)(?=")')
-_COPY_BYTES = 1 << 20  # at once
-_SETTINGS_BYTES = 4 << 20  # of a settings file that are read
+_COPY_BYTES = 1 << 20  # bytes copied at once
+_SETTINGS_BYTES = 4 << 20  # bytes read of a settings file
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError)
-"""What reading a damaged archive can raise."""
+"""Exceptions that reading a damaged archive can raise."""
 
 
 def broken(name: str, error: Exception) -> GcodeError:
@@ -34,7 +34,7 @@ def broken(name: str, error: Exception) -> GcodeError:
 
 
 def open_zip(handle: IO[bytes], name: str) -> zipfile.ZipFile:
-    """Open the archive after looking for bombs, bad paths, encryption and double names."""
+    """Open the archive after checking for zip bombs, bad paths, encryption and duplicate names."""
     try:
         archive = zipfile.ZipFile(handle)
     except BROKEN as error:
@@ -136,7 +136,7 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str) -> Itera
 
 
 def _entry(info: zipfile.ZipInfo) -> zipfile.ZipInfo:
-    """A fresh entry with the old one's name, date, compression and attributes."""
+    """Return a new entry with the old one's name, date, compression and attributes."""
     entry = zipfile.ZipInfo(info.filename, info.date_time)
     entry.compress_type, entry.external_attr = info.compress_type, info.external_attr
     entry.create_system, entry.comment, entry.file_size = info.create_system, info.comment, info.file_size
@@ -144,7 +144,7 @@ def _entry(info: zipfile.ZipInfo) -> zipfile.ZipInfo:
 
 
 def _same_style(old: bytes, digest: str) -> bytes:
-    """Put the digest where the old one was, in upper or lower case as it was."""
+    """Replace the old digest with the new one, in the same upper or lower case."""
     found = re.search(rb"[0-9A-Fa-f]{32}", old)
     if not found:
         return digest.upper().encode()

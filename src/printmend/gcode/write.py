@@ -1,4 +1,4 @@
-"""Write G-code again with other motion: one loop for every rewriter, every line that need not change byte for byte.
+"""Write G-code again with other motion. All rewriters share this loop; unchanged lines stay byte for byte.
 
 Reading and interpreting run in one thread, planning in another, writing in the caller's.
 """
@@ -19,25 +19,24 @@ from printmend.jit import record
 Plan = Callable[[np.ndarray, int], tuple[int, np.ndarray, np.ndarray]]
 """(records [n] of RECORD, begin) → (end, first int64 [n + 1], pieces of PIECE).
 
-Record i of records[begin:end] becomes pieces[first[i]:first[i + 1]]. No pieces: the statement stays as it is. The last
-piece is written into the statement itself (its words, their order, its comment), the pieces before it become new lines.
-Called for each batch of records in the order of the file, again with begin = end until end = n: what the plan carries
-from one call to the next (the engaged side of a belt) is its own. What it returns may be used again after
-`PLANS_AT_ONCE` further calls.
+Record i of records[begin:end] becomes pieces[first[i]:first[i + 1]]. Without pieces the statement stays as it is. The
+last piece is written into the statement itself (its words, their order, its comment); the others become new lines. The
+plan is called for each batch of records in file order, and again with begin = end until end = n. It keeps its own state
+between calls (the engaged side of a belt). It may reuse the returned arrays after `PLANS_AT_ONCE` further calls.
 """
 
-PLANS_AT_ONCE = 5  # in the queue, in the writer and being made
-_RECORDS = 8192  # a batch: small enough to stay in the cache on its way through the threads
-_NOTES = 1024  # of a batch
-_MOST_TIMES = 100_000  # places that tell the time which are kept
-_OUT_BYTES = 1 << 20  # of text written at once
+PLANS_AT_ONCE = 5  # plans in the queue, in the writer and being made
+_RECORDS = 8192  # records of a batch: few enough to stay in the cache on the way through the threads
+_NOTES = 1024  # notes of a batch
+_MOST_TIMES = 100_000  # most places that state the time to keep
+_OUT_BYTES = 1 << 20  # bytes of text written at once
 _AHEAD = 2  # batches that a thread may be ahead of the next one
 _Item = TypeVar("_Item")
 
 
 @dataclass(frozen=True, eq=False)
 class _Batch:
-    """Interpreted text: what ``chunk[begin:end]`` says; ``numbered`` tells whether lines have N words so far."""
+    """The records and notes of ``chunk[begin:end]``; ``numbered`` says whether lines so far have N words."""
 
     chunk: np.ndarray
     begin: int
@@ -49,7 +48,7 @@ class _Batch:
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """Planned records[begin:end] of a batch; ``last`` says that no more of it follows."""
+    """Planned records[begin:end] of a batch; ``last`` marks the last part of the batch."""
 
     batch: _Batch
     begin: int
@@ -68,12 +67,12 @@ class Planned:
 
 
 Look = Callable[[Planned], None]
-"""What looks on while a text is planned, part by part, in the order of the file."""
+"""An observer that sees each planned part of a text, in file order."""
 
 
 @dataclass(frozen=True)
 class TimePlace:
-    """A place in a written text that tells the time: ``text`` begins at byte ``at``."""
+    """A place in a written text that states the printing time: ``text`` begins at byte ``at``."""
 
     at: int
     text: bytes
@@ -85,9 +84,9 @@ def rewrite(
 ) -> Iterator[memoryview]:  # fmt: skip
     """Yield the text of ``chunks`` (uint8, whole lines each) with the motion that ``plan`` gives.
 
-    ``state`` is the machine's before the first chunk and is advanced. Each view is valid until the next one is asked
-    for. ``look`` sees every part after it is planned. Places of the written text that tell the time are added to
-    ``times``, except in a text with numbered lines.
+    ``state`` is the machine's state before the first chunk, and is advanced. Each view is valid until the next one is
+    requested. ``look`` sees every part after it is planned. Places of the written text that state the printing time are
+    added to ``times``, except in a text with numbered lines.
     """
     writer, written_bytes, places = initial_writer(state), 0, times
     lines = np.zeros(2, np.int64)
@@ -102,7 +101,7 @@ def rewrite(
             look(part)
         texts: list[memoryview] = []
         start = part.begin
-        # the first of them and no others, else none could be told from another
+        # once a batch is skipped, skip the rest, so that the kept places are the first ones without a gap
         places = places if places is not None and _takes_times(places, batch) else None
         told = iter(() if places is None else _telling_time(part))
         place = next(told, None)
@@ -140,12 +139,12 @@ def follow(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan, *, loo
 
 
 def _takes_times(places: list[TimePlace], batch: _Batch) -> bool:
-    """Say whether places of a batch are noted: never of lines that are renumbered, and only up to a number."""
+    """Return whether to note a batch's places: not if its lines are renumbered, nor beyond `_MOST_TIMES`."""
     return not batch.numbered and len(places) + len(batch.notes) <= _MOST_TIMES
 
 
 def _telling_time(part: Planned) -> np.ndarray:
-    """Return the notes of a planned part that tell the time."""
+    """Return a planned part's notes about lines that state the printing time."""
     notes = part.notes
     mine = (notes["what"] == k.NOTE_TIME) & (notes["record"] >= part.begin)
     return notes[mine if part.last else mine & (notes["record"] < part.end)]
@@ -160,8 +159,8 @@ def initial_writer(state: MachineState) -> np.record:
 
 
 def _interpreted(chunks: Iterable[np.ndarray], state: MachineState) -> Iterator[_Batch]:
-    # A batch is in use here, in two queues, in the planner and in the writer. The caller's thread allocates them: the C
-    # library gives what another thread allocates a heap of its own, beside what lies free in this one.
+    # Batches are in use here, in two queues, in the planner and in the writer. The caller's thread allocates them:
+    # another thread's allocations would get their own heap in the C library, although this one has free memory.
     ring = [np.empty(_RECORDS, k.RECORD) for _ in range(2 * _AHEAD + 4)]
     return _batches(chunks, state, ring, [np.empty(_NOTES, k.NOTE) for _ in ring])
 
@@ -205,7 +204,7 @@ def _renumbered(text: bytes, lines: np.ndarray) -> Iterator[memoryview]:
 
 
 def _ahead(items: Iterable[_Item]) -> Iterator[_Item]:
-    """Iterate over ``items`` in a thread of their own, a few ahead; errors come out here."""
+    """Iterate over ``items`` in their own thread, a few ahead; errors are raised here."""
     ready: queue.Queue = queue.Queue(_AHEAD)
     stop = threading.Event()
 

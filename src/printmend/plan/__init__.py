@@ -1,8 +1,8 @@
-"""The continuous inverse: the commands that make a broken machine draw what was wanted.
+"""The continuous inverse: find the commands that make a broken machine draw the wanted path.
 
-`start` returns a `Planner` for a mechanism: its `plan` turns the records of a file into pieces. What it adds up on the
-way lies in its arrays, whose fields `layout` names. `is_identity` says whether there is nothing to do,
-`Fineness` how finely to draw.
+`start` returns a `Planner` for a mechanism, whose `plan` turns the records of a file into pieces. Its running sums lie
+in arrays, whose fields `layout` names. `is_identity` says whether there is nothing to do, `Fineness` how finely to
+draw.
 """
 
 from printmend.plan.inverse import Fineness, Planner, is_identity, lookup, start

@@ -1,4 +1,4 @@
-"""The continuous planner: the motor commands that make a machine, broken as its model says, draw what was wanted."""
+"""The continuous planner: find the motor commands that make a broken machine, as its model describes it, draw right."""
 
 from dataclasses import dataclass, field
 
@@ -16,7 +16,7 @@ from printmend.plan.kernels.layout import TOLERANCE_MM
 from printmend.plan.kernels.lookup import COARSEST_MM, SPARE
 from printmend.plan.kernels.mend import mend
 
-# How finely a path is drawn: how far it may be off, and how many moves a second the firmware takes.
+# How finely to draw a path: how far it may be off, and how many moves a second the firmware can plan.
 
 SEGMENTS_PER_S = {
     "marlin8": 100.0,
@@ -26,7 +26,7 @@ SEGMENTS_PER_S = {
     "prusa": 500.0,
     "bambu": 1000.0,
 }
-"""Moves a second that a firmware surely plans, read from its card or sent to it: cautious values of ours."""
+"""Moves a second that a firmware can surely plan, from its card or from a host; cautious values of ours."""
 _OF_FLAVOUR = {
     Flavour.MARLIN1: "marlin8", Flavour.MARLIN2: "marlin32", Flavour.KLIPPER: "klipper", Flavour.RRF: "rrf",
     Flavour.PRUSA: "prusa", Flavour.UNKNOWN: "marlin32",
@@ -35,13 +35,13 @@ _OF_FLAVOUR = {
 
 @dataclass(frozen=True)
 class Fineness:
-    """How far the path may be off, and what reads the file.
+    """How far the path may be off, and which firmware reads the file.
 
-    ``tolerance_mm``: a chord may bulge by half of it; a short chord, and one on which slack is crossed, by all of it.
+    A chord may bulge by half of ``tolerance_mm``; a short chord, or one on which slack is crossed, by all of it.
     ``firmware`` is a key of `SEGMENTS_PER_S`; None guesses it from each file. ``slower`` is the largest share by which
-    the print may take longer, None for no limit. To keep it, lines are drawn coarser by the factor ``ease``, each role
-    up to its `SPARE`. ``crossing_mm_s2`` is the acceleration of a motor that crosses its slack; None takes that of the
-    printer's file.
+    the print may take longer, None for no limit. To keep this limit, lines are drawn coarser by the factor ``ease``,
+    each role up to its `SPARE`. ``crossing_mm_s2`` is the acceleration of a motor that crosses its slack; None takes
+    the one in the printer's file.
     """
 
     tolerance_mm: float = TOLERANCE_MM
@@ -60,9 +60,9 @@ class Fineness:
         return SEGMENTS_PER_S[self.firmware or _OF_FLAVOUR[flavour]]
 
 
-_QUANTUM_MM = 0.001  # the grid of the numbers that are written
-_PIECES = 49152  # planned at once, beside those of the last record
-_SAME_MM = 1e-7  # tables that differ by less are the same: saved ones are rounded to 1e-9 mm
+_QUANTUM_MM = 0.001  # resolution of the written numbers
+_PIECES = 49152  # pieces planned at once, besides the last record's
+_SAME_MM = 1e-7  # tables that differ by less are the same: saved tables are rounded to 1e-9 mm
 _RISE_LOOK_MM = 0.05  # a screw's curvature is measured over this distance
 _BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structure moves nothing by a micrometre
 
@@ -70,8 +70,8 @@ _BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structu
 def lookup(mechanism: Mechanism, tolerance_mm: float = k.TOLERANCE_MM) -> look.Model:
     """Return a mechanism as the compiled planner reads it (`kernels.lookup` says what its numbers mean).
 
-    Its origin is taken as it is: call `Mechanism.homed` first where homing defines it. ``tolerance_mm`` is how far the
-    printed path may lie from the wanted one: half of it where a chord bulges, half where slack is crossed.
+    The origin is used as it is: call `Mechanism.homed` first if homing defines it. ``tolerance_mm`` is how far the
+    printed path may lie from the wanted one: half of it where a chord bulges, all of it where slack is crossed.
     """
     printer, frame = mechanism.printer, mechanism.frame
     head = record(look.HEAD)
@@ -107,7 +107,7 @@ def lookup(mechanism: Mechanism, tolerance_mm: float = k.TOLERANCE_MM) -> look.M
         head.z_home, head.z_home_side = z.home_mm, z.home_direction
         head.push[:] = size, size + len(screw.wobble_mm)
         parts += [*screw.wobble_mm.T]
-    # A parabola of the sharpest curvature strays by a quarter of the tolerance between two looks.
+    # Between two samples, a parabola of the sharpest curvature deviates by a quarter of the chord's tolerance.
     head.sample = np.clip(np.sqrt(2.0 * chord_mm / max(sharpest, 1e-12)), 0.02, 2.0)
     head.look = np.clip(5.0 * head.sample, k.FINEST_SAMPLE_MM, k.SAMPLE_MM)
     model = look.Model(head, np.concatenate(parts))
@@ -129,7 +129,7 @@ def _bend(t: Transmission) -> np.ndarray:
     padded = np.zeros(blocks * look.BEND_BLOCK)
     padded[: len(curvature)] = curvature
     most = padded.reshape(blocks, look.BEND_BLOCK).max(axis=1)
-    # The curvature at a block's border is seen from both sides.
+    # A block's border counts for the blocks on both sides.
     return np.maximum(most, np.maximum(np.append(most[1:], 0.0), np.append(0.0, most[:-1])))
 
 
@@ -150,7 +150,7 @@ def _shifts_only(t: Transmission) -> bool:
 
 
 def _rise_mm(screw: ScrewDrive, chord_mm: float) -> float:
-    """Return over how much height a straight command keeps the nozzle within half a chord's tolerance."""
+    """Return the height over which a straight command keeps the nozzle within half a chord's tolerance."""
     t, most = screw.transmission, 0.0
     for table in (t.lower_mm, t.upper_mm):
         height = np.arange(table[0], table[-1], _RISE_LOOK_MM)
@@ -171,14 +171,14 @@ def _is_same(t: Transmission) -> bool:
 
 
 def is_identity(mechanism: Mechanism) -> bool:
-    """Say whether a machine does what it is told, so that nothing is to be mended."""
+    """Return whether a machine does what it is told, so that there is nothing to mend."""
     straight = mechanism.screw is None or _is_straight(mechanism.screw)
     return straight and mechanism.frame.is_identity and all(map(_is_same, mechanism.transmissions))
 
 
 @dataclass(eq=False)
 class Planner:
-    """A planner on its way through one file: what it knows of the belts, and what it has added up so far.
+    """A planner on its way through one file, with the belts' state and the sums so far.
 
     Mutable, because a file of any length streams through it; only `Planner.begin` and `Planner.plan` change it.
     """
@@ -197,7 +197,7 @@ class Planner:
 
     @property
     def has_screw(self) -> bool:
-        """Say whether the machine has a Z screw that is not perfect."""
+        """Return whether the machine has an imperfect Z screw."""
         return bool(self.model.head.screw)
 
     @property
@@ -246,7 +246,7 @@ class Planner:
 
 
 def start(mechanism: Mechanism, *, tolerance_mm: float = k.TOLERANCE_MM) -> Planner:
-    """Return a planner for ``mechanism`` at the beginning of a file, nothing known of where the machine is.
+    """Return a planner for ``mechanism`` at the beginning of a file, while the machine's position is unknown.
 
     ``tolerance_mm`` is how far the path may be off.
     """
