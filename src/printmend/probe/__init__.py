@@ -1,4 +1,4 @@
-"""Test objects that excite every angle of every pulley, in both directions, with many reversals."""
+"""Test prints that visit every angle of every pulley, in both directions, with many reversals."""
 
 from printmend.probe.gcode import cost, probe_gcode
 from printmend.probe.probe import (

@@ -1,4 +1,4 @@
-"""The G-code of a probe plan, from the owner's own start code to the last dot, and what it costs to print it."""
+"""Write the G-code of a probe plan, from the owner's own start code to the last dot; estimate its time and plastic."""
 
 import itertools
 import math
@@ -16,9 +16,9 @@ from printmend.printer.printer import bare_name
 from printmend.probe.layout import strokes_of
 from printmend.probe.paper import Paper
 
-# The start of a test print: the owner's own start code, ending at a home position that the plan relies on.
+# A test print starts with the owner's own start code. It must end at the home position, on which the plan relies.
 
-# Where slicers say that the part begins: PrusaSlicer and its kin; Cura; Bambu; Simplify3D; KISSlicer, ideaMaker.
+# Comments with which slicers begin the part: PrusaSlicer and its kin; Cura; Bambu; Simplify3D; KISSlicer, ideaMaker.
 _FIRST_LAYER = re.compile(
     r"^;\s*(LAYER_CHANGE|LAYER:\s*(?:0|-\d)|CHANGE_LAYER|layer 1,|BEGIN_LAYER|AFTER_LAYER_CHANGE)", re.IGNORECASE
 )
@@ -32,15 +32,15 @@ _AREA = re.compile(r"^\s*G0*29\b.*[XY]-?\d", re.IGNORECASE)
 _MOVE = re.compile(r"^\s*G0*[0-3]\b", re.IGNORECASE)
 _PRINTS = re.compile(r"^\s*G0*[1-3]\b(?=.*[XY]-?[\d.])(?=.*E[\d.])", re.IGNORECASE)
 _PLACE = re.compile(r"([XY])\s*(-?\d+(?:\.\d*)?|-?\.\d+)", re.IGNORECASE)
-_MOST_LINES, MOST_PURGE = 1000, 40  # commands of a start, and how many of them may print
+_MOST_LINES, MOST_PURGE = 1000, 40  # most commands of a start, and how many of them may print
 
 
 def start_from(path: Path, printer: Printer) -> tuple[str, tuple[str, ...]]:
     """Return the start lines of a sliced file that fit ``printer``, and words about those left out.
 
-    These are all before its first layer, without comments; where no comment says where that begins, all before the
-    moves that lead to its first printed line. Raises `GcodeError` where no first layer begins within the first thousand
-    commands, or nothing homes before it.
+    These are all lines before its first layer, without comments. If no comment marks the first layer, they end before
+    the moves that lead to the first printed line. Raises `GcodeError` if no first layer begins within the first
+    thousand commands, or if nothing homes before it.
     """
     lines: list[str] = []
     printing: list[int] = []
@@ -51,7 +51,7 @@ def start_from(path: Path, printer: Printer) -> tuple[str, tuple[str, ...]]:
             if _PRINTS.match(code):
                 printing.append(len(lines))
             lines.append(code)
-        if len(printing) > MOST_PURGE:  # no purge line is as long, so the part has begun without a comment
+        if len(printing) > MOST_PURGE:  # no purge line is so long: the part has begun without a comment
             lines = _before_moves(lines[: printing[0]])
             break
         if len(lines) > _MOST_LINES:
@@ -81,7 +81,7 @@ def _before_moves(lines: list[str]) -> list[str]:
 
 
 def _fitting(lines: list[str], printer: Printer) -> tuple[list[str], tuple[str, ...]]:
-    """Return the lines that another print on this printer may start with, and why the others may not."""
+    """Return the lines with which another print on this printer may start, and why the others are left out."""
     kept, left, of_part, checks = [], [], [], []
     reach = {
         axis.name.upper(): (min(axis.min_mm, axis.home_mm), max(axis.max_mm, axis.home_mm)) for axis in printer.axes
@@ -147,16 +147,15 @@ BEAD_MM = 0.8  # a bead's width
 PAPER_MM = 0.1  # a sheet of 80 g/m²
 FILAMENT_MM, PLA_G_PER_MM3 = 1.75, 1.24e-3
 TRAVEL_MM_S, PURGE_MM_S, LIFT_MM_S, EXTRUDE_MM_S = 120.0, 20.0, 10.0, 2.0
-# A dot uses 0.1 mm of filament. A longer retraction would grind each piece of it too often; a shorter one strings. A
-# Bowden tube gives way by a millimetre or two before the pressure at the nozzle changes.
+# A dot uses 0.1 mm of filament, so each piece of filament is retracted many times. A longer retraction would grind it;
+# a shorter one strings. A Bowden tube yields a millimetre or two before the pressure at the nozzle changes.
 RETRACT_MM: dict[Extruder, float] = {"direct": 0.6, "bowden": 2.5}
 RETRACT_MM_S = 30.0
 # Threads of a net are thin and low; the dots of a net are made from higher up, so that they have room around them.
 THREAD_MM, FRAME_BEAD_MM, NET_LAYER_MM, NET_DOT_Z_MM, NET_MM_S = 0.4, 0.8, 0.16, 0.3, 25.0
-# The nozzle leaves the last way-point before a dot slowly: a fast axis coasts through the play of its belt, a printing
-# one does not.
+# The nozzle approaches each dot slowly: a fast axis coasts through the play of its belt, but a printing axis does not.
 APPROACH_MM_S = 20.0
-MOVING_MM_S, MOVING_BEAD_MM = 50.0, 0.6  # of the lines at speed: as parts are printed
+MOVING_MM_S, MOVING_BEAD_MM = 50.0, 0.6  # speed and width of the lines at speed: those of parts
 ACCELERATION_MM_S2, LIFT_ACCELERATION_MM_S2 = 500.0, 100.0
 PREAMBLE = """\
 ; printmend probe: {marks} dots on one layer, about {minutes:.0f} min and {grams:.1f} g
@@ -197,7 +196,7 @@ def dot_mm3(diameter_mm: float, layer_mm: float = LAYER_MM) -> float:
 
 
 def net_strokes(plan: ProbePlan) -> list[tuple[np.ndarray, float]]:
-    """Return the way-points [N, 2] of each stroke of a plan's net, and the volume [mm³] of plastic for a mm of it."""
+    """Return the way-points [N, 2] of each stroke of a plan's net, and its plastic per length [mm³/mm]."""
     beads = [FRAME_BEAD_MM, *([THREAD_MM] * len(strokes_of(plan)))]
     strokes = [plan.waypoints_mm[first : last + 1] for first, last in strokes_of(plan)]
     return [(points, bead * NET_LAYER_MM) for points, bead in zip(strokes, beads, strict=False)]
@@ -213,9 +212,9 @@ def probe_gcode(
 ) -> str:
     """Return the file that prints ``plan``: after its start code, every way-point is the end of one G0 or G1, in order.
 
-    ``extruder`` sets how far the filament is drawn back between dots. ``start_gcode`` takes the place of the plain
-    heating and homing; it must home, and end at the home position (`start.homed_start` sees to that). ``paper``
-    is the sheet on the bed that takes the dots; ``sheet`` says which of several it is.
+    ``extruder`` sets how far the filament is retracted between dots. ``start_gcode`` replaces the plain heating and
+    homing; it must home, and end at the home position (`homed_start` ensures that). ``paper`` is the sheet on the bed
+    that takes the dots; ``sheet`` says which of several it is.
     """
     layer_mm = NET_DOT_Z_MM if plan.net else LAYER_MM
     first_mm = layer_mm + (0.0 if paper is None else PAPER_MM)
@@ -265,7 +264,7 @@ def probe_gcode(
 
 
 def cost(plan: ProbePlan) -> tuple[float, float]:
-    """Return the estimated printing time [min] after heating, and the mass of plastic [g]; of all sheets together."""
+    """Return the estimated printing time [min] after heating, and the mass of plastic [g], for all sheets together."""
     if len(plan.sheets) > 1:
         minutes, grams = zip(*map(cost, plan.sheets), strict=True)
         return sum(minutes), sum(grams)

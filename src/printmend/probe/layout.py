@@ -1,9 +1,8 @@
-"""Where a probe prints what: the places of its marks, the way between them, its lines and its net.
+"""Lay out a probe: the places of its marks, the path between them, its lines and its net.
 
-The marks fill a square lattice that is turned against the motors' axes by an angle with an irrational tangent, so
-that their positions fall evenly on every angle of every pulley. One half of the lattice (i + j even) is visited
-along one diagonal of its cells, the other half along the other diagonal: four directions of motion, each all
-over the bed.
+The marks fill a square lattice that is rotated from the motors' axes by an angle with an irrational tangent. So their
+positions cover the angles of every pulley evenly. Half of the lattice (i + j even) is visited along one diagonal of
+its cells, the other half along the other diagonal. This gives four directions of motion, each all over the bed.
 """
 
 import hashlib
@@ -22,11 +21,11 @@ from printmend.printer import Printer
 ROW_ANGLE_RAD = float(np.arctan(2.0 / (1.0 + np.sqrt(5.0))))
 EDGE_MM = 4.0  # the nozzle comes no nearer to the edge of the bed
 RUN_IN_MM = 9.0  # motion before the first mark of a row: takes up any play of the axes below 4.7 mm
-MARKS = 600  # of a whole test print
+MARKS = 600  # marks of a whole test print
 MIN_PITCH_MM = 5.5  # closer dots could touch on a printer with errors of millimetres
 LEAST_AREA_MM = 30.0  # side of the smallest area of marks: three quarters of a turn of the usual pulley
 AROUND_PART_MM, TURNS_FOR_PART = 5.0, 1.5
-GLASS_EDGE_MM = 8.0  # between the outermost marks and the edge of a scanner's glass or of a sheet of paper
+GLASS_EDGE_MM = 8.0  # margin between the outermost marks and the edge of a scanner's glass or of a sheet
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +60,7 @@ def mark_area_mm(printer: Printer) -> tuple[np.ndarray, np.ndarray]:
 
 
 def square_mm(printer: Printer, size_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of a square of marks in the middle of the bed; raise `ConfigError` where it has no room."""
+    """Return the corners of a square of marks in the middle of the bed; raise `ConfigError` if it does not fit."""
     low, high = mark_area_mm(printer)
     middle = (low + high) / 2
     if size_mm > (high - low).max():
@@ -89,7 +88,7 @@ def glass_area_mm(printer: Printer, glass_mm: tuple[float, float]) -> tuple[np.n
 
 
 def area_around_mm(printer: Printer, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of the area of marks that a part needs: its own, and one turn of each pulley at least.
+    """Return the corners of the area of marks that a part needs: its own, but at least 1.5 turns of each pulley.
 
     ``points_mm`` [N, 2] are the ends of the part's moves.
     """
@@ -98,17 +97,17 @@ def area_around_mm(printer: Printer, points_mm: np.ndarray) -> tuple[np.ndarray,
     part_low, part_high = points_mm.min(axis=0) - AROUND_PART_MM, points_mm.max(axis=0) + AROUND_PART_MM
     short = np.maximum(turn - (part_high - part_low), 0.0) / 2
     wanted_low, wanted_high = part_low - short, part_high + short
-    # where the bed ends on one side, take the missing turn from the other
+    # if the bed ends on one side, take the missing travel from the other side
     shift = np.maximum(low - wanted_low, 0.0) - np.maximum(wanted_high - high, 0.0)
     return np.maximum(wanted_low + shift, low), np.minimum(wanted_high + shift, high)
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The square lattice of an area, and what of it lies inside.
+    """The sites of a square lattice that lie inside an area.
 
-    ``site`` [S, 2] lattice indices, ``place_mm`` [S, 2] where they are on the bed, ``first`` [2] the direction of the
-    cells' first diagonal, along which sites with i + j even are visited.
+    ``site`` [S, 2] are lattice indices, ``place_mm`` [S, 2] their places on the bed. ``first`` [2] is the direction of
+    the cells' first diagonal, along which sites with i + j even are visited.
     """
 
     pitch_mm: float
@@ -119,8 +118,8 @@ class Grid:
 
 
 def grid_of(printer: Printer, low_mm: np.ndarray, high_mm: np.ndarray, pitch_mm: float) -> Grid:
-    """Return the lattice of a pitch between two corners."""
-    # On a CoreXY the motors' axes are the diagonals of the bed: turn everything by another 45°.
+    """Return the lattice with this pitch between two corners."""
+    # On a CoreXY the motors' axes are the diagonals of the bed: rotate the lattice by another 45°.
     heading_rad = ROW_ANGLE_RAD - (np.pi / 4 if printer.kinematics == "corexy" else 0.0)
     angle = heading_rad - np.pi / 4
     basis = pitch_mm * np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
@@ -150,7 +149,8 @@ def rows_of(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the order [M] of printing, the headings [M, 2] and the numbers of the rows [M].
 
-    Rows are printed to and fro; the first runs along its diagonal, or the one numbered ``origin`` of the whole lattice.
+    Rows are printed to and fro. The row that runs along its diagonal's own direction is the first, or row ``origin``
+    of the whole lattice.
     """
     along, across = site[:, 0] + site[:, 1], site[:, 1] - site[:, 0]
     second = np.array([-first[1], first[0]])
@@ -170,14 +170,14 @@ def rows_of(
 
 # The motion of a probe print: way-points that give every mark its direction of approach and its reversal.
 #
-# Along a row the marks are passed in one direction. Every third mark is overshot and approached from the other side, by
-# a distance that differs for the two motors; some are approached through a staircase of shrinking reversals. Long moves
-# have way-points in between, which a simulator or a camera can measure too.
+# Along a row the marks are passed in one direction. Every third mark is overshot, by different distances for the two
+# motors, and approached from the other side. Some are approached through a staircase of shrinking reversals. Long moves
+# have way-points in between, which a simulator or a camera can measure, too.
 
-BIG_SHARE = 0.3  # of the marks that are large dots
+BIG_SHARE = 0.3  # share of the marks that are large dots
 REVERSALS_MM = (8.0, 6.0, 4.6, 3.4, 2.6, 2.0, 1.5, 1.1, 0.8, 0.6, 0.4, 0.25, 0.15)
-REVERSAL_EVERY = 3  # so many rungs both motors turn back
-STAIRCASE_EVERY = 45  # so many rungs single steps follow
+REVERSAL_EVERY = 3  # before one in so many marks, both motors reverse
+STAIRCASE_EVERY = 45  # one in so many marks is approached by a staircase
 WAYPOINT_MM, SHORTEST_WAYPOINT_MM = 2.4, 1.0
 DOT_MM, BIG_DOT_MM = 1.0, 1.6
 PURGE_MM = 100.0  # length of the purge line
@@ -192,7 +192,7 @@ def walk(printer: Printer, layout: Layout) -> ProbePlan:
 
 
 def swings_for(count: int) -> list[np.ndarray]:
-    """Return the way-points [K, 2] before each of so many marks in their order, as `passes` takes them."""
+    """Return the way-points [K, 2] before each of ``count`` marks in printing order, as `passes` takes them."""
     order = np.random.default_rng(1)
     ladders = [_ladder(order, count) for _ in range(2)]
     swings = []
@@ -210,7 +210,7 @@ def swings_for(count: int) -> list[np.ndarray]:
 def walk_with(printer: Printer, layout: Layout, swings: Sequence[np.ndarray]) -> ProbePlan:
     """Return the plan of a layout whose marks are approached by ``swings`` [M]."""
     points, rows = passes(printer, layout, swings)
-    # A small bed holds few marks and short rows: way-points lie closer there.
+    # A small bed has few marks and short rows: place the way-points closer there.
     spacing = max(SHORTEST_WAYPOINT_MM, WAYPOINT_MM * min(1.0, len(rows) / MARKS))
     return plan_of(printer, layout, points, rows, spacing_mm=spacing)
 
@@ -218,7 +218,7 @@ def walk_with(printer: Printer, layout: Layout, swings: Sequence[np.ndarray]) ->
 def passes(printer: Printer, layout: Layout, swings: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return the way-points [N, 2] of the rows, each with its run-in, and the way-point [M] of every mark.
 
-    ``swings`` [M] of [K, 2] are way-points before each mark: how far beyond it, in mm of each motor.
+    ``swings`` [M] of [K, 2] are the way-points before each mark: their distances beyond it, in mm of each motor.
     """
     low = np.array([printer.x.min_mm, printer.y.min_mm]) + EDGE_MM
     high = np.array([printer.x.max_mm, printer.y.max_mm]) - EDGE_MM
@@ -261,7 +261,7 @@ def plan_of(
 
 
 def code_of(printer: Printer, waypoints_mm: np.ndarray, site: np.ndarray) -> np.ndarray:
-    """Return which marks [M] are large dots: they spell which plan this is, so that no other plan fits its plate.
+    """Return which marks [M] are large dots: they encode the plan, so that no other plan fits its plate.
 
     The code is drawn from a digest of the printer's name and the way-points [N, 2], a bit for each ``site`` [M, 2].
     """
@@ -287,7 +287,7 @@ def snapped(printer: Printer, points_mm: np.ndarray) -> np.ndarray:
 
 
 def _ladder(rng: np.random.Generator, count: int) -> np.ndarray:
-    """Return reversal distances [count]: the whole ladder in shuffled order, again and again."""
+    """Return reversal distances [count]: the whole ladder, shuffled anew each time."""
     repeats = -(-count // len(REVERSALS_MM))
     return np.concatenate([rng.permutation(REVERSALS_MM) for _ in range(repeats)])[:count]
 
@@ -295,7 +295,7 @@ def _ladder(rng: np.random.Generator, count: int) -> np.ndarray:
 def _subdivided(
     printer: Printer, points: np.ndarray, spacing_mm: float, *, first: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Put way-points on long moves after row ``first``; return them all and the new rows of the old ones."""
+    """Insert way-points into long moves after row ``first``; return all of them, and the new rows of the old ones."""
     rng = np.random.default_rng(2)
     moves = np.diff(points, axis=0)
     parts = np.maximum(1, np.rint(np.hypot(*moves.T) / spacing_mm)).astype(int)
@@ -309,15 +309,15 @@ def _subdivided(
     return out, kept
 
 
-# What a probe prints beside its dots: lines at printing speed, and a thin net under the dots of a plate.
+# A probe also prints lines at printing speed, and a thin net under the dots of a plate.
 
-LEG_MM, STEP_MM = 9.0, 3.0  # of a battlement: its long legs, and its short ones between them
+LEG_MM, STEP_MM = 9.0, 3.0  # a battlement's long legs, and the short ones between them
 GAP_MM = 2.6  # from the outermost dots to the nearer legs
-LEAST_LEGS = 4  # along a side; shorter ones show too little
+LEAST_LEGS = 4  # fewest legs along a side; fewer show too little
 
 
 def with_moving(plan: ProbePlan, printer: Printer) -> ProbePlan:
-    """Return the plan with lines at speed after its dots, along the sides where the bed has room for them."""
+    """Return the plan with lines at speed after its dots, along the sides where the bed has room."""
     low, high = plan.marks_mm.min(axis=0), plan.marks_mm.max(axis=0)
     bed = np.array([[axis.min_mm + EDGE_MM, axis.max_mm - EDGE_MM] for axis in (printer.x, printer.y)])
     runs = [_battlement(axis, low, high) for axis in range(2) if high[1 - axis] + GAP_MM + STEP_MM <= bed[1 - axis, 1]]
@@ -325,14 +325,14 @@ def with_moving(plan: ProbePlan, printer: Printer) -> ProbePlan:
     if not runs or len(plan.sheets) > 1:
         return plan
     points = snapped(printer, np.vstack(runs))
-    # the last dot's retraction is followed by a move to the first corner
+    # after the last dot's retraction, the head moves to the first corner
     return replace(plan, waypoints_mm=frozen(np.vstack([plan.waypoints_mm, points])), moving=len(plan.waypoints_mm))
 
 
 def _battlement(axis: int, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the corners [N, 2] of a battlement whose long legs run along ``axis``, beyond the dots' other end.
+    """Return the corners [N, 2] of a battlement with long legs along ``axis``, beyond the dots' upper end across it.
 
-    The one along X ends where the one along Y begins: at the right.
+    The battlement along X ends where the one along Y begins, at the right.
     """
     legs = int((high[axis] - low[axis]) // LEG_MM)
     ends = np.repeat(np.linspace(low[axis], high[axis], legs + 1), 2)[1:-1]
@@ -345,15 +345,15 @@ def _battlement(axis: int, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 NET_DOT_MM, BIG_NET_DOT_MM = 1.6, 2.5
 FRAME_MM = 6.0  # from the outermost dots to the frame
-LEAST_FRAME_MM = 3.0  # between the outermost marks and the edge of the bed
+LEAST_FRAME_MM = 3.0  # least distance between the outermost marks and the edge of the bed
 FIRST = 3  # way-points before the net: home and the purge line
-FRAME_CORNERS = 5  # of which the last is the first again
+FRAME_CORNERS = 5  # the last corner repeats the first
 
 
 def with_net(plan: ProbePlan, printer: Printer) -> ProbePlan:
     """Return the plan with a net before its dots, and larger dots.
 
-    Raises `ConfigError` where the dots come too near to the edge of the bed for a frame.
+    Raises `ConfigError` if the dots come too near to the edge of the bed for a frame.
     """
     low, high = plan.marks_mm.min(axis=0) - FRAME_MM, plan.marks_mm.max(axis=0) + FRAME_MM
     bed = np.array([[axis.min_mm + EDGE_MM, axis.max_mm - EDGE_MM] for axis in (printer.x, printer.y)])

@@ -1,4 +1,4 @@
-"""The page of instructions beside every test print: what it prints, where home is, how to lay it on the scanner."""
+"""Write the page of instructions beside every test print: its picture, the home position, how to scan it."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -23,7 +23,7 @@ from printmend.units import A4_MM
 if TYPE_CHECKING:
     from printmend.measure.walls import Walls
 
-LEFT_MM, TOP_MM = 20.0, 22.0  # of the page; all above 260 mm, so that letter paper shows it, too
+LEFT_MM, TOP_MM = 20.0, 22.0  # margins; everything lies above 260 mm, so that letter paper shows it, too
 BED_MM, GLASS_MM = 88.0, 62.0  # the longer side of the drawn bed, and of the drawn glass
 PICTURES_MM = 42.0  # from the upper edge of the page to the pictures
 STEPS_MM = 152.0  # from the upper edge of the page to the steps
@@ -31,16 +31,16 @@ CHORD_MM = 0.3  # how far an arc's chords may lie from it
 WHITE, GREEN = (1.0, 1.0, 1.0), (0.1, 0.5, 0.2)
 SHEET_COLOURS = (BLUE, RED, GREEN)
 PLATE_COLOURS, PAPER_COLOURS = "colours-on-plate", "colours-on-paper"  # messages
-Step = tuple[str, str]  # what to do, and the command that does it; empty where there is none
+Step = tuple[str, str]  # an instruction, and the command that does it (empty if there is none)
 
 
 def leaflet_of(gcode: Path) -> Path:
-    """Return where the page of a test print lies: beside it."""
+    """Return the path of a test print's page, beside its G-code."""
     return gcode.with_name(f"{gcode.stem}-how-to.pdf")
 
 
 def pen_and_paper(plan: ProbePlan) -> str:
-    """Return what a drawing needs."""
+    """Return words for the pen and paper that a drawing needs."""
     return say_count("pen-and-paper", len(plan.sheets))
 
 
@@ -55,7 +55,7 @@ def write_leaflet(
 ) -> Path:  # fmt: skip
     """Write the page of a probe for a printer that its owner calls ``named``; return its path.
 
-    ``papers`` are the sheets that take it, none for the plate.
+    ``papers`` are the sheets to print on, none for the plate.
     """
     minutes, grams = cost(plan)
     several = len(plan.sheets) > 1
@@ -94,7 +94,7 @@ def write_leaflet(
 
 
 def _after(measure: str, trace: str, named: str) -> list[Step]:
-    """Return what is done with the scan."""
+    """Return the steps that use the scan."""
     return [
         (say("step-measure"), measure), (say("terminal-step-settle"), ""),
         (say("step-learn"), f"printmend learn {trace} --printer {named}"),
@@ -103,7 +103,7 @@ def _after(measure: str, trace: str, named: str) -> list[Step]:
 
 
 def _comes(plan: ProbePlan, files: str) -> list[Step]:
-    """Say how it is printed, and what comes out of the printer; `_with_a_pen` says how a pen is used."""
+    """Return the steps of printing, and what the printer produces; `_with_a_pen` has the steps for a pen."""
     told = [] if plan.pen else [say("step-as-it-is")]
     if len(plan.sheets) > 1:
         told.append(say("step-sheets", files))
@@ -126,8 +126,8 @@ def write_layer_leaflet(
 ) -> Path:  # fmt: skip
     """Write the page of a part's first layer; return its path. Without a printer only the part is drawn.
 
-    ``walls`` are those of the layer; other lines (a skirt, a purge line) are drawn paler. None if OpenCV, which finds
-    them, is not installed.
+    Lines that lie on none of the layer's ``walls`` (a skirt, a purge line) are drawn paler. ``walls`` is None if
+    OpenCV, which finds them, is not installed.
     """
     moves = straightened(part.moves, CHORD_MM)
     drawn = np.flatnonzero(moves.extruding & (moves.layer >= 0) & moves.known[:, :2].all(axis=1))
@@ -157,7 +157,7 @@ def write_layer_leaflet(
 
 
 def _on_part(stroke_mm: np.ndarray, walls: "Walls") -> bool:
-    """Say whether a stroke [N, 2] lies on the plastic of the part."""
+    """Return whether a stroke [N, 2] lies on the plastic of the part."""
     from printmend.measure.walls import RASTER_MM
 
     middle = (stroke_mm[1:] + stroke_mm[:-1]) / 2
@@ -167,7 +167,7 @@ def _on_part(stroke_mm: np.ndarray, walls: "Walls") -> bool:
 
 
 def _before(plan: ProbePlan, papers: Sequence[Paper], printer: Printer) -> list[Step]:
-    """Return what must be done before the print begins."""
+    """Return the steps before the print begins."""
     if plan.pen:
         return [(_taped(plan, papers), ""), *_with_a_pen(plan, papers, printer)]
     if papers:
@@ -176,7 +176,7 @@ def _before(plan: ProbePlan, papers: Sequence[Paper], printer: Printer) -> list[
 
 
 def _with_a_pen(plan: ProbePlan, papers: Sequence[Paper], printer: Printer) -> list[Step]:
-    """Say how the pen is put in, the paper under it, and how the first dot sets its height."""
+    """Return the steps that mount the pen, lay the paper, and set the pen's height by the first dot."""
     stands = say("pen-waits") if printer.pause_gcode == PAUSE else say("pen-stays", LAY_S // 60)
     touches = [first_touch_mm(sheet, paper) for sheet, paper in zip(plan.sheets, papers, strict=True)]
     where = dict.fromkeys((f"{left:.0f}", f"{front:.0f}") for left, front in touches)
@@ -190,7 +190,7 @@ def _with_a_pen(plan: ProbePlan, papers: Sequence[Paper], printer: Printer) -> l
 
 
 def _taped(plan: ProbePlan, papers: Sequence[Paper]) -> str:
-    """Say where a sheet, or each of several, is taped."""
+    """Say where to tape a sheet, or each of several."""
     cold = "-cold" if plan.pen else ""
     if len(papers) == 1:
         return say(f"step-tape{cold}", papers[0].name, papers[0].place)
@@ -207,9 +207,9 @@ def _bed(
     page: PdfPage, printer: Printer | None, strokes_mm: Sequence[np.ndarray], marks_mm: np.ndarray,
     papers: Sequence[Paper] = (), *, dot_mm: float = 1.2, others_mm: Sequence[np.ndarray] = (),
 ) -> Callable[[np.ndarray], np.ndarray]:  # fmt: skip
-    """Draw the bed from above, its front edge below, what is printed on it, where each sheet is taped, and home.
+    """Draw the bed from above, with its front edge at the bottom: the strokes and marks, each taped sheet, and home.
 
-    Returns where on the page a place [2] of the bed lies.
+    Return the map from a place [2] of the bed to the page.
     """
     if printer is None:
         every = np.vstack([*strokes_mm, *others_mm])
@@ -265,7 +265,7 @@ def _bed(
 
 
 def _cross(page: PdfPage, at_mm: np.ndarray) -> None:
-    """Draw where a pen touches first."""
+    """Draw a cross where a pen touches first."""
     page.rectangle(at_mm - 2.2, (4.4, 4.4), WHITE)
     for way in ([2.0, 2.0], [2.0, -2.0]):
         page.line(np.array([at_mm - way, at_mm + way]), GREEN, 0.8)
@@ -275,12 +275,12 @@ Shape = tuple[np.ndarray, Sequence[np.ndarray]]  # size [2] mm, and strokes [N, 
 
 
 def _sheet_shape(paper: Paper) -> Shape:
-    """Return a sheet as it goes onto the glass: its long side along that of the glass."""
+    """Return a sheet as it lies on the glass, its long side along the glass' long side."""
     return np.sort(np.array(paper.size_mm)), []
 
 
 def _glass(page: PdfPage, words: str, shape: Shape) -> None:
-    """Draw a scanner's open A4 glass, and true to scale what lies on it, as it is seen from above."""
+    """Draw a scanner's open A4 glass from above, with the ``shape`` on it to scale."""
     x, y = 128.0, PICTURES_MM
     (wide, high), strokes = shape
     scale = min(GLASS_MM / A4_MM[1], 68.0 / max(wide, high))

@@ -1,8 +1,8 @@
-"""Sheets of paper on the bed: where each is taped, its prime line, and several for a bed larger than one.
+"""Sheets of paper on the bed: where to tape each, its prime line, and several sheets for a larger bed.
 
 Two or three sheets are printed one after the other and overlap. All show one pattern. Where two overlap, the printer
-makes the same dots again, coming to each as before, so that a scan of one sheet can be laid onto that of the next. Each
-sheet spells a code of its own.
+makes the same dots again and approaches each as before, so that a scan of one sheet can be aligned with the next. Each
+sheet has its own code.
 """
 
 import itertools
@@ -32,14 +32,14 @@ from printmend.probe.layout import (
 )
 from printmend.units import A4_MM, LETTER_MM
 
-OVERLAP = 0.35  # of a sheet: what its neighbour shows, too
-SPARE_RATIO = 1.2  # times as many marks are printed there as must be seen
+OVERLAP = 0.35  # share of a sheet that its neighbour shows, too
+SPARE_RATIO = 1.2  # least ratio of marks printed in an overlap to marks that scans must share
 
 
 def sheets_mm(printer: Printer, paper_mm: tuple[float, float], count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners (low [K, 2], high [K, 2]) of the marks of so many sheets, side by side across the bed.
+    """Return the corners (low [K, 2], high [K, 2]) of the marks of ``count`` sheets, side by side across the bed.
 
-    They lie the way round that covers most of it. Raises `ConfigError` for paper too small for any marks.
+    Their orientation covers most of the bed. Raises `ConfigError` for paper too small for any marks.
     """
     low, high = mark_area_mm(printer)
     room = np.array(paper_mm) - 2 * GLASS_EDGE_MM
@@ -52,7 +52,7 @@ def sheets_mm(printer: Printer, paper_mm: tuple[float, float], count: int) -> tu
     best: tuple[float, np.ndarray, np.ndarray] | None = None
     for sheet in (room, room[::-1]):
         for axis in range(2):
-            times = np.ones(2)  # as large as one sheet is what all show
+            times = np.ones(2)  # size of the area on all sheets, over that of one
             times[axis] += (count - 1) * (1 - OVERLAP)
             whole = np.minimum(high - low, sheet * times)
             first, one = (low + high - whole) / 2, whole / times
@@ -66,8 +66,8 @@ def sheets_mm(printer: Printer, paper_mm: tuple[float, float], count: int) -> tu
 def design_sheets(printer: Printer, paper_mm: tuple[float, float], count: int, *, marks: int = MARKS) -> ProbePlan:
     """Lay out about ``marks`` marks over the bed, on ``count`` sheets of paper that overlap.
 
-    Raises `ConfigError` for a bed or paper that is too small, for a bed that needs fewer sheets, and where too few
-    marks would join them.
+    Raises `ConfigError` for a bed or paper that is too small, for a bed that needs fewer sheets, and if too few marks
+    would join them.
     """
     low, high = sheets_mm(printer, paper_mm, count)
     needless = sheets_mm(printer, paper_mm, count - 1)
@@ -102,7 +102,7 @@ def _part(whole: Layout, marks: np.ndarray) -> Layout:
 def sheet_after_sheet(plans: Sequence[ProbePlan]) -> ProbePlan:
     """Return the plan of several sheets that are printed one after the other, homing before each.
 
-    Homing moves every axis towards its end as a straight move would, so that one trace holds all of them.
+    Homing moves every axis to its end, as a straight move would. So one trace can hold all sheets.
     """
     begin = np.cumsum([0, *(len(plan.waypoints_mm) for plan in plans[:-1])])
     return replace(
@@ -119,7 +119,7 @@ def sheet_after_sheet(plans: Sequence[ProbePlan]) -> ProbePlan:
 
 PRIME_EDGE_MM = 4.0  # from the sheet's edges to the prime line, or to where a pen first touches
 NAMES = {A4_MM: "A4", LETTER_MM: "letter"}
-SPARE_MM = 10.0  # of a scanner's glass beside the sheet that it is made for
+SPARE_MM = 10.0  # how much larger a scanner's glass may be than the sheet that it is made for
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,7 @@ class Paper:
 
     @property
     def place(self) -> str:
-        """Where its corner goes, and how far it hangs over."""
+        """Where its corner goes, and how far it overhangs the bed."""
         corner = say("paper-corner", f"{self.low_mm[0]:.0f}", f"{self.low_mm[1]:.0f}")
         return say("paper-hangs-over", corner, f"{self.back_mm:.0f}") if self.back_mm > 0.5 else corner
 
@@ -161,8 +161,8 @@ def paper_for(glass_mm: tuple[float, float]) -> tuple[float, float]:
 
 
 def papers_of(plan: ProbePlan, printer: Printer, paper_mm: tuple[float, float]) -> tuple[Paper, ...]:
-    """Return where each sheet of a plan goes: upright or lying, whichever its dots fit, with as much of it on the bed
-    as possible.
+    """Return where each sheet of a plan goes: in the orientation that holds its dots, with as much of it on the bed as
+    possible.
 
     Raises `ConfigError` for dots that a sheet cannot hold.
     """

@@ -1,8 +1,7 @@
-"""A part's layer as a test print: the paper's, its longest layer with marks along the way, or its first layer alone.
+"""Make a test print from a part's layer: its longest layer with marks along the way, or its first layer alone.
 
 On the longest layer the nozzle follows the path without extruding. Marks lie on a lattice as in every probe, so that a
-scanner can tell them apart. Where the path passes a site, the nozzle goes there, leaves the dot, comes back and goes
-on.
+scan can identify them. Where the path passes a site, the nozzle goes there, leaves the dot, and returns to the path.
 
 The first layer takes minutes and grams, and a scan of it is enough to learn from.
 """
@@ -24,10 +23,10 @@ from printmend.probe.layout import EDGE_MM, MARKS, Layout, grid_of, mark_area_mm
 from printmend.provenance import sealed_test_print
 
 CHORD_MM = 0.1  # how far an arc's chords may lie from it
-SAMPLE_MM = 0.5  # of path between two way-points
-MOST_MINUTES = 15.0  # that the print may take
-SHORTER = 0.85  # share of the path that is kept where it takes longer
-LEAST_MARKS = 16  # fewer do not tell a scanner which is which
+SAMPLE_MM = 0.5  # longest path between two sampled points
+MOST_MINUTES = 15.0  # longest time that the print may take
+SHORTER = 0.85  # if it takes longer, this share of the path is kept, repeatedly
+LEAST_MARKS = 16  # fewer marks cannot be identified in a scan
 
 
 def longest_layer_mm(part: Program) -> np.ndarray:
@@ -50,9 +49,9 @@ def longest_layer_mm(part: Program) -> np.ndarray:
 
 
 def layer_plan(printer: Printer, path_mm: np.ndarray, *, marks: int = MARKS) -> ProbePlan:
-    """Return the plan that follows a layer's way-points [N, 2], cut short where it would take more than 15 minutes.
+    """Return the plan that follows a layer's way-points [N, 2], cut short if it would take more than 15 minutes.
 
-    Raises `GcodeError` where the layer is too small for marks.
+    Raises `GcodeError` if the layer is too small for marks.
     """
     low, high = np.array([printer.x.min_mm, printer.y.min_mm]), np.array([printer.x.max_mm, printer.y.max_mm])
     path_mm = np.clip(path_mm, low + EDGE_MM, high - EDGE_MM)
@@ -110,7 +109,7 @@ def _sampled(path_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return path_mm[segment] + share[:, None] * moves[segment], segment
 
 
-STANDS_IN = "ender3"  # stands in for an unknown printer: walls do not depend on it, only their history does
+STANDS_IN = "ender3"  # replaces an unknown printer: walls do not depend on it, only their history does
 _HEAD = b"; printmend first layer: of a part, to be printed unmended, scanned and measured"
 _ENDING = """\
 ; printmend: the rest of the part is left out

@@ -1,7 +1,7 @@
-"""A probe drawn with a pen in a clip on the tool head: no heat, no plastic, a sheet of paper on the bed.
+"""Draw a probe with a pen in a clip on the tool head: no heat, no plastic, a sheet of paper on the bed.
 
-The pen comes down for a dot, which is as large as the pen's tip. A large dot is a small circle around one. It shows
-which mark is which, but is not measured, because its middle depends on the play.
+The pen comes down for a dot, which is as large as the pen's tip. A large dot is a small circle around a dot. It is part
+of the code, but is not measured, because its middle depends on the play.
 """
 
 from dataclasses import replace
@@ -14,11 +14,11 @@ from printmend.printer.printer import PAUSE
 from printmend.probe.gcode import xy_words
 from printmend.probe.paper import Paper, first_touch_mm, sheet_after_sheet
 
-TIP_MM, BIG_MM = 0.8, 1.8  # diameters of what a felt pen leaves, and of a circle that it draws
-CORNERS = 8  # of the polygon that stands for a dot
-TOUCH_MM, LIFT_MM, PRESS_MM = 5.0, 2.5, 0.1  # height of the tool head where the pen is fastened, and from there
-DABS, DABS_AGAIN, DAB_MS = 20, 3, 1000  # of the guided dot: a minute for its owner, and what the last pause changed
-LAY_S = 120  # for the paper, where pausing would drive the tool head away
+TIP_MM, BIG_MM = 0.8, 1.8  # diameters of a felt pen's dot, and of a circle that it draws
+CORNERS = 8  # corners of the polygon that draws this circle
+TOUCH_MM, LIFT_MM, PRESS_MM = 5.0, 2.5, 0.1  # tool head's height when the pen is fastened; lift and press from there
+DABS, DABS_AGAIN, DAB_MS = 20, 3, 1000  # dabs of the guided dot: a minute to set its height, and a few to check it
+LAY_S = 120  # time to lay the paper, if a pause would drive the tool head away
 TRAVEL_MM_S, APPROACH_MM_S, CIRCLE_MM_S, DOWN_MM_S, REST_MS = 80.0, 20.0, 5.0, 10.0, 150
 
 
@@ -48,8 +48,8 @@ def pen_gcode(plan: ProbePlan, paper: Paper | None = None, *, sheet: str = "", p
 
     It waits at the first touch point, so that the owner can lay ``paper`` under the pen, whose offset from the nozzle
     is unknown. There it draws a guided dot: the pen dabs while the owner sets the height in baby-steps. Firmwares
-    accept them during moves; Klipper would take them back at the end of a pause. ``sheet`` says which of several sheets
-    it is; ``pause_gcode`` is the printer's.
+    accept baby-steps during moves; Klipper would undo them at the end of a pause. ``sheet`` says which of several
+    sheets it is; ``pause_gcode`` is the printer's command.
     """
     name, place = "a sheet", "Shift the paper until all dots will lie on it; tape it"
     if paper is not None:
@@ -58,7 +58,7 @@ def pen_gcode(plan: ProbePlan, paper: Paper | None = None, *, sheet: str = "", p
     points, dots = plan.waypoints_mm, dict(zip(plan.rows.tolist(), plan.big.tolist(), strict=True))
     up, down = (f"G1 Z{z:g} F{DOWN_MM_S * 60:g}\n" for z in (TOUCH_MM + LIFT_MM, TOUCH_MM - PRESS_MM))
     laying = "Put the paper under the pen, lower the pen until it touches, and fasten it"
-    stays = pause_gcode == PAUSE  # other pauses may park the tool head: they cannot wait for the paper
+    stays = pause_gcode == PAUSE  # other pauses may park the tool head, so they cannot wait for the paper
     dab = f"{down}G4 P{DAB_MS}\n{up}G4 P{DAB_MS}\n"
     lines = [
         f"; printmend probe: {len(plan)} dots with a pen on paper. Printed for: {plan.printer}\n",

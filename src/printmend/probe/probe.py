@@ -1,4 +1,4 @@
-"""A probe print: from a printer to G-code and its plan."""
+"""Design a probe print for a printer; write its G-code and its plan."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -23,8 +23,8 @@ from printmend.probe.tiles import belief_after, chosen_plans, fall_of, informati
 from printmend.provenance import sealed_test_print
 
 DESIGNS = ("fixed", "layer", "optimal", "active")
-PHASE_MARKS, PHASE_TURNS = 80, 1.6  # of the print that finds where a known printer's motors stand
-TARGETS = 2000  # places of the bed for which a print is chosen
+PHASE_MARKS, PHASE_TURNS = 80, 1.6  # marks and turns of the print that finds a known printer's motor phases
+TARGETS = 2000  # places of the bed for which a print is optimised
 
 
 def design_probe(
@@ -43,8 +43,8 @@ def design_probe(
 
     ``fixed`` is the pattern of physics.md §5 where the part is printed; ``layer`` follows the part's longest layer;
     ``optimal`` chooses the marks that reduce the part's expected error most, ``active`` those with most information;
-    both may start from the trace ``after``. Raises `ConfigError` where the bed is too small, `GcodeError` for a part
-    that extrudes nothing or whose layer is too small.
+    both may start from the trace ``after``. Raises `ConfigError` if the bed is too small, `GcodeError` for a part that
+    extrudes nothing or whose layer is too small.
     """
     if design == "layer":
         if part is None:
@@ -58,7 +58,7 @@ def design_probe(
     area = _area_mm(printer, size_mm, None, glass_mm)
     wanted = belief.wanted(targets_mm(printer, part))
     worth = information if design == "active" else fall_of(wanted)
-    # The drawn patterns compete: with few marks their evenness is hard to beat.
+    # The fixed patterns compete, too: with few marks their evenness is hard to beat.
     drawn = [area] if part is None else [area, _area_mm(printer, size_mm, part, glass_mm)]
     plans = [walk(printer, lay_out(printer, *corners, marks=marks)) for corners in drawn]
     plans += chosen_plans(printer, area, belief, worth, marks=marks)
@@ -70,7 +70,7 @@ def design_probe(
 def expected_error_mm(
     printer: Printer, plan: ProbePlan, *, part: Program | None = None, after: Trace | None = None
 ) -> float:
-    """Return the expected RMS error of a part after measuring the marks; without a part, of any place on the bed."""
+    """Return the expected RMS error of a part after measuring the marks; without a part, of the whole bed."""
     belief = prior_belief(printer) if after is None else belief_after(printer, after)
     wanted = belief.wanted(targets_mm(printer, part))
     return belief.told(belief.columns(plan.waypoints_mm, plan.rows)).expected_mm(wanted)
@@ -83,7 +83,7 @@ def targets_mm(printer: Printer, part: Program | None) -> np.ndarray:
         return low + np.random.default_rng(0).random((TARGETS, 2)) * (high - low)
     ends = _printed_mm(part).reshape(2, -1, 2)
     ends = ends[:, :: max(1, ends.shape[1] // TARGETS)]
-    # long lines are predicted all along, not at their ends alone
+    # predict long lines along their length, not only at their ends
     share = np.linspace(0.0, 1.0, 5)[:, None, None]
     return np.swapaxes(ends[0] + share * (ends[1] - ends[0]), 0, 1).reshape(-1, 2)
 
@@ -128,8 +128,8 @@ def write_probe(
 ) -> Path:  # fmt: skip
     """Write the G-code to ``path`` and the plan beside it; return the plan's path. The options are `probe_gcode`'s.
 
-    ``papers`` are the sheets of a plan `on_paper`. One `with_pen` becomes a drawing, which waits by
-    ``pause_gcode``; each of several sheets has a file, `gcode_of`.
+    ``papers`` are the sheets of a plan `on_paper`. A plan `with_pen` becomes a drawing, which waits by
+    ``pause_gcode``. Each of several sheets has its own file (`gcode_of`).
     """
     path = Path(path)
     plan_path = path.with_suffix(".json")
@@ -143,20 +143,20 @@ def write_probe(
             else:
                 text = probe_gcode(sheet, extruder=extruder, start_gcode=start_gcode, paper=paper, sheet=said)
             file.write(sealed_test_print(text.encode("utf-8", "replace")))
-            file.flush()  # a full disk shows before the plan is there: both or neither
+            file.flush()  # a full disk fails here, before the plan is written: both files or neither
         write_plan(plan_path, plan)
     return plan_path
 
 
 def gcode_of(path: Path, plan: ProbePlan) -> list[Path]:
-    """Return the files of a plan: ``path``, or for several sheets one each, as probe-1.gcode."""
+    """Return the files of a plan: ``path``, or for several sheets one file each, such as probe-1.gcode."""
     if len(plan.sheets) == 1:
         return [path]
     return [path.with_name(f"{path.stem}-{number}{path.suffix}") for number in range(1, len(plan.sheets) + 1)]
 
 
 def keep_plan(path: Path, plan: ProbePlan) -> None:
-    """Raise `InputError` where ``path`` holds another plan: it may belong to the plate on the bed."""
+    """Raise `InputError` if ``path`` holds another plan: it may belong to the plate on the bed."""
     todo = say("write-again-printmend-probe")
     if path.exists() and read_text(path, wanted=say("probe-json"), todo=todo) != plan_text(plan):
         raise InputError(

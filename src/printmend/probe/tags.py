@@ -1,4 +1,4 @@
-"""The reference sheet as a PDF of one page, for the owner to print: tags, a ruled line, and what to do with it."""
+"""Write the reference sheet as a one-page PDF for the owner to print: tags, a ruled line, and instructions."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from printmend.pdf import PdfPage
 INK = (0.0, 0.0, 0.0)
 RULER_MM = 100.0  # the printed line that an owner measures
 RULER_Y_MM = PAGE_MM[1] - 23.4  # between the tags and the window
-# Between the tags of the upper edge: where the words begin [mm], and the message; so many letters fit in a line.
+# Words between the tags of the upper edge: where they begin [mm], and the message; then the letters that fit in a line.
 WORDS = (((24.5, 9.6), "tags-lay"), ((85.2, 9.6), "tags-photo"), ((145.9, 9.6), "tags-ruler"))
 LETTERS = 40
 

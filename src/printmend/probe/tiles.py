@@ -1,7 +1,7 @@
-"""Test prints chosen by gain: what marks tell of a machine, and the tile that gains most for its printing time.
+"""Choose test prints by gain: the information of marks about a machine, and the tile with most gain per printing time.
 
 A tile is a square block of the lattice of marks. It is printed along both diagonals of its cells, to and fro, straight
-or with shrinking reversals, and must touch a tile that was chosen before, so that a scanner finds one whole lattice.
+or with shrinking reversals. It must touch a tile that was chosen before, so that a scan shows one connected lattice.
 """
 
 from collections.abc import Callable, Iterator
@@ -38,21 +38,21 @@ from printmend.probe.layout import (
 
 # The information of marks about a machine: the covariance of its effects' sizes, known before anything is measured.
 #
-# With known contacts of the play, every effect is linear. A mark with the columns φ and noise σ adds φφᵀ/σ² to the
-# inverse covariance of the sizes, whatever its reading. So the worth of marks is known beforehand: if the columns at a
-# part's positions have the mean square D, the expected mean square error is tr(C·D) (physics.md eq. 21).
+# If the contacts of the play are known, every effect is linear. A mark with the columns φ and noise σ adds φφᵀ/σ² to
+# the inverse covariance of the sizes, whatever its reading. So the value of marks is known beforehand: if the columns
+# at a part's positions have the mean square D, the expected mean square error is tr(C·D) (physics.md eq. 21).
 
-# Effects that a test print must show: those that act and depend on the place on the bed alone
+# Effects that a test print must show: those that depend only on the place on the bed.
 WANTED = ("place", "scale", "bend", "pulley", "play", "breathing", "friction", "elastic", "skew", "aspect", "bent")
-NOISE_MM = 0.05  # of a coordinate that is expected of an owner's measurement
-LEAST_NOISE_MM = 0.01  # no scan is better
-PLAY_MM = 0.3  # prior of a printer with a fault
-LEAST_PLAY_MM = 0.02  # a taut belt is given a direction of contact, too
+NOISE_MM = 0.05  # noise of a coordinate that is expected in an owner's measurement
+LEAST_NOISE_MM = 0.01  # least noise of a scan
+PLAY_MM = 0.3  # prior play of a printer with a fault
+LEAST_PLAY_MM = 0.02  # least play, so that a taut belt has a direction of contact, too
 
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What is known about a printer: the ``covariance`` [P, P] mm² of the sizes of its effects (``terms``), and a
+    """A belief about a printer: the ``covariance`` [P, P] mm² of the sizes of its effects (``terms``), and a
     ``mechanism`` that decides the contacts. ``sigma_mm`` is the noise of a measured coordinate."""
 
     scene: Scene
@@ -62,7 +62,7 @@ class Belief:
     sigma_mm: float
 
     def contacts(self, motor_mm: np.ndarray) -> Contacts:
-        """Follow motors [N, 2] through the play from rest; the first row pulls both belts."""
+        """Follow the motors [N, 2] through their play from rest; the first row pulls both belts."""
         count = len(motor_mm)
         at, side, belt = np.empty((count, 2), np.int64), np.empty((count, 2), np.int8), np.empty((count, 2))
         for motor, table in enumerate(self.mechanism.transmissions):
@@ -89,7 +89,7 @@ class Belief:
         return np.concatenate(each, axis=2).reshape(2 * len(rows), -1)
 
     def told(self, columns: np.ndarray) -> "Belief":
-        """Return what is known once marks with these columns [M, P] are measured."""
+        """Return the belief after measuring marks with these columns [M, P]."""
         information = np.linalg.inv(self.covariance) + columns.T @ columns / self.sigma_mm**2
         covariance = np.linalg.inv(information)
         return replace(self, covariance=(covariance + covariance.T) / 2)
@@ -123,7 +123,7 @@ def prior_belief(printer: Printer) -> Belief:
 def belief_after(printer: Printer, trace: Trace) -> Belief:
     """Return the belief after a first trace: its information on top of the priors of the effects found.
 
-    An effect that it does not show keeps the prior of its mildest term. Raises `TraceError` like `learn`.
+    An effect that was not found keeps the prior of its mildest term. Raises `TraceError` like `learn`.
     """
     check_trace(trace)
     check_follows(trace, printer)
@@ -139,7 +139,7 @@ def belief_after(printer: Printer, trace: Trace) -> Belief:
 
 
 def _terms(scene: Scene, found: set[tuple[str, int]] | None = None) -> tuple[Term, ...]:
-    """Return one term of each effect at each place: the widest, or the mildest where it was not ``found``."""
+    """Return one term of each effect at each place: the widest, or the mildest if it was not ``found``."""
     chosen: dict[tuple[str, int], Term] = {}
     for name in WANTED:
         for term in EFFECTS[name].terms(scene):
@@ -155,7 +155,7 @@ Worth = Callable[[Belief, np.ndarray], float]
 
 
 def fall_of(wanted: np.ndarray) -> Worth:
-    """Return the worth of marks for a part with this D: the fall of its expected square error [mm²]."""
+    """Return the function that values marks for a part with this D: the decrease of its expected square error [mm²]."""
 
     def worth(belief: Belief, columns: np.ndarray) -> float:
         reach = columns @ belief.covariance
@@ -172,24 +172,24 @@ def information(belief: Belief, columns: np.ndarray) -> float:
 
 
 def still_unknown(belief: Belief) -> float:
-    """Return the entropy of what is believed, ½ log det C [nats], up to a constant."""
+    """Return the entropy of a belief, ½ log det C [nats], up to a constant."""
     return 0.5 * float(np.linalg.slogdet(belief.covariance)[1])
 
 
-SIDE, SMALL_SIDE, SMALL = 4, 3, 150  # marks along a tile; where there are fewer than 150 marks in all
+SIDE, SMALL_SIDE, SMALL = 4, 3, 150  # marks along a tile; the same for fewer than 150 marks in all
 LEAST_TILE_SHARE = 0.5  # share of a tile that must lie within the area
-PITCHES_MM = (8.0, 11.0, 15.0, 20.0)  # closer marks are lost to a scanner where belts are very loose
-MOST_S = 14.5 * 60  # that one sheet may take
-DOT_S = 0.5  # that a dot takes beyond the way to it
+PITCHES_MM = (8.0, 11.0, 15.0, 20.0)  # closer marks cannot be identified if belts are very loose
+MOST_S = 14.5 * 60  # longest time of one sheet
+DOT_S = 0.5  # time of a dot beyond the travel to it
 TREATMENTS = ("straight", "reversals", "staircase")
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A tile printed in one way: its marks, the way-points [N, 2] mm and ``rows`` [M], those that are the marks.
+    """A tile printed in one way: its marks, the way-points [N, 2] mm, and the marks' ``rows`` [M] among these.
 
-    ``columns`` [2K, P] are those at the marks; they do not depend on what was printed before, because the
-    run-in takes up the play.
+    ``columns`` [2M, P] belong to the marks. They do not depend on anything printed before, because the run-in takes up
+    the play.
     """
 
     tile: tuple[int, int]
@@ -203,7 +203,7 @@ class Segment:
 def chosen_plans(
     printer: Printer, area_mm: tuple[np.ndarray, np.ndarray], belief: Belief, worth: Worth, *, marks: int = MARKS
 ) -> Iterator[ProbePlan]:
-    """Choose up to ``marks`` marks within an area by ``worth`` a mark; yield a plan for each of several pitches.
+    """Choose up to ``marks`` marks within an area by their ``worth``; yield a plan for each of several pitches.
 
     ``worth(belief, columns)`` returns the gain of a segment with these columns.
     """
@@ -247,7 +247,7 @@ def _choose(printer: Printer, grid: Grid, belief: Belief, worth: Worth, marks: i
 
 
 def _tiles(grid: Grid, side: int) -> dict[tuple[int, int], np.ndarray]:
-    """Return the sites of each tile that lies in the area well enough."""
+    """Return the sites of each tile of which at least `LEAST_TILE_SHARE` lies in the area."""
     index, inverse = np.unique(grid.site // side, axis=0, return_inverse=True)
     members = [np.flatnonzero(inverse.ravel() == k) for k in range(len(index))]
     return {
@@ -274,7 +274,7 @@ def _segments(
 
 
 def _swings(treatment: str, marks: int, tile: tuple[int, int]) -> list[np.ndarray]:
-    """Return the way-points before each mark: none, an overshoot of every third, or one staircase besides."""
+    """Return the way-points before each mark: none, an overshoot of every third mark, or also one staircase."""
     if treatment == "straight":
         return [STRAIGHT] * marks
     ladder = np.random.default_rng([abs(tile[0]), abs(tile[1])]).permutation(REVERSALS_MM)

@@ -1,5 +1,4 @@
-"""A small tower that shows the Z screw, which no flat print shows: its G-code, and the table for the owner to fill
-in."""
+"""Print a small tower that shows the Z screw, which no flat print does; write its G-code and the owner's table."""
 
 import itertools
 import math
@@ -17,10 +16,10 @@ from printmend.printer import Printer
 from printmend.probe.gcode import CLOSING, LIFT_MM_S, PLA_G_PER_MM3, PLAIN_START, TRAVEL_MM_S, filament_mm
 from printmend.provenance import sealed_test_print
 
-SIDE_MM, TURNS = 24.0, 2.2  # two turns of the screw tell its wave, a little more its lead
+SIDE_MM, TURNS = 24.0, 2.2  # two turns of the screw show its wave, a little more shows its lead
 BRIM_LOOPS, BEAD_MM, PRINT_MM_S = 4, 0.6, 20.0
 _LAYER_MM, _HOP_MM = 0.2, 1.0  # layers are whole full steps near this height; a hop lets the nut come down from above
-_HOPS = 4  # every so many layers
+_HOPS = 4  # one hop in so many layers
 _HEAD = """\
 ; printmend probe: a tower for the Z screw, {layers} layers, about {minutes:.0f} min and {grams:.1f} g
 ; Printed for: {printer}. Change the temperatures below for another material than PLA, and nothing after "tower".
@@ -44,20 +43,20 @@ class Tower:
 
     @property
     def minutes(self) -> float:
-        """How long it takes after heating, at its speed throughout."""
+        """The printing time after heating, at constant speed."""
         return self.length_mm / PRINT_MM_S / 60
 
     @property
     def grams(self) -> float:
-        """What it takes of PLA."""
+        """The mass of PLA [g]."""
         return self.length_mm * BEAD_MM * self.layer_mm * PLA_G_PER_MM3
 
 
 def design_tower(printer: Printer) -> Tower:
     """Return a hollow square tower in the middle of the bed, two turns of the screw high, one bead thick.
 
-    Each layer begins in the middle of a side, so that the corners are clean; before every fourth the nozzle rises and
-    comes down, so that heights show the backlash. Raises `ConfigError` where the bed or Z is too small for it.
+    Each layer begins in the middle of a side, so that the corners are clean. Before every fourth layer the nozzle rises
+    and comes down, so that heights show the backlash. Raises `ConfigError` if the bed or Z is too small.
     """
     room_mm = SIDE_MM + 2 * (BRIM_LOOPS + 1) * BEAD_MM
     step_mm = printer.z.mm_per_step
@@ -70,7 +69,7 @@ def design_tower(printer: Printer) -> Tower:
         )  # fmt: skip
     middle = np.array(printer.middle_mm)
     points, printed = [np.array([*printer.home_mm, printer.z.home_mm])], [False]
-    if printer.z.home_mm < layer_mm + _HOP_MM:  # off the bed before the head moves across it
+    if printer.z.home_mm < layer_mm + _HOP_MM:  # lift off the bed before the head moves across it
         points.append(np.array([*printer.home_mm, layer_mm + _HOP_MM]))
         printed.append(False)
 
@@ -93,7 +92,7 @@ def design_tower(printer: Printer) -> Tower:
 def tower_gcode(tower: Tower, printer: Printer, *, start_gcode: str = "") -> str:
     """Return the file that prints a tower: after its start code, every way-point is the end of one G0 or G1, in order.
 
-    ``start_gcode`` takes the place of plain heating and homing; it must end at the home position.
+    ``start_gcode`` replaces plain heating and homing; it must end at the home position.
     """
     points = tower.waypoints_mm
     layers = len(np.unique(points[tower.printed, 2]))
@@ -113,9 +112,9 @@ def tower_gcode(tower: Tower, printer: Printer, *, start_gcode: str = "") -> str
 
 
 def write_tower(path: Path, tower: Tower, printer: Printer, *, start_gcode: str = "") -> Path:
-    """Write the G-code to ``path`` and, beside it, the table to be filled in; return the table's path.
+    """Write the G-code to ``path`` and, beside it, the table for the owner to fill in; return the table's path.
 
-    A row of the table is a way-point; what was not measured stays empty.
+    Each row of the table is a way-point; cells that were not measured stay empty.
     """
     points = tower.waypoints_mm
     nothing = np.full(points.shape, np.nan)
