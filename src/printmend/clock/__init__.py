@@ -1,7 +1,7 @@
-"""The clock: seconds of a file as it is and as mended, by a model of the firmware's planner.
+"""The clock: the printing time of a file, as it is and as mended, by a model of the firmware's planner.
 
-`limits_of` reads from a file what its machine may do at most; `start_stopwatch` returns two clocks, which look on while
-the file is planned and then say how long it takes.
+`limits_of` reads the limits of a file's machine; `start_stopwatch` returns two clocks, which observe the planning of
+the file and then say how long it takes.
 """
 
 from printmend.clock.clock import (

@@ -1,4 +1,4 @@
-"""The clock: how long a printer takes for a file, mended or as it is, by a model of its firmware's planner."""
+"""Compute how long a printer takes for a file, mended or as it is, by a model of its firmware's planner."""
 
 import re
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from printmend.jit import record
 from printmend.messages import say
 from printmend.printer import MotionLimits, Printer
 
-# The limits of a machine, from its file: the slicer's settings, otherwise the defaults of its firmware.
+# Read a machine's limits from the file: the slicer's settings, otherwise the defaults of its firmware.
 
 Axes = tuple[float, float, float, float]
 _CORNER = {
@@ -32,10 +32,10 @@ SLICER = "the slicer's settings"
 EXAMPLE, OWNER = "an example printer of that firmware", "the printer's file"
 _SAID = {SLICER: "limits-of-slicer", EXAMPLE: "limits-of-example", OWNER: "limits-of-owner"}  # messages
 FIRMWARES = tuple(_CORNER)
-"""Names of the planners that are known."""
+"""Names of the known planners."""
 _OF_FLAVOUR = {Flavour.KLIPPER: "klipper", Flavour.RRF: "rrf"}
 _OF_NAME = {"klipper": "klipper", "rrf": "rrf"}
-# Klipper lets the extruder alone go so fast, as a share of the head's limit: a line of 4 nozzles², 0.4 mm, of 1.75 mm.
+# Klipper's limit for the extruder alone, as a share of the head's: a bead of 4 · 0.4² mm² over the filament's area.
 _EXTRUDER_SHARE = 4 * 0.4**2 / (np.pi * 1.75**2 / 4)
 
 
@@ -43,9 +43,9 @@ _EXTRUDER_SHARE = 4 * 0.4**2 / (np.pi * 1.75**2 / 4)
 class Limits:
     """The largest speeds [mm/s], accelerations [mm/s²] and jumps of speed [mm/s] of X, Y, Z, E, and of the head.
 
-    The values are those that Marlin, Klipper and RepRapFirmware have in their own example configurations. ``said`` is
-    where they come from. ``velocity_mm_s``, ``corner_mm_s`` and ``cruise_ratio`` are Klipper's. A file says that its
-    firmware lets X and Y accelerate by ``most_mm_s2``, whatever moves ask for; it is 0 where no file says so.
+    The defaults are those of the example configurations of Marlin, Klipper and RepRapFirmware. ``said`` is the values'
+    source. ``velocity_mm_s``, ``corner_mm_s`` and ``cruise_ratio`` are Klipper's. ``most_mm_s2`` is the acceleration to
+    which the firmware limits X and Y, whatever moves ask for; it is 0 if the file does not state it.
     """
 
     firmware: str = "marlin"
@@ -65,12 +65,12 @@ class Limits:
 
     @property
     def words(self) -> tuple[str, str]:
-        """Say whose planner they are for, and where they come from."""
+        """Return the limits' firmware and their source, in words."""
         name = self.firmware if self.firmware == "rrf" else self.firmware.capitalize()
         return "RepRapFirmware" if name == "rrf" else name, say(_SAID[self.said])
 
     def lower(self) -> np.record:
-        """Return them as the kernels read them."""
+        """Return the limits as the kernels read them."""
         limits = record(k.LIMITS)
         limits.corner, limits.blocks = _CORNER[self.firmware], _BLOCKS[self.firmware]
         limits.speed[:], limits.accel[:], limits.jump[:] = self.speed_mm_s, self.accel_mm_s2, self.jump_mm_s
@@ -82,7 +82,7 @@ class Limits:
 
 
 def klipper(velocity_mm_s: float, accel_mm_s2: float, z_mm_s: float, z_mm_s2: float) -> Limits:
-    """Return the limits of a Klipper printer, all else as Klipper takes it unless it is set."""
+    """Return the limits of a Klipper printer, with Klipper's defaults for all other values."""
     return Limits(
         "klipper", (velocity_mm_s, velocity_mm_s, z_mm_s, _EXTRUDER_SHARE * velocity_mm_s),
         (accel_mm_s2, accel_mm_s2, z_mm_s2, _EXTRUDER_SHARE * accel_mm_s2), accel_mm_s2, accel_mm_s2, accel_mm_s2,
@@ -101,11 +101,10 @@ _IGNORED = re.compile(rb"^;?\s*\"?machine_limits_usage\"?\s*[:=]\s*\"?ignore", r
 def limits_of(
     flavour: Flavour, hints: tuple[bytes, ...], firmware: str | None = None, owner: MotionLimits = UNSAID
 ) -> Limits:
-    """Return the limits with which a file begins: what its slicer wrote of the machine (`Part.hints`), else the
-    firmware's own. M201, M203, M204, M205, M566 and SET_VELOCITY_LIMIT change them on the way.
+    """Return the limits at the beginning of a file: the slicer's settings for the machine (`Part.hints`), otherwise the
+    firmware's defaults. M201, M203, M204, M205, M566 and SET_VELOCITY_LIMIT change them on the way.
 
-    ``firmware`` is what reads the file where that is known better (`--firmware`), ``owner`` what the printer's file
-    says of it.
+    ``firmware`` overrides ``flavour`` (`--firmware`); ``owner`` are the limits in the printer's file, which come first.
     """
     name = _OF_FLAVOUR.get(flavour, "marlin") if firmware is None else _OF_NAME.get(firmware, "marlin")
     plain = klipper(300.0, 3000.0, 25.0, 300.0) if name == "klipper" else Limits(name)
@@ -116,14 +115,14 @@ def limits_of(
                 found.setdefault(f"{kind.decode()} {axis.decode()}", float(value))
     found = {key: value for key, value in found.items() if value > 0.0}
     limits = _owned(plain if not found else _settled(plain, found), owner)
-    if name == "klipper":  # obeys the acceleration of each move, and ignores M201
+    if name == "klipper":  # Klipper obeys each move's acceleration, and ignores M201
         return limits
     told = [float(value) for text in hints for line in _MOST.findall(text)[:1] for value in _WORD.findall(line)]
     return replace(limits, most_mm_s2=min(told, default=min(limits.accel_mm_s2[:2]) if found else 0.0))
 
 
 def _owned(limits: Limits, owner: MotionLimits) -> Limits:
-    """Return the limits with those of the printer's file."""
+    """Override the limits with those in the printer's file."""
     if owner.speed_mm_s is not None:
         speed = owner.speed_mm_s
         limits = replace(limits, velocity_mm_s=speed, speed_mm_s=(speed, speed, *limits.speed_mm_s[2:]))
@@ -139,7 +138,7 @@ def _owned(limits: Limits, owner: MotionLimits) -> Limits:
 
 
 def _settled(plain: Limits, found: Mapping[str, float]) -> Limits:
-    """Return the limits with those of a slicer's settings."""
+    """Override the limits with those in a slicer's settings."""
 
     def axes(kind: str, otherwise: Axes) -> Axes:
         x, y, z, e = (found.get(f"{kind} {axis}", old) for axis, old in zip("xyze", otherwise, strict=True))
@@ -163,7 +162,7 @@ _AS_IT_IS, _NO_RECORDS, _NO_PIECES = np.empty(0, np.int64), np.empty(0, RECORD),
 
 @dataclass(frozen=True)
 class Duration:
-    """How long a file takes as it is and as mended [s], by which ``limits``, without heating, homing and probing."""
+    """The time of a file as it is and as mended [s], by these ``limits``, without heating, homing and probing."""
 
     before_s: float
     after_s: float
@@ -183,7 +182,7 @@ class Duration:
         }  # fmt: skip
 
     def words(self, *, mended: bool) -> str:
-        """Say how long it takes as it is, and ``mended``."""
+        """Say how long the file takes as it is, and mended if ``mended``."""
         before, after = span_words(self.before_s), span_words(self.after_s)
         if mended:
             return say("it-takes-mended", before, after, f"{100 * self.share:+.1f}", *self.limits.words)
@@ -198,7 +197,7 @@ class Duration:
 class Clock:
     """A clock on its way through one program. Mutable, because a file of any length streams through it.
 
-    ``times_s`` [TIMES] are the seconds at the places in the file that tell the time, as far as they were seen.
+    ``times_s`` [TIMES] are the times at the places where the file states the printing time, as far as it was read.
     """
 
     limits: np.record
@@ -207,7 +206,7 @@ class Clock:
     times_s: np.ndarray = field(default_factory=lambda: np.zeros(k.TIMES), repr=False)
 
     def advance(self, planned: Planned, *, mended: bool) -> None:
-        """Let a part of a file go by, as it is or as it is planned."""
+        """Advance by a part of a file, as it is or as planned."""
         first = planned.first if mended else _AS_IT_IS
         advance(
             self.limits, self.state, self.queue, self.times_s, planned.records, planned.begin, planned.end,
@@ -222,7 +221,7 @@ class Clock:
 
     @property
     def seconds(self) -> float:
-        """How long all has taken that is done [s]."""
+        """The time so far [s]."""
         return float(self.state.seconds)
 
 
@@ -243,7 +242,7 @@ class Stopwatch:
     after: Clock
 
     def watch(self, planned: Planned) -> None:
-        """Let a part of the program go by on both."""
+        """Advance both clocks by a part of the program."""
         self.before.advance(planned, mended=False)
         self.after.advance(planned, mended=True)
 
@@ -254,7 +253,7 @@ class Stopwatch:
 
     @property
     def duration(self) -> Duration:
-        """How long both have taken so far."""
+        """The times of both clocks so far."""
         return Duration(self.before.seconds, self.after.seconds, self.limits)
 
 
@@ -273,7 +272,7 @@ def span_words(seconds: float) -> str:
 
 
 def file_seconds(path: Path | str, limits: Limits, printer: Printer) -> float:
-    """Return how long ``printer`` takes for the programs of a file within ``limits`` [s]. Raises as `open_gcode`."""
+    """Return how long ``printer`` takes for a file's programs within ``limits`` [s]. Raises like `open_gcode`."""
     seconds = 0.0
     with open_gcode(path) as file:
         for part in file.parts:

@@ -1,4 +1,4 @@
-"""The printing times stated in a file (M73, comments of slicers), rewritten for the mended file."""
+"""Rewrite the printing times that a file states (M73, slicers' comments) for the mended file."""
 
 import re
 import tempfile
@@ -10,7 +10,7 @@ from typing import IO
 from printmend.clock.clock import Stopwatch
 from printmend.gcode.write import TimePlace
 
-_COPY_BYTES = 1 << 20  # at once
+_COPY_BYTES = 1 << 20  # bytes copied at once
 _WORD = re.compile(rb"(?<![A-Za-z])([PQRSCDpqrscd])\s*(\d{1,9}(?:\.\d{1,9})?)(?![\d.])")
 _NUMBER = re.compile(rb"(?<![\d.])\d{1,9}(?:\.\d{1,9})?(?![\d.])")
 _UNITS_S = {b"d": 86400, b"h": 3600, b"m": 60, b"s": 1}
@@ -19,8 +19,8 @@ _SPAN = re.compile(
     re.IGNORECASE,
 )
 _PART = re.compile(rb"(\d+)( ?)([dhms])", re.IGNORECASE)
-_NOT_FILLED_IN = b"6666"  # what Cura's engine writes where nobody puts the time in
-_LEAST_S = 1e-3  # of a time by which another is divided
+_NOT_FILLED_IN = b"6666"  # Cura's engine writes this if nobody fills in the time
+_LEAST_S = 1e-3  # a time must be longer than this to divide by it
 
 
 @dataclass(frozen=True)
@@ -33,27 +33,27 @@ class Moment:
     after_all_s: float
 
     def whole(self, value: float) -> float:
-        """Return how much of something that goes with the whole time the mended print has."""
+        """Return a total time, converted to the mended print."""
         return value * _ratio(self.after_all_s, self.before_all_s)
 
     def gone(self, value: float) -> float:
-        """Return a time since the start as the mended print has it."""
+        """Return a time since the start, converted to the mended print."""
         return value * _ratio(self.after_s, self.before_s)
 
     def left(self, value: float) -> float:
-        """Return a time until the end as the mended print has it."""
+        """Return a time until the end, converted to the mended print."""
         return value * _ratio(self.after_all_s - self.after_s, self.before_all_s - self.before_s)
 
     def percent(self, value: float) -> float:
-        """Return a share of the time since the start as the mended print has it [%]."""
+        """Return a share of the elapsed time [%], converted to the mended print."""
         return min(self.gone(value) / _ratio(self.after_all_s, self.before_all_s), 100.0)
 
 
 def told_anew(text: bytes, moment: Moment) -> bytes:
     """Return a line that states a printing time, with the mended print's times in the line's own format.
 
-    Each is changed in proportion to the clock's two times, so that what the clock knows nothing of stays as the slicer
-    took it. A comment behind M73 stays.
+    Each is scaled by the ratio of the clock's two times, so that delays unknown to the clock stay as the slicer assumed
+    them. A comment behind M73 stays.
     """
     if text[:1] in b"Mm":
         command, semicolon, comment = text.partition(b";")
@@ -79,8 +79,8 @@ def with_times(
 ) -> Iterator[bytes | memoryview]:
     """Yield a text with the times at its ``places`` rewritten, and let both clocks of ``watch`` finish.
 
-    ``places`` grows while ``texts`` are made (`rewrite`). What follows the first of them lies in a temporary file in
-    ``folder`` until all is known.
+    ``places`` grows while ``texts`` are made (`rewrite`). The text from the first place on waits in a temporary file in
+    ``folder`` until all times are known.
     """
     at = 0
     with tempfile.TemporaryFile(dir=folder) as spool:
@@ -95,7 +95,7 @@ def with_times(
 
 
 def _patched(spool: IO[bytes], at: int, places: Sequence[TimePlace], watch: Stopwatch) -> Iterator[bytes]:
-    """Yield what ``spool`` holds, which begins at byte ``at`` of the whole, with its ``places`` told anew."""
+    """Yield the contents of ``spool``, from byte ``at`` of the text on, with the times at ``places`` rewritten."""
     spool.seek(0)
     for place, moment in zip(places, _moments(watch), strict=False):
         yield from _copied(spool, place.at - at)
@@ -106,7 +106,7 @@ def _patched(spool: IO[bytes], at: int, places: Sequence[TimePlace], watch: Stop
 
 
 def _moments(watch: Stopwatch) -> Iterator[Moment]:
-    """Yield the moment of each place that tells the time."""
+    """Yield the moment of each place that states the time."""
     whole = watch.before.seconds, watch.after.seconds
     count = min(int(watch.before.state.noted), len(watch.before.times_s))
     for before_s, after_s in zip(watch.before.times_s[:count], watch.after.times_s[:count], strict=True):
@@ -120,7 +120,7 @@ def _copied(spool: IO[bytes], size: int) -> Iterator[bytes]:
 
 
 def _ratio(after_s: float, before_s: float) -> float:
-    """Return a ratio of two times; nothing takes as long as nothing."""
+    """Return the ratio of two times, 1 if the first is almost zero."""
     return after_s / before_s if before_s > _LEAST_S and after_s >= 0.0 else 1.0
 
 
@@ -138,7 +138,7 @@ def _like(old: bytes, value: float) -> bytes:
 
 
 def _span(old: bytes, moment: Moment) -> bytes:
-    """Return a time in days, hours, minutes and seconds in the same units as the old one; the first may be large."""
+    """Return a time in the same units as the old one: days, hours, minutes, seconds; the first may be large."""
     parts = _PART.findall(old)
     units = [_UNITS_S[unit.lower()] for _, _, unit in parts]
     seconds = moment.whole(sum(int(number) * unit for (number, _, _), unit in zip(parts, units, strict=True)))
@@ -147,7 +147,7 @@ def _span(old: bytes, moment: Moment) -> bytes:
 
 
 def _split(seconds: float, units_s: Sequence[int]) -> list[int]:
-    """Return how many of each unit, the largest first, make so many seconds."""
+    """Split seconds into units, the largest first."""
     numbers = []
     for unit_s in units_s:
         numbers.append(int(seconds // unit_s))

@@ -1,7 +1,7 @@
-"""A machine as arrays, and the one forward law of each of its effects: x, y and Z are motors of one machine.
+"""A machine as arrays, with one forward law for each of its effects; x, y and Z are motors of one machine.
 
 `Mechanism` is the value that corruptions lower to, learners produce, twins run and planners invert. `lattice_tables`
-puts it on the full-step lattice, `print_path` prints way-points in mm. The laws themselves are the scalar functions of
+puts it on the full-step lattice, `print_path` prints way-points in mm. The laws themselves are scalar functions in
 `printmend.machine.kernels`.
 """
 

@@ -1,6 +1,6 @@
-"""A machine on the full-step lattice, the paper's experiment: tables of its motors, anchored where a layer starts.
+"""A machine on the full-step lattice, as in the paper's experiment: its motors' tables, anchored at a layer's start.
 
-Twins print with these tables, and planners imagine with them through the same kernels: what is imagined is printed.
+Twins print with these tables, and planners predict with them through the same kernels, so both agree.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.printer.printer import Axis
 
-WHOLE = 1e-6  # a full step this near a whole number of a table's entries is one
+WHOLE = 1e-6  # a full step this close to a whole number of table entries counts as whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +44,12 @@ class LatticeMotor:
         return float(self.first_step + self.start)
 
     def check(self, index: np.ndarray) -> None:
-        """Raise `InputError` where one of the entries ``index`` is not in the tables."""
+        """Raise `InputError` if one of the entries ``index`` is not in the tables."""
         if index.size and (index.min() < 0 or index.max() >= len(self.lower_steps)):
             raise self.left()
 
     def left(self) -> InputError:
-        """Return the error of a motor that leaves its tables."""
+        """Return the error for a motor that leaves its tables."""
         return InputError(
             say("subject-motor", self.name),
             wanted=say("controls-stay-within-bed-length-bed") if self.name != "z" else say("heights-axis"),
@@ -60,8 +60,8 @@ class LatticeMotor:
 
 @dataclass(frozen=True, eq=False)
 class LatticeScrew:
-    """Z on the lattice: its motor, and ``push_steps`` [N, 2], where the screw pushes the nozzle at each entry of the
-    motor's tables, in full steps of x and y, less the push where the layer starts."""
+    """Z on the lattice: its motor, and ``push_steps`` [N, 2], how far the screw pushes the nozzle at each entry of the
+    motor's tables, in full steps of x and y, relative to the layer's start."""
 
     motor: LatticeMotor
     push_steps: np.ndarray
@@ -89,20 +89,20 @@ class PlayTables:
 
     @property
     def is_taut(self) -> bool:
-        """Say whether no motor has play, so that nothing is remembered."""
+        """Return whether no motor has play, so that the machine has no memory."""
         return all(np.array_equal(motor.lower_steps, motor.upper_steps) for motor in self.motors)
 
     @property
     def is_coupled(self) -> bool:
-        """Say whether a motor moves the nozzle along both axes."""
+        """Return whether a motor moves the nozzle along both axes."""
         return self.bed.corexy or not self.bed.is_straight
 
 
 def lattice_tables(mechanism: Mechanism, start_steps: np.ndarray) -> PlayTables:
     """Return the planar motors of a mechanism on the lattice, for a layer that starts at ``start_steps`` [2].
 
-    At the start each belt rests where the mechanism says, and that place is the nominal one. Raise `InputError` where
-    the start is off the tables.
+    At the start each belt rests at the mechanism's place in its play, which becomes the nominal place. Raise
+    `InputError` if the start lies outside the tables.
     """
     printer = mechanism.printer
     start = printer.to_motor(np.asarray(start_steps, np.int64))
@@ -118,7 +118,7 @@ def lattice_tables(mechanism: Mechanism, start_steps: np.ndarray) -> PlayTables:
 def lattice_screw(screw: ScrewDrive, printer: Printer, start_step: int) -> LatticeScrew:
     """Return Z on the lattice, for a layer that starts at full step ``start_step`` of Z.
 
-    Raise `InputError` where the start is off the axis.
+    Raise `InputError` if the start lies outside the axis.
     """
     z = printer.z
     motor = _lattice_motor("z", screw.transmission, z, z.min_mm, start_step, screw.rest_share)
@@ -141,11 +141,11 @@ def _lattice_motor(
 
 @lru_cache(maxsize=16)  # every layer on a machine asks again
 def _errors_steps(table: Transmission, mm_per_step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far the branches of a table lie from its motor at full steps, in full steps.
+    """Return the errors of a table's branches at full steps, relative to the motor, in full steps.
 
-    A machine's tables have an entry for each micro-step, those of a saved model may have fewer.
+    A machine's tables have an entry for each micro-step; a saved model's may have fewer.
     """
-    # Errors, not positions, go through the change of units: a healthy motor stays exact.
+    # Convert errors instead of positions to the other unit: a healthy motor stays exact.
     motor_mm, stride = table.motor_mm, mm_per_step / table.pitch_mm
     errors_mm = [branch - motor_mm for branch in (table.lower_mm, table.upper_mm)]
     if abs(stride - round(stride)) < WHOLE:
@@ -170,7 +170,7 @@ def lattice_bed(mechanism: Mechanism) -> BedMap:
 def run_motors(motors: tuple[LatticeMotor, ...], moves: np.ndarray) -> np.ndarray:
     """Move motors by ``moves`` [T, M] full steps from the start of a layer; return their belts [T + 1, M].
 
-    Raise `InputError` where a motor leaves its tables.
+    Raise `InputError` if a motor leaves its tables.
     """
     moves = np.ascontiguousarray(moves, np.int64)
     belts = np.empty((len(moves) + 1, len(motors)))
@@ -186,8 +186,8 @@ def run_screw(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Move Z by controls [T] from full step ``start_step``, the nut at rest there.
 
-    Return the height [T + 1] in full steps of Z, and the push [T + 1, 2] in full steps of x and y; without a screw the
-    commanded height, and none. Raise `InputError` where Z leaves its tables.
+    Return the height [T + 1] in full steps of Z, and the push [T + 1, 2] in full steps of x and y. Without a screw,
+    these are the commanded height and zero. Raise `InputError` if Z leaves its tables.
     """
     risen = np.concatenate([[0], np.cumsum(controls, dtype=np.int64)])
     if screw is None:

@@ -1,4 +1,4 @@
-"""Machines as arrays: the one value that corruptions lower to, learners produce, twins run, planners invert.
+"""Machines as arrays: the value that corruptions lower to, learners produce, twins run and planners invert.
 
 Each planar motor drives the carriage through a `Transmission`: two monotone tables over the motor's position m,
 
@@ -27,17 +27,17 @@ from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
-# How the belts of two motors reach the bed, as a value: CoreXY mixing and a crooked frame, in any unit.
+# The map from two motors' belts to the bed, as a value in any unit: CoreXY mixing and a crooked frame.
 
 
 @dataclass(frozen=True, eq=False)
 class BedMap:
-    """The way from motors to bed: CoreXY mixing where ``corexy``, then x' = x + Σ a_pq ((x + x0)/Lx)^p ((y + y0)/Ly)^q
+    """The map from motors to bed: CoreXY mixing if ``corexy``, then x' = x + Σ a_pq ((x + x0)/Lx)^p ((y + y0)/Ly)^q
     for belts at (x, y), and y' with b_pq (physics.md eq. 13 and 14).
 
     ``terms`` [2, 10] are a and b in the order of `Frame.exponents`, ``origin`` [2] is (x0, y0) and ``scale`` [2] is
-    (Lx, Ly), all in one unit: mm, or full steps. ``waves`` [K, 6] are added: the angle of each a
-    unit of the divided places along x and along y, and its cosine and sine in x and in y.
+    (Lx, Ly), all in one unit: mm, or full steps. ``waves`` [K, 6] are added. Each has its angle per unit of
+    (x + x0)/Lx and of (y + y0)/Ly, and its cosine and sine coefficients in x, then in y.
     """
 
     corexy: bool
@@ -57,7 +57,7 @@ class BedMap:
 
     @property
     def record(self) -> np.record:
-        """The map as the kernels take it: a record of `kernels.bed.BED`."""
+        """The map as the kernels read it: a record of `kernels.bed.BED`."""
         way = record(law.BED)
         way.corexy, way.framed, way.wave_count = self.corexy, not self.is_straight, len(self.waves)
         way.origin[:], way.scale[:], way.terms[:] = self.origin, self.scale, self.terms
@@ -65,7 +65,7 @@ class BedMap:
         return way
 
     def anchored(self, place: np.ndarray) -> "BedMap":
-        """Return the map shifted so that the frame leaves ``place`` [2], where a layer starts, where it is."""
+        """Return the map, shifted so that the frame does not move ``place`` [2], where a layer starts."""
         if self.is_straight:
             return self
         way = self.record
@@ -73,11 +73,11 @@ class BedMap:
         return replace(self, terms=way.terms)
 
     def printed(self, belts: np.ndarray) -> np.ndarray:
-        """Return the places on the bed [..., 2] of the motors' belts [..., 2]."""
+        """Map the positions of the motors' belts [..., 2] to places on the bed [..., 2]."""
         return self._each(run.printed_each, belts)
 
     def wanted(self, places: np.ndarray) -> np.ndarray:
-        """Return where the motors' belts [..., 2] have to be for places on the bed [..., 2]: the inverse."""
+        """Return the positions of the motors' belts [..., 2] for places on the bed [..., 2]: the inverse."""
         return self._each(run.wanted_each, places)
 
     def _each(self, law_each: Callable[..., None], places: np.ndarray) -> np.ndarray:
@@ -96,7 +96,7 @@ class BedMap:
         return out
 
 
-_MOST_Z_PLACES = 5_000_000  # of the tables of a screw; 300 mm of a lead of 8 mm at 128 a step are a million
+_MOST_Z_PLACES = 5_000_000  # most entries of a screw's tables; 300 mm with an 8 mm lead at 128 a step need a million
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +123,7 @@ class Transmission:
 
     @cached_property
     def is_taut(self) -> bool:
-        """Say whether there is no play: both branches are the same."""
+        """Return whether there is no play: both branches are the same."""
         return bool(np.array_equal(self.lower_mm, self.upper_mm))
 
     def branches_mm(self, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -145,9 +145,9 @@ def _looked_up(law: Callable[..., None], table_mm: np.ndarray, at: Transmission,
 
 
 def healthy_transmission(printer: Printer, motor: int) -> Transmission:
-    """Return the identity at every micro-step of the bed and of one more bed on either side.
+    """Return the identity at every micro-step of the bed, and of one more bed on either side.
 
-    A damaged pulley can need the motor well beyond the nominal bed to reach a place on it. Every full step
+    With a damaged pulley, the motor may have to go well beyond the nominal bed to reach a place on it. Every full step
     k·mm_per_step from the motor's lower end is an entry.
     """
     low_mm, high_mm = printer.motor_range_mm(motor)
@@ -159,7 +159,7 @@ def healthy_transmission(printer: Printer, motor: int) -> Transmission:
 
 
 def z_grid_mm(printer: Printer) -> tuple[np.ndarray, float, float]:
-    """Return the commanded heights of the tables [N], the first and their pitch: micro-steps, a turn beyond the ends.
+    """Return the tables' commanded heights [N], their first and their pitch: micro-steps, to a turn beyond the ends.
 
     Every full step from the axis' lower end is an entry. Raise `ConfigError` for a screw that is too fine to tabulate.
     """
@@ -181,10 +181,10 @@ class Frame:
 
         x' = x + Σ_{p+q ≤ 3} a_pq (x/L)^p (y/L)^q + Σ_k c_k cos(2πs/P) + d_k sin(2πs/P)          y' likewise
 
-    L is ``scale_mm`` and s the way along a wave. ``coefficients_mm`` [2, 10] in the order of `Frame.exponents`. Skew,
-    axis scale, straightness and yaw fit. ``waves`` [K, 6], of crooked rails or a distorted bed, at most `MOST_WAVES`
-    of them: where each runs, in right angles (0 along x, 1 along y), its length P mm, and its c and d in x, then in y,
-    mm.
+    L is ``scale_mm`` and s the distance along a wave. ``coefficients_mm`` [2, 10] follow the order of `Frame.exponents`
+    and describe skew, axis scale, straightness and yaw. ``waves`` [K, 6], of crooked rails or a distorted bed, are at
+    most `MOST_WAVES`: each wave's direction in right angles (0 along x, 1 along y), its length P mm, and its c and d in
+    x, then in y, mm.
     """
 
     coefficients_mm: np.ndarray = field(default_factory=lambda: np.zeros((2, 10)))
@@ -201,7 +201,7 @@ class Frame:
 
     @property
     def is_identity(self) -> bool:
-        """Say whether the frame leaves every place where it is."""
+        """Return whether the frame moves no place."""
         return not self.coefficients_mm.any() and not len(self.waves)
 
     def terms(self, xy_mm: np.ndarray) -> np.ndarray:
@@ -233,9 +233,9 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class ScrewDrive:
-    """Z: its transmission, and ``wobble_mm`` [N, 2]: where the screw pushes the nozzle at each entry of its tables.
+    """Z: its transmission, and ``wobble_mm`` [N, 2]: how far the screw pushes the nozzle at each entry of its tables.
 
-    ``rest_share`` is that of `Mechanism`, for the nut in its play.
+    ``rest_share`` is like `Mechanism`'s, for the nut in its play.
     """
 
     transmission: Transmission
@@ -259,8 +259,8 @@ class ScrewDrive:
 class Mechanism:
     """A whole machine, true or learned: a transmission for each planar motor, the frame, and a Z screw if it matters.
 
-    Without a ``screw`` Z is as commanded and pushes nothing. ``rest_share`` says where in its play each belt rests when
-    a layer starts: 0 where the motor would push it forwards at once, 1 where it would pull it back at once.
+    Without a ``screw`` Z is as commanded and pushes nothing. ``rest_share`` is where in its play each belt rests when a
+    layer starts: at 0 the motor pushes it at once when it moves forwards, at 1 when it moves back.
     """
 
     printer: Printer
@@ -276,7 +276,7 @@ class Mechanism:
 
     @property
     def motors(self) -> tuple[Transmission, ...]:
-        """The transmissions of the two planar motors, and of Z where there is a screw."""
+        """The transmissions of the two planar motors, and of Z if there is a screw."""
         return self.transmissions if self.screw is None else (*self.transmissions, self.screw.transmission)
 
     def engaged_mm(self) -> np.ndarray:
@@ -292,9 +292,8 @@ class Mechanism:
     def homed(self) -> "Mechanism":
         """Return this machine with the origin that homing gives it.
 
-        The end stops fix the carriage. At the home position, reached from the homing direction, the bed position and
-        the height are those of the home position, and the screw pushes nowhere. So the engaged branches are shifted to
-        pass through it.
+        The end stops fix the carriage: at home, reached in the homing direction, bed position and height are those of
+        the home position, and the screw does not push. So the engaged branches are shifted to pass through it.
         """
         z_mm = self.printer.z.home_mm
         wanted_mm = np.array([*self.bed.wanted(np.array(self.printer.home_mm)), z_mm])
@@ -316,10 +315,10 @@ def healthy_mechanism(printer: Printer) -> Mechanism:
 
 @dataclass(frozen=True, eq=False)
 class GainMechanism:
-    """The simulator of the paper's published code: a gain a step, indexed by the nominal position.
+    """The simulator of the paper's published code: a gain for each step, indexed by the nominal position.
 
     ``gains`` is a pair of arrays of 1100 gains. They are the same in both directions and not conservative (physics.md
-    §8.1). It exists so that the paper's own protocol can be run.
+    §8.1). This class exists to run the paper's own protocol.
     """
 
     printer: Printer
@@ -329,7 +328,7 @@ class GainMechanism:
         object.__setattr__(self, "gains", tuple(frozen(np.asarray(row, float)) for row in self.gains))
 
 
-# A machine whose motors begin elsewhere: all that repeats with their turns sits at other places of the bed.
+# A machine whose motors start at other angles: errors that repeat with their turns move on the bed.
 
 
 def homed_again(mechanism: Mechanism, by_mm: np.ndarray) -> Mechanism:

@@ -1,4 +1,4 @@
-"""What a machine does along a trace: where its motors stop, and where its belts touch (physics.md §4)."""
+"""Follow a machine along a trace: where its motors stop, and where its belts make contact (physics.md §4)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ def drive_belts(mechanism: Mechanism, motors_mm: np.ndarray, belts_mm: np.ndarra
 
 
 def reach_bed(mechanism: Mechanism, motors_mm: np.ndarray, belts_mm: np.ndarray) -> np.ndarray:
-    """Return the places [N, M] mm that belts [N, M] give the nozzle: through the frame, and pushed by the screw.
+    """Return the nozzle's places [N, M] mm for belts [N, M]: through the frame, and pushed by the screw.
 
-    The screw pushes by where its motor stands, ``motors_mm`` [N, M].
+    The screw's push depends on its motor's position, in ``motors_mm`` [N, M].
     """
     places = mechanism.bed.printed(belts_mm[:, :2])
     if belts_mm.shape[1] == 2:
@@ -37,14 +37,14 @@ def reach_bed(mechanism: Mechanism, motors_mm: np.ndarray, belts_mm: np.ndarray)
 
 
 def print_path(mechanism: Mechanism, motors_mm: np.ndarray, belts_mm: np.ndarray) -> np.ndarray:
-    """Return the places [N, M] mm that motor positions [N, M] mm print, from belts that begin at ``belts_mm`` [M]."""
+    """Return the places [N, M] mm printed at motor positions [N, M] mm, with belts that begin at ``belts_mm`` [M]."""
     return reach_bed(mechanism, motors_mm, drive_belts(mechanism, motors_mm, belts_mm))
 
 
 def print_from_home(mechanism: Mechanism, places_mm: np.ndarray) -> np.ndarray:
     """Return where a machine prints commanded places [N, 2] mm, with heights [N, 3], one after the other from home.
 
-    The machine's origin is taken as it is: a learned one gives bed positions.
+    The machine's origin is used as it is: a learned machine gives bed positions.
     """
     printer, axes = mechanism.printer, places_mm.shape[1]
     home_mm = np.array([*printer.home_mm, printer.z.home_mm])
@@ -67,14 +67,14 @@ class Contacts:
 def contacts_of(mechanism: Mechanism, motor_mm: np.ndarray, more_mm: np.ndarray | None = None) -> Contacts:
     """Follow motors [N, 2] through a machine, and return their `Contacts`.
 
-    Nobody knows where in its play a belt starts. So both extremes are followed, and a contact counts once they agree.
-    ``more_mm`` [N, 2] is the play that each belt has at each place beyond the machine's.
+    A belt starts at an unknown place in its play. So both extremes are followed, and a contact counts once they agree.
+    ``more_mm`` [N, 2] is each belt's additional play at each place.
     """
     rows, sides, belts = [], [], []
     for motor in range(2):
         lower, upper = mechanism.transmissions[motor].branches_mm(motor_mm[:, motor])
         if more_mm is not None:
-            half = np.maximum(more_mm[:, motor], lower - upper) / 2  # no belt has less play than none
+            half = np.maximum(more_mm[:, motor], lower - upper) / 2  # play cannot be negative
             lower, upper = lower - half, upper + half
         ends = [_followed(float(start), lower, upper) for start in (lower[0], upper[0])]
         (at, side, belt), (other_at, other_side, other_belt) = ends
@@ -100,8 +100,8 @@ def contacts_from(mechanism: Mechanism, motor_mm: np.ndarray, ways: Sequence[int
 
 
 def share_behind(places_mm: np.ndarray, play_mm: float) -> np.ndarray:
-    """Return how far behind what has that play is at each place [N] of its drive, as a share of half the play: 1 where
-    it is pushed forwards, −1 where it is pulled back. It begins in mid-play."""
+    """Return the lag of a part with this play at each place [N] of its drive, as a share of half the play: 1 while it
+    is pushed forwards, −1 while it is pulled back. It begins in mid-play."""
     half_mm = play_mm / 2
     _, _, follows_mm = _followed(float(places_mm[0]), places_mm - half_mm, places_mm + half_mm)
     return (places_mm - follows_mm) / half_mm
