@@ -1,4 +1,4 @@
-"""What is broken, as frozen values that go to TOML and lower to arrays."""
+"""Corruptions: what is broken in a machine, as frozen values that TOML stores and that lower to arrays."""
 
 from printmend.corruption.cause import Cause, cause_of
 from printmend.corruption.corruption import HEALTHY, Corruption, Drive, Fault

@@ -1,10 +1,10 @@
-"""An effect by its name as a corruption: where it is, and its numbers; what is left out is drawn from its prior.
+"""A corruption that names an effect, its place and its numbers; numbers that are left out are drawn from its prior.
 
     racking:on=x,size_mm=0.3            splice:at_mm=120,size_mm=0.7,on=y            wear
 
-The motors are x and y, or a and b on a CoreXY, where x and y are the axes of the bed. Every effect of `EFFECTS` can be
-made so, also those of other packages; beside them what happens to a print (`event`). `listing` names them all, each
-with a line about it and an example.
+The motors are x and y, or a and b on a CoreXY, where x and y are the axes of the bed. Every effect in `EFFECTS` can be
+named, including those of other packages, and every event of a print (`event`). `listing` returns them all, each with
+a line about it and an example.
 """
 
 import inspect
@@ -30,10 +30,10 @@ from printmend.messages import say
 from printmend.printer import Printer, read_printer
 from printmend.printer.printer import SWITCHES
 
-STEEPEST = -0.95  # slope of a belt's error: at −1 it would stand still
+STEEPEST = -0.95  # limit of a belt error's slope: at −1 the belt would stand still
 REALISTIC_SHARE = 0.12  # sizes on a well-kept machine, as a share of those on a damaged one
 _MOTORS, _BED_AXES = {"x": 0, "y": 1, "a": 0, "b": 1}, {"x": 2, "y": 3}
-_LISTED = ("ender3", "corexy")  # printers between them have every effect
+_LISTED = ("ender3", "corexy")  # together, these printers have every effect
 _TODO = say("terminal-printmend-twin-list-shows-every-effect")
 
 
@@ -106,7 +106,7 @@ class Cause:
             self._refuse(say("harmonic-out", ", ".join(map(str, keys.harmonics))), repr(value))  # type: ignore[attr-defined]
 
     def made(self, printer: Printer) -> Made:
-        """Return what it makes of that printer. Raise `ConfigError` where the two do not fit."""
+        """Return the changes that it makes to a printer. Raise `ConfigError` if the two do not fit."""
         event = EVENTS.get(self.effect)
         if event is None:
             return Made((self.part(printer),))
@@ -117,7 +117,7 @@ class Cause:
         return np.random.default_rng((self.seed, zlib.crc32(self.effect.encode())))
 
     def part(self, printer: Printer) -> Sized:
-        """Return an effect with its shape and sizes on that printer. Raise `ConfigError` where the two do not fit."""
+        """Return the effect with its shape and sizes on a printer. Raise `ConfigError` if the two do not fit."""
         return _part(self, printer)
 
     def _part(self, printer: Printer) -> Sized:
@@ -142,7 +142,7 @@ class Cause:
         return part
 
     def _terms(self, terms: list[Term], printer: Printer) -> list[Term]:
-        """Return the terms where this is, all of them where that is not said."""
+        """Return the terms of this cause's motor or axis, or all of them if it names none."""
         if not terms:
             self._refuse(say("effect-can-have", printer.name), say("cannot-have"))
         if self.on is None:
@@ -159,7 +159,7 @@ class Cause:
         raise ConfigError(say("subject-effect", repr(self.effect)), wanted=wanted, came=came, todo=_TODO)
 
     def table(self) -> dict[str, Any]:
-        """Return it as a plain table, of what was said alone."""
+        """Return the cause as a plain table, with only the given values."""
         said: dict[str, Any] = {"name": self.effect} | ({} if self.on is None else {"on": self.on}) | dict(self.values)
         said |= {"seed": self.seed} if self.seed else {}
         return said | ({} if self.severity == "damaged" else {"severity": self.severity})
@@ -171,7 +171,7 @@ def _part(cause: Cause, printer: Printer) -> Sized:
 
 
 def cause_of(text: str, *, seed: int = 0) -> Cause:
-    """Return the effect that a text names, as ``racking:on=x,size_mm=0.3``; ``seed`` draws what it leaves out."""
+    """Parse a text such as ``racking:on=x,size_mm=0.3``; ``seed`` draws the numbers that it leaves out."""
     name, _, rest = text.partition(":")
     table: dict[str, Any] = {"seed": seed}
     for item in filter(None, rest.split(",")):
@@ -218,7 +218,7 @@ def named_keys(effect: Effect) -> Keys:
 
 
 def _steepest(part: Sized, scene: Scene) -> float:
-    """Return the steepest fall of what a part does to its belt over the bed; 0 where it is of no drive."""
+    """Return the most negative slope of the belt error that a part makes over the bed; 0 if it belongs to no drive."""
     if not part.is_held or EFFECTS[part.effect].acts is not Acts.DRIVE:
         return 0.0
     places, (low, high) = healthy_transmission(scene.printer, part.where).motor_mm, scene.motor_span_mm[part.where]
@@ -230,13 +230,13 @@ MOST_SHOWN = 2  # sizes in an example
 
 
 def listing() -> list[tuple[str, str, str]]:
-    """Return each effect with what it is, in a line, and an example of a text for `cause_of`."""
+    """Return the name of each effect and event, a line about it, and an example of a text for `cause_of`."""
     effects = [(name, said(effect), example_of(name)) for name, effect in EFFECTS.items()]
     return effects + [(name, event.said, event.example) for name, event in EVENTS.items()]
 
 
 def said(effect: Effect) -> str:
-    """Return the first line of what is written over an effect, its file's where that is of it alone."""
+    """Return the first line of an effect's docstring, or of its module's if it has a module in `printmend.effects`."""
     module = sys.modules.get(type(effect).__module__)
     text = inspect.getdoc(module) if module is not None and module.__name__.startswith("printmend.effects.") else None
     line = (text or inspect.getdoc(type(effect)) or effect.name).splitlines()[0]
@@ -253,11 +253,11 @@ def example_of(name: str) -> str:
     sizes = [key for key in keys.names if key not in shape and key not in ("phase_rad", "harmonic")]
     for key, value in shape.items():
         items.append(f"{key}={AXES[int(value)] if key == 'axis' else format(value, '.3g')}")
-    room_mm = shape.get("period_mm", math.inf) / 20  # a wave that leaves the belt moving forwards
+    room_mm = shape.get("period_mm", math.inf) / 20  # with a larger wave the belt might move backwards
     items += [f"{key}={min(limits_of(key)[2], room_mm):.3g}" for key in sizes[:MOST_SHOWN]]
     return f"{name}:{','.join(items)}"
 
 
 def typical_shape(keys: Keys, terms: list[Term]) -> dict[str, float]:
-    """Return the numbers of a shape that an effect often has, by their keys."""
+    """Return the numbers of a typical shape of an effect, by their keys."""
     return dict(zip(getattr(keys, "shape", ()), terms[len(terms) // 4].shape if terms else (), strict=False))

@@ -1,4 +1,4 @@
-"""A whole broken machine: what is wrong with each motor's drive and with the frame; composed, lowered to arrays."""
+"""A whole broken machine: the faults of each motor's drive and of the frame, composed and lowered to arrays."""
 
 from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
@@ -46,7 +46,7 @@ class Drive:
 
     @property
     def jumps(self) -> Jumps:
-        """What no table holds: the twin adds it."""
+        """The drive's jumps, which no table can hold: the twin adds them."""
         return Jumps(self.skips, self.missed)
 
     def lower(self, printer: Printer, motor: int) -> Transmission:
@@ -99,11 +99,11 @@ def _unwound_mm(pulley: Pulley, radius_mm: float, span_rad: float, angle_rad: np
 
 @runtime_checkable
 class Fault(Protocol):
-    """What can be wrong with a whole machine: a `Corruption`, or a value of another package."""
+    """A fault of a whole machine: a `Corruption`, or a value of another package."""
 
     @property
     def jumps(self) -> tuple[Jumps, Jumps]:
-        """What no table of each motor holds: the twin adds it."""
+        """Each motor's jumps, which no table can hold: the twin adds them."""
         ...
 
     def lower(self, printer: Printer) -> Mechanism | GainMechanism:
@@ -113,10 +113,10 @@ class Fault(Protocol):
 
 @dataclass(frozen=True)
 class Corruption:
-    """The faults of a machine: one `Drive` a planar motor (x and y, or a and b on a CoreXY), the frame, the Z screw.
+    """The faults of a machine: a `Drive` for each planar motor (x, y, or a, b on a CoreXY), the frame, the Z screw.
 
-    ``causes`` are effects by their names, of the machine, of the print and of the measurement, and what happens to the
-    print; all of them add up, but of filaments the last one's beads count.
+    ``causes`` name effects of the machine, of the print and of the measurement, and events of the print. All of them
+    add up, except that only the last filament's beads count.
     """
 
     drives: tuple[Drive, Drive] = field(default_factory=lambda: (Drive(), Drive()))
@@ -140,11 +140,11 @@ class Corruption:
 
     @property
     def jumps(self) -> tuple[Jumps, Jumps]:
-        """What no table of each motor holds."""
+        """Each motor's jumps, which no table can hold."""
         return self.drives[0].jumps, self.drives[1].jumps
 
     def lower(self, printer: Printer) -> Mechanism | GainMechanism:
-        """Return this fault as arrays on that printer. Raise `ConfigError` where the two do not fit."""
+        """Return this fault as arrays on a printer. Raise `ConfigError` if the two do not fit."""
         if self.drives[0].gain_table is not None and self.drives[1].gain_table is not None:
             gains = (np.array(self.drives[0].gain_table.gains), np.array(self.drives[1].gain_table.gains))
             return GainMechanism(printer, gains)
@@ -156,12 +156,12 @@ class Corruption:
         return homed_again(mechanism, shift_mm) if shift_mm.any() else mechanism
 
     def beads(self, printer: Printer) -> Beads:
-        """Return how far beads stand out beside what the effects say."""
+        """Return how far beads stand out, beyond the effects' own widths."""
         found = [made.beads for made in self._made(printer) if made.beads is not None]
         return found[-1] if found else Beads()
 
     def along(self, printer: Printer) -> tuple[Sized, ...]:
-        """Return the effects that no machine's tables hold: what acts along the path, and what only is measured."""
+        """Return the effects that no machine's tables hold: those along the path, and those of the measurement."""
         return tuple(part for part in self._parts(printer) if not part.is_held)
 
     def _parts(self, printer: Printer) -> list[Sized]:

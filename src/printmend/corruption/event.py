@@ -1,8 +1,8 @@
-"""What happens to a print beside the faults of its machine, named as effects are: a homing, a refit, a filament.
+"""Events of a print beside its machine's faults, named as effects are: a homing, a refit, a filament.
 
     homing:switch=sensorless          refit:on=x,teeth=3          filament:polymer=petg,hole_mm=0.1
 
-`EVENTS` lists them by name. What is left out is drawn: a homing by its kind of switch, a filament by its polymer.
+`EVENTS` lists them by name. Values that are left out are drawn: a homing's by its switch, a filament's by its polymer.
 """
 
 from collections.abc import Mapping
@@ -25,8 +25,8 @@ SQUEEZED_MM = 0.1  # a first layer is pressed wider than the file says, on eithe
 
 @dataclass(frozen=True)
 class Beads:
-    """How far beads stand out [mm] beside what `bead` says of all of them: more into holes, at corners, and as the
-    foot of the first layer."""
+    """How far beads stand out [mm], beyond the effect `bead` on all of them: into holes, at corners, and at the foot of
+    the first layer."""
 
     hole_mm: float = 0.0
     corner_mm: float = 0.0
@@ -35,7 +35,7 @@ class Beads:
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """What a cause makes of a printer: effects, a shift of both motors [2] mm, and beads, None where it has none."""
+    """The changes that a cause makes to a printer: effects, a shift of both motors [2] mm, and beads (or None)."""
 
     parts: tuple[Sized, ...] = ()
     shift_mm: np.ndarray = field(default_factory=lambda: np.zeros(2))
@@ -43,7 +43,7 @@ class Made:
 
 
 class Event(Protocol):
-    """Something that happens to a print. ``words`` holds the ``names`` of those of its values that are texts."""
+    """An event of a print. ``names`` are its values; ``words`` are those whose values are texts."""
 
     @property
     def names(self) -> tuple[str, ...]: ...
@@ -61,12 +61,12 @@ class Event(Protocol):
     def example(self) -> str: ...
 
     def made(self, given: Given, motor: int | None, printer: Printer, rng: np.random.Generator) -> Made:
-        """Return what it makes of a printer; ``motor`` is the one that it is of, None for all."""
+        """Return the changes that it makes to a printer; ``motor`` is the affected motor, None for all."""
         ...
 
 
 class Homed:
-    """The end stops switch elsewhere than in the mean, and a motor may stand an electrical turn aside."""
+    """The end stops switch away from their mean place, and a motor may be off by an electrical turn."""
 
     names = ("switch", "scatter_mm", "turn_share")
     words = ("switch",)
@@ -98,8 +98,8 @@ class Refit:
 
 
 class Filament:
-    """A part of a polymer: it shrinks by axis, and its lines are wider or narrower at outlines, holes, corners and in
-    the first layer."""
+    """A part printed in a polymer: it shrinks along each axis, and its lines change their width at outlines, holes and
+    corners, and in the first layer."""
 
     names = ("polymer", "x_percent", "y_percent", "outline_mm", "hole_mm", "corner_mm", "foot_mm")
     words = ("polymer",)

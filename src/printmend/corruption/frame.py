@@ -18,7 +18,7 @@ from printmend.units import TURN_RAD
 
 @dataclass(frozen=True)
 class CrookedFrame:
-    """x' = x + y tan γ + … about the bed's middle.
+    """x' = x + y tan γ + …: skew and scales about the origin, bows and waves about the bed's middle.
 
     ``x_bow_mm``: how far the X coordinate is pushed at the ends of Y travel (at y = middle ± 100 mm);
     ``y_bow_mm`` likewise. A wavy rail pushes X by ``x_wave_mm`` sin(2πy/``x_wave_period_mm`` + ``x_wave_phase_rad``),
@@ -55,7 +55,7 @@ class CrookedFrame:
         )
 
     def lower(self, printer: Printer) -> Frame:
-        """Return the frame map: the laws of `effects` for skew, bent guides and wavy ones; and both scales."""
+        """Return the frame map: the laws of `effects` for skew, bent guides and wavy guides, and both scales."""
         lean = SCALE_MM * math.tan(math.radians(self.skew_deg))
         parts = [Sized("skew", 0, (), np.array([lean])), self._bows()]
         rails = (
@@ -70,7 +70,7 @@ class CrookedFrame:
         coefficients = frame.coefficients_mm.copy()
         coefficients[0, at((1, 0))] += (self.x_scale - 1) * SCALE_MM
         coefficients[1, at((0, 1))] += (self.y_scale - 1) * SCALE_MM
-        coefficients[0, at((0, 0))] += lean * printer.middle_mm[1] / SCALE_MM  # this one leans about the bed's corner
+        coefficients[0, at((0, 0))] += lean * printer.middle_mm[1] / SCALE_MM  # about y = 0, not the middle
         return replace(frame, coefficients_mm=coefficients)
 
     def _bows(self) -> Sized:
@@ -110,7 +110,7 @@ class Screw:
         )
 
     def lower(self, printer: Printer) -> ScrewDrive:
-        """Return Z as arrays. Raise `ConfigError` where the periodic error would turn the axis back."""
+        """Return Z as arrays. Raise `ConfigError` if the periodic error would move the axis backwards."""
         axis = printer.z
         if self.periodic_mm * TURN_RAD / axis.mm_per_turn > 1 + self.lead_error:
             limit_mm = (1 + self.lead_error) * axis.mm_per_turn / TURN_RAD

@@ -13,9 +13,9 @@
     on = "x"
     size_mm = 0.3
 
-The sections of a motor are pulley, belt, friction, warp, shaft, ripple, skips, missed and gain_table; the motors are
-x and y, or a and b on a CoreXY; [frame] and [z.screw] are the machine's; each [[effect]] is one by its name. What is
-left out is healthy. An unknown key is an error that names it.
+A motor's sections are pulley, belt, friction, warp, shaft, ripple, skips, missed and gain_table. The motors are x and
+y, or a and b on a CoreXY. [frame] and [z.screw] belong to the machine; each [[effect]] names an effect. Parts that are
+left out are healthy. An unknown key raises an error that names it.
 """
 
 import dataclasses
@@ -68,9 +68,9 @@ def read_corruption(path: str | Path) -> Corruption:
 
 
 def corruption_of(texts: Sequence[str], *, seed: int = 0) -> Corruption:
-    """Return what command-line words say is broken: one TOML file at most, and effects by name (`cause_of`).
+    """Return the corruption that command-line words name: at most one TOML file, and effects by name (`cause_of`).
 
-    ``seed`` draws what an effect leaves out.
+    ``seed`` draws the numbers that an effect leaves out.
     """
     files = [text for text in texts if text.endswith(".toml") or "/" in text or isfile(text)]
     if len(files) > 1:

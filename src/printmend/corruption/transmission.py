@@ -1,6 +1,6 @@
-"""What lies between the motor and the carriage: pulley, set screw, ripple, belts, play, stretch, friction, jumps.
+"""Faults between the motor and the carriage: pulley, set screw, ripple, belts, play, stretch, friction, jumps.
 
-Also errors that repeat nothing, as of a belt of uneven pitch, and the gains of the paper's published simulator.
+Also errors without a period, such as a belt's uneven pitch, and the gains of the paper's published simulator.
 
 The closed loop of a belt leaves its pulley in two opposite spans that move by U1(θ) = ∫h(−t) dt and
 U2(θ) = ∫h(π − t) dt. Each belt turns them into the pair (lower, upper) of a `Transmission`.
@@ -19,7 +19,7 @@ from printmend.errors import ConfigError
 from printmend.messages import say
 from printmend.printer import Axis
 
-# Checks of corruption values, made once when a value is built.
+# Check corruption values once, when they are built.
 
 
 def refuse(value: object, wanted: str, came: str) -> NoReturn:
@@ -274,8 +274,8 @@ class GainTable:
 class Warp:
     """The carriage is off by e(m) = Σ_i ``bumps_mm[i]`` · exp(−(m − c_i)²/2w²), c_i = ``first_mm`` + i·w, at place m.
 
-    w = ``spacing_mm``. Smooth, of no period, the same in both directions. The slope of e must stay above −0.9, lest
-    the carriage run backwards.
+    w = ``spacing_mm``. The error is smooth, has no period, and is the same in both directions. The slope of e must stay
+    above −0.9, so that the carriage does not run backwards.
     """
 
     bumps_mm: tuple[float, ...]
@@ -437,7 +437,7 @@ class ElasticBelt:
 class Friction:
     """Lost motion of a stretching belt against friction: B(x) = (2 F/EA)·L1 L2/(L1 + L2) (physics.md eq. 9).
 
-    Grows with the distance from the motor; widens whatever play there is by B/2 on either side.
+    It grows with the distance from the motor, and widens any play by B/2 on either side.
     """
 
     force_n: float
@@ -463,11 +463,11 @@ class Friction:
 
 BELTS: tuple[type, ...] = (LooseBelt, Play, ElasticBelt)
 
-# What happens suddenly: the belt skips teeth of its pulley, the motor misses steps (physics.md eq. 11).
+# Sudden faults: the belt skips teeth of its pulley, the motor misses steps (physics.md eq. 11).
 #
-# Both come at random places of a motor's travel, drawn from a seed: a Poisson process of ``rate_per_m`` jumps per metre
-# that the motor turns, either way. A jump takes effect at the first tick or way-point at which its place is reached. No
-# planner can foresee it, so jumps are no part of a `Mechanism`: the twin adds them.
+# Both happen at random places of a motor's travel, drawn from a seed: a Poisson process with ``rate_per_m`` jumps per
+# metre of travel in either direction. A jump takes effect at the first tick or way-point that reaches its place. No
+# planner can foresee it, so jumps are not part of a `Mechanism`: the twin adds them.
 
 
 @dataclass(frozen=True)
@@ -513,9 +513,9 @@ class Jumps(NamedTuple):
     missed: MissedSteps | None = None
 
     def along(self, motor_mm: np.ndarray, axis: Axis) -> tuple[np.ndarray, np.ndarray]:
-        """Return, over a motor's commanded path [N + 1] mm, by how much the motor and the belt are off [N + 1] mm.
+        """Return the offsets [N + 1] mm of the motor and of the belt along a motor's commanded path [N + 1] mm.
 
-        The travel is the path's own: way-points between which the motor runs straight.
+        The motor runs straight between the path's way-points; the sum of these moves is the travel.
         """
         travel_mm = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(motor_mm)))])
         motor, belt = np.zeros(len(motor_mm)), np.zeros(len(motor_mm))
@@ -527,7 +527,7 @@ class Jumps(NamedTuple):
 
 
 def places_mm(rate_per_m: float, seed: tuple[int, int], travel_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the places [E] mm of the jumps within a travel and their signs [E]; a longer travel only adds to them."""
+    """Return the places [E] mm of the jumps within a travel, and their signs [E]; a longer travel only adds jumps."""
     if rate_per_m <= 0 or travel_mm <= 0:
         return np.empty(0), np.empty(0)
     gaps, signs = np.random.default_rng((*seed, 0)), np.random.default_rng((*seed, 1))

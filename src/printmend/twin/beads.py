@@ -1,4 +1,4 @@
-"""The beads of a part's layer as the twin prints them, for a scan of its underside or top."""
+"""Print the beads of a part's layer on the twin, for a scan of its underside or top."""
 
 import numpy as np
 
@@ -11,11 +11,11 @@ from printmend.twin.twin import Twin
 
 
 def print_beads(program: Program, twin: Twin, *, layer: int = 1) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Print a part on the twin; return the beads of a layer, counted from 1, where an instrument sees them. Its owner
-    has taken the skirt away.
+    """Print a part on the twin; return a layer's beads where an instrument sees them, without the skirt. Layers count
+    from 1.
 
-    Each has its points [N, 2] mm and its width [N] mm up to each. A bulge at a corner is a bead of two equal points.
-    Raises `GcodeError` like `read_walls`.
+    Each bead has points [N, 2] mm, and its width [N] mm up to each point. A bulge at a corner is a bead with two equal
+    points. Raises `GcodeError` like `read_walls`.
     """
     walls = read_walls(program, twin.printer, layer=layer)
     outline = outline_of(walls)
@@ -43,7 +43,7 @@ def print_beads(program: Program, twin: Twin, *, layer: int = 1) -> list[tuple[n
 
 
 def _on_part(walls: Walls, places_mm: np.ndarray) -> np.ndarray:
-    """Say of places [N, 2] whether the file has a part there."""
+    """Mark the places [N, 2] that lie on the file's part."""
     x, y = np.rint((places_mm - walls.corner_mm) / RASTER_MM).astype(int).T
     high, wide = walls.plastic.shape
     inside = (x >= 0) & (x < wide) & (y >= 0) & (y < high)

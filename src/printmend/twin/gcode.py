@@ -1,4 +1,4 @@
-"""G-code on the twin: what a measurement of the printed file would give."""
+"""Print G-code on the twin: return what a measurement of the print would give."""
 
 from pathlib import Path
 
@@ -12,10 +12,10 @@ from printmend.messages import say
 from printmend.path import Origin, Trace
 from printmend.twin.twin import Twin
 
-_CHORD_MM, _FINE_CHORD_MM = 0.01, 0.005  # how far an arc's chords may be off it, for a trace and point by point
-_PITCH_MM = 0.3  # of the points along a move that is followed finely
-_SAME_MM = 0.01  # of way-points: as many digits as the file has
-_MENDED_MM = 5.0  # no mended dot is commanded farther than this from where it is wanted
+_CHORD_MM, _FINE_CHORD_MM = 0.01, 0.005  # error of an arc's chords: for a trace, and point by point
+_PITCH_MM = 0.3  # distance of points along a move that is followed finely
+_SAME_MM = 0.01  # way-points that differ by less are the same: the file's resolution
+_MENDED_MM = 5.0  # no mended dot is commanded farther than this from its wanted place
 
 
 def print_gcode(
@@ -50,7 +50,7 @@ def print_gcode(
     path = np.concatenate([home[None], places[:, :2]])
     moved = np.concatenate([[True], (np.diff(path, axis=0) != 0).any(axis=1)])
     screw = isinstance(twin.mechanism, Mechanism) and twin.mechanism.screw is not None
-    if screw and moved.any():  # what goes up and comes down again in its place ends on the other flank of the thread
+    if screw and moved.any():  # after going up and down again, the nut ends on the other flank of the thread
         rose = np.diff(places[:, 2], prepend=np.nan)
         moved[1:] |= np.isfinite(rose) & (rose != 0)
     if moved.sum() < 2:
@@ -125,14 +125,14 @@ def print_dots(program: Program, twin: Twin, plan: ProbePlan) -> np.ndarray:
     trace = print_gcode(program, twin)
     if len(trace) == len(plan.waypoints_mm) and np.abs(trace.commanded_mm - plan.waypoints_mm).max() <= _SAME_MM:
         return trace.measured_mm[plan.rows]
-    # a mended file has other way-points; a dot is what is extruded standing, at the last way-point
+    # a mended file has other way-points; a dot is extruded at rest, at the last way-point
     moves = program.moves
     standing = (moves.start_mm[:, :2] == moves.end_mm[:, :2]).all(axis=1)
     rests = np.flatnonzero(standing & (moves.extrusion_mm > 0) & moves.known[:, :2].all(axis=1))
     path = moves.end_mm[rests, :2]
     fresh = np.append(True, (path[1:] != path[:-1]).any(axis=1))[: len(path)]
     rests, path = rests[fresh], path[fresh]
-    if plan.moving:  # the lines at speed come last, and their first bit may be extruded standing
+    if plan.moving:  # the lines at speed come last, and may begin with an extrusion at rest
         rests, path = rests[: len(plan)], path[: len(plan)]
     if len(path) != len(plan) or np.abs(path - plan.marks_mm).max() > _MENDED_MM:
         raise InputError(

@@ -1,7 +1,7 @@
-"""Synthetic scans of a printed probe, for tests and demonstrations: what a flatbed scanner would see.
+"""Render synthetic scans of a printed probe, as a flatbed scanner would see it, for tests and demonstrations.
 
-`render_scan` draws every dot with a wobbly outline of its own, strings and tails of plastic, dust, gloss, uneven
-light, texture, blur, noise and JPEG, through a scanner that stretches, onto a sheet that lies at any angle.
+`render_scan` draws every dot with its own wobbly outline, and adds strings and tails of plastic, dust, gloss, uneven
+light, texture, blur, noise and JPEG artefacts. The scanner stretches the picture, and the plate lies at any angle.
 """
 
 import itertools
@@ -17,17 +17,17 @@ from printmend.messages import say
 from printmend.path import Trace
 from printmend.units import A4_MM, MM_PER_INCH
 
-MARGIN_MM = 5.0  # of glass around the plate
+MARGIN_MM = 5.0  # margin of glass around the plate
 SAME_MM = 0.002  # a trace further from the plan is another print's
-LINE_MM, LINE_STEP_MM = 0.6, 0.1  # width of a line at speed, and the pieces that it is drawn in
-TIMES_FINER = 3  # that beads are drawn than the image is: their widths are whole numbers of pixels
-BENEATH, BENEATH_BLUR_MM = 0.35, 0.25  # of a first layer that lies far from the glass: how dark, and how blurred
+LINE_MM, LINE_STEP_MM = 0.6, 0.1  # width of a line at speed, and length of its drawn pieces
+TIMES_FINER = 3  # beads are drawn at this multiple of the image's resolution, because widths are whole pixels
+BENEATH, BENEATH_BLUR_MM = 0.35, 0.25  # brightness and blur of a first layer that lies far from the glass
 Colour = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
 class Degradations:
-    """How bad print and scanner are. Lengths are standard deviations unless a comment says otherwise.
+    """Defects of print and scanner. Lengths are standard deviations unless a comment says otherwise.
 
     Colours are blue, green, red from 0 to 255.
     """
@@ -95,8 +95,8 @@ def render_scan(
     """Draw the marks of ``plan`` where they were printed, [M, 2] mm.
 
     ``quarter_turns`` turns the plate on the glass, ``mirrored`` shows it from below. ``stretch`` fixes the scanner's
-    own axes, for a second scan on the same one. The image is ``size_mm``; without it A4, smaller for a small print and
-    larger for a large one. ``line_mm`` [N, 2] is the path of the plan's lines at speed.
+    own axes, for a second scan on the same scanner. The image measures ``size_mm``; by default A4, smaller for a small
+    print and larger for a large one. ``line_mm`` [N, 2] is the path of the plan's lines at speed.
     """
     d = degradations
     px_per_mm = dpi / MM_PER_INCH
@@ -139,8 +139,8 @@ def scan_trace(
 ) -> Scan:
     """Draw the scan of a probe that was printed on the twin; ``trace`` is what the twin printed, without noise.
 
-    Equal generators give the same dots on the same scanner, so that the plate can be turned between two scans. Raises
-    `InputError` if the trace is that of another file.
+    Equal generators draw the same dots and the same scanner, so that the plate can be turned between two scans. Raises
+    `InputError` if the trace belongs to another file.
     """
     same = trace.commanded_mm.shape == plan.waypoints_mm.shape
     if not same or np.abs(trace.commanded_mm - plan.waypoints_mm).max() > SAME_MM:
@@ -206,7 +206,7 @@ def _draw_dot(ink: np.ndarray, patch: _Patch, radius_px: float, outline_px: floa
     _cover(ink, patch, radius - np.hypot(patch.dx, patch.dy))
 
 
-# Six, because a line has a place, a width and a wobble.
+# Six parameters, because a line has a place, a width and a wobble.
 def _draw_line(
     ink: np.ndarray, points_px: np.ndarray, width_px: float, outline_px: float, px_per_mm: float,
     rng: np.random.Generator,
@@ -269,7 +269,7 @@ def _developed(
     px_per_mm: float,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Give the ink its colours, its light and its dirt."""
+    """Turn the ink into an image with colours, light and dirt."""
     height, width = ink.shape
     coarse = (height // 4 + 2, width // 4 + 2)
     texture = rng.standard_normal(coarse, np.float32) * np.float32(d.texture * 1.6)
@@ -329,10 +329,11 @@ def render_layer(
     quarter_turns: int = 0,
     beneath: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,
 ) -> np.ndarray:
-    """Draw what a flatbed sees of a printed first layer from below, [H, W, 3]: its strokes as beads.
+    """Draw a printed first layer as a flatbed sees it from below, [H, W, 3]: its strokes as beads.
 
-    The strokes are [K × [N, 2]] mm on the bed, ``bead_mm`` is their width, or one [N] up to each point;
-    ``quarter_turns`` turns the part on the glass. With the beads of a first layer ``beneath`` the part lies on its top.
+    The strokes are [K × [N, 2]] mm on the bed. ``bead_mm`` is their common width, or each one's width [N] up to each
+    point. ``quarter_turns`` turns the part on the glass. If ``beneath`` holds a first layer's beads, the part lies on
+    its top.
     """
     d = degradations
     px_per_mm = dpi / MM_PER_INCH

@@ -1,8 +1,8 @@
-"""The digital twin: what a broken printer would print.
+"""The digital twin: it prints what a broken printer would print.
 
-`Twin.run` prints lattice controls, the paper's experiment. `Twin.follow` prints way-points in mm at micro-step
-resolution from the home position, for G-code. Both take two axes, or three. `Twin.seen` is what an instrument reads of
-the same way-points.
+`Twin.run` prints lattice controls, as in the paper's experiment. `Twin.follow` prints way-points in mm at micro-step
+resolution from the home position, for G-code. Both take two or three axes. `Twin.seen` returns an instrument's readings
+of the same way-points.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,8 @@ from printmend.twin import kernels
 
 
 def added_mm(parts: Sequence[Sized], trace: Trace, scene: Scene, contacts: Contacts, *, before: int = 0) -> np.ndarray:
-    """Return what effects add [N, 2] mm to the rows of a print with these contacts, after ``before`` prints."""
+    """Return the displacement [N, 2] mm that effects add to each row of a print with these contacts, after ``before``
+    earlier prints."""
     bed_mm = scene.printer.from_motor(contacts.belt_mm)
     places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
     places = guided(replace(places, done=places.done + before), trace.commanded_mm, parts)
@@ -55,11 +56,11 @@ def moved_mm(
     from_home: bool = False,
     before: int = 0,
 ) -> np.ndarray:
-    """Return what effects add [N, 2] mm along a path [N, 2] mm of the whole print.
+    """Return the displacement [N, 2] mm that effects add along a path [N, 2] mm of the whole print.
 
-    ``motors_mm`` [N, ≥ 2] is where the motors stop; without it they stop exactly on the path. With ``from_home`` the
-    path begins at the end stops, where each belt is engaged as its motor came; otherwise each belt rests in the middle
-    of its play. ``before`` is the number of prints that have worn the machine.
+    ``motors_mm`` [N, ≥ 2] is where the motors stop; by default exactly on the path. With ``from_home`` the path begins
+    at the end stops, where each belt is engaged in the homing direction; otherwise each belt rests in the middle of its
+    play. ``before`` is the number of earlier prints that wore the machine.
     """
     printer = mechanism.printer
     way_mm = float(np.hypot(*np.diff(path_mm, axis=0).T).sum())
@@ -76,8 +77,8 @@ def moved_mm(
 class Twin:
     """A printer with a mechanism, true (from a `Fault`) or learned, and the jumps of its motors.
 
-    ``along`` are effects that no mechanism holds: they act along the path. ``before`` is the number of earlier prints,
-    from which wear goes on. ``beads`` say how far lines stand out at holes, at corners and in the first layer.
+    ``along`` are effects that act along the path, which no mechanism can hold. ``before`` is the number of earlier
+    prints, after which wear continues. ``beads`` say how far lines stand out at holes, at corners and in layer 1.
     """
 
     mechanism: Mechanism | GainMechanism
@@ -96,12 +97,12 @@ class Twin:
         return cls(corruption.lower(printer), corruption.jumps, along, beads=beads)
 
     def with_effects(self, parts: Sequence[Sized]) -> "Twin":
-        """Return this printer with more effects. Raises `InputError` for a gain table, or a drive turned back."""
+        """Return this printer with more effects. Raises `InputError` for a gain table, or a drive that reverses."""
         more = tuple(part for part in parts if not part.is_held)
         return replace(self, mechanism=with_effects(self.tables, parts), along=self.along + more)
 
     def again(self) -> "Twin":
-        """Return this printer in a later print: without jumps, and with the effects along the path that persist."""
+        """Return this printer for its next print: without jumps, and with the effects along the path that persist."""
         found = [(part, EFFECTS[part.effect]) for part in self.along]
         lasting = (part for part, law in found if law.of is not Of.INSTRUMENT and law.fate == STAYS)
         return Twin(self.mechanism, along=tuple(lasting), before=self.before + 1, beads=self.beads)
@@ -130,10 +131,10 @@ class Twin:
     def run(self, controls: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Print lattice controls.
 
-        ``controls`` [T, 2] integer full steps a tick along x and y, ``start`` [2] the lattice point where the layer
-        starts: printed = nominal = start there, with the play of each belt centred (the paper's known state s0).
+        ``controls`` [T, 2] are integer full steps per tick along x and y. The layer starts at the lattice point
+        ``start`` [2]: there printed = nominal = start, and each belt's play is centred (the paper's known state s0).
         Returns printed [T + 1, 2] full steps. With a third column, Z in its own full steps, printed is [T + 1, 3].
-        Raises `InputError` where a motor would leave its tables.
+        Raises `InputError` if a motor would leave its tables.
         """
         controls = np.ascontiguousarray(controls, np.int64)
         start = np.asarray(start, np.int64)
@@ -175,7 +176,7 @@ class Twin:
         low_mm = np.array([axis.min_mm for axis in self.printer.axes[:2]])
         path_mm = low_mm + np.vstack([start, start + np.cumsum(controls, axis=0)]) * pitch_mm
         moved = moved_mm(mechanism, parts, path_mm, before=self.before)
-        return np.asarray(printed + (moved - moved[0]) / pitch_mm)  # a layer starts where it should
+        return np.asarray(printed + (moved - moved[0]) / pitch_mm)  # a layer starts at its nominal place
 
     def _jumped(self, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the motors' moves [T, 2] with the steps they miss, and the belts' skips [T + 1, 2], full steps."""
@@ -216,7 +217,7 @@ class Twin:
         return places_mm
 
     def seen(self, waypoints_mm: np.ndarray) -> np.ndarray:
-        """Return what an instrument reads of the places of `follow`: with the effects of the measurement."""
+        """Return an instrument's readings of the places of `follow`, with the effects of the measurement."""
         places_mm = self.follow(waypoints_mm)
         places_mm[:, :2] += self.misread_mm(waypoints_mm)
         return places_mm
@@ -238,7 +239,7 @@ class Twin:
 
     @property
     def tables(self) -> Mechanism:
-        """The machine as its tables. Raises `InputError` for a gain table, which has none."""
+        """The machine's tables. Raises `InputError` for a gain table, which has none."""
         if isinstance(self.mechanism, GainMechanism):
             raise InputError(
                 say("subject-corruption", "'gain-table'"),
