@@ -1,4 +1,4 @@
-"""A printer from its owner's files: Klipper's printer.cfg, or a slicer's printer profile."""
+"""Read a printer from its owner's files: Klipper's printer.cfg, or a slicer's printer profile."""
 
 from pathlib import Path
 
@@ -18,12 +18,12 @@ _TOO = say("add-like-too")
 
 
 def convert(path: Path, *, like: str | None = None, model: str | None = None) -> tuple[Printer, tuple[str, ...]]:
-    """Read a printer from a file of another program; return it, and what could not be taken over, in words.
+    """Read a printer from another program's file; return it, and words about settings that could not be converted.
 
     ``like`` names the preset that gives a slicer's profile its motors and end stops. ``model`` chooses a printer from a
     file that has several. The result has passed the checks of a printer's TOML. Raises `ConfigError` for anything else.
     """
-    if not path.exists() and not path.suffix:  # the name of a preset, misspelt
+    if not path.exists() and not path.suffix:  # a misspelt name of a preset
         read_printer(path)
     text, subject = read_text(path, wanted=_WANTED, todo=_TODO, error=ConfigError), str(path)
     left: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""A printer from Klipper's printer.cfg: what its sections [stepper_x], [stepper_y], [stepper_z] and [printer] say."""
+"""Read a printer from the sections [stepper_x], [stepper_y], [stepper_z] and [printer] of Klipper's printer.cfg."""
 
 import configparser
 from configparser import SectionProxy
@@ -7,20 +7,20 @@ from printmend.errors import ConfigError
 from printmend.messages import say
 from printmend.printer.printer import KLIPPER_PAUSE, Axis, Homing, MotionLimits, Printer, Switch
 
-# What Klipper takes where a key is absent (its Config Reference).
+# Klipper's defaults for absent keys (its Config Reference).
 _FULL_STEPS, _MICROSTEPS = 200, 16
 _KLIPPER_TODO = say("give-file-holds-sections-stepper-stepper")
 
 
 def is_klipper(text: str) -> bool:
-    """Say whether a text looks like a printer.cfg."""
+    """Return whether a text looks like a printer.cfg."""
     return "[stepper_x]" in text
 
 
 def parse_klipper(text: str, *, name: str, subject: str) -> Printer:
     """Build a printer from the text of a printer.cfg.
 
-    Raises `ConfigError` for other kinematics than cartesian and corexy, and for what is missing or no number.
+    Raises `ConfigError` for kinematics other than cartesian and corexy, and for values that are missing or no numbers.
     """
     config = configparser.RawConfigParser(strict=False, delimiters=("=", ":"), inline_comment_prefixes=("#", ";"))
     try:
@@ -102,7 +102,7 @@ def _gear_ratio(stepper: SectionProxy, subject: str) -> float:
 
 
 def _switch(config: configparser.RawConfigParser) -> Switch:
-    """Return how X and Y find home: the worse of the two where they differ."""
+    """Return how X and Y find home: the worse of the two if they differ."""
     stepper = [f"stepper_{axis}" for axis in "xy"]
     if any("virtual_endstop" in config.get(name, "endstop_pin", fallback="") for name in stepper):
         return "sensorless"

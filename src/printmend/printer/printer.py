@@ -1,4 +1,4 @@
-"""A printer's geometry: what a healthy machine of this kind would do; and which printer a name means."""
+"""A printer's geometry, which a healthy machine of its kind would have; and which printer a name means."""
 
 import re
 from dataclasses import dataclass, field
@@ -59,9 +59,9 @@ class Axis:
 class Homing:
     """The end stops of X and Y.
 
-    ``switch`` is their kind: a micro-switch, one without contact (``optical``, also inductive and Hall), none but the
-    motor's own stall (``sensorless``), or one whose place the firmware corrects by the motor's ``phase``.
-    ``scatter_mm`` is the standard deviation of the place at which they switch, None where nobody measured it.
+    ``switch`` is their kind: a micro-switch, a contactless switch (``optical``, also inductive and Hall), stall
+    detection (``sensorless``), or a switch whose place the firmware corrects by the motor's ``phase``.
+    ``scatter_mm`` is the standard deviation of the place at which they switch, None if not measured.
     """
 
     switch: Switch = "unknown"
@@ -72,8 +72,8 @@ class Homing:
 class MotionLimits:
     """The limits of the owner's firmware, None where unknown.
 
-    ``speed_mm_s`` and ``accel_mm_s2`` hold for the head unless a file sets others. ``crossing_mm_s2`` is how fast a
-    motor may speed up while it crosses its slack: then it drives nothing but itself.
+    ``speed_mm_s`` and ``accel_mm_s2`` limit the head unless a file sets others. ``crossing_mm_s2`` limits a motor's
+    acceleration while it crosses its slack: it then drives nothing but itself.
     """
 
     speed_mm_s: float | None = None
@@ -83,7 +83,7 @@ class MotionLimits:
 
 @dataclass(frozen=True)
 class Printer:
-    """A machine: three axes, the way its motors move them, and what a test print needs to start.
+    """A machine: three axes, its kinematics, and what a test print needs to start.
 
     ``extruder`` says where the filament's motor sits: a Bowden tube needs a longer retraction. ``start_gcode`` are the
     owner's lines that heat, home and level; without any a test print uses plain ones. ``pause_gcode`` is the command
@@ -167,12 +167,12 @@ class Printer:
 
 
 def _of_sizes(words: str, *beds_mm: int) -> tuple[str, ...]:
-    """Return the printers of one model in several sizes: without its size, its words mean any of them."""
+    """Return the printers of one model in several sizes; its words without a size mean any of them."""
     return tuple(f"{' | '.join(f'{word} {bed_mm}' for word in words.split(' | '))} | {words}" for bed_mm in beds_mm)
 
 
-# By the words for their maker: printers that differ in bed, kinematics or motors, each with the words for it. A space
-# stands for any separator or none. An upgrade that keeps the belts and the bed is the same printer (Ender-3, Pro, V2).
+# Makers' names, and the names of their printers that differ in bed, kinematics or motors. A space stands for any
+# separator or none. An upgrade that keeps the belts and the bed is the same printer (Ender-3, Pro, V2).
 _MADE = {
     "anycubic": (
         "i3 mega | mega s | mega pro", "mega x", "mega zero | mega 0", "4 max", "chiron", "vyper", "kobra | kobra neo",
@@ -215,15 +215,15 @@ _MADE = {
     "anet": (), "ankermake": (), "biqu": (), "flashforge": (), "flsun": (), "geeetech": (), "makerbot": (),
     "raise3d": (), "snapmaker": (), "tronxy": (), "ultimaker": (), "wanhao": (),
 }  # fmt: skip
-_OF_ANY_MAKER = "prusai3"  # the clones of many makers are called so
-_LEAST_LETTERS = 3  # of a word with a digit that says by itself which printer it is, as P1S does
+_OF_ANY_MAKER = "prusai3"  # many makers' clones have this name
+_LEAST_LETTERS = 3  # fewest characters of a word with a digit that identifies a printer alone, such as P1S
 
 
 def printers_named(name: str) -> frozenset[str]:
-    """Return the printers that a name may mean, by the first of their words; none where it names none that is known.
+    """Return the printers that a name may mean, each by the first of its words; none for an unknown name.
 
-    A maker's name without a model's means any of its printers. Words without a digit (Mini) may be anybody's: they
-    count as the whole name, or behind their maker's.
+    A maker's name without a model's means any of its printers. Many makers use words without a digit (Mini): these
+    count only as the whole name, or after the maker's name.
     """
     words, makers, pattern = _known()
     if (whole := words.get(bare_name(name))) is not None:
@@ -235,7 +235,7 @@ def printers_named(name: str) -> frozenset[str]:
 
 @cache
 def _known() -> tuple[dict[str, frozenset[str]], dict[str, frozenset[str]], re.Pattern[str]]:
-    """Return the printers by their words, the printers by their makers, and what finds either in a name."""
+    """Return the printers by their words, the printers by their makers, and a pattern that finds either in a name."""
     words: dict[str, frozenset[str]] = {}
     makers: dict[str, frozenset[str]] = {_OF_ANY_MAKER: frozenset()}
     patterns = {_OF_ANY_MAKER: _pattern("prusa i3")}
@@ -256,12 +256,12 @@ def _known() -> tuple[dict[str, frozenset[str]], dict[str, frozenset[str]], re.P
 
 
 def _pattern(word: str) -> str:
-    """Return what finds a word that no digit follows, nor a letter where it ends with one."""
+    """Return a pattern for a word that no digit follows, and no letter if the word ends with a letter."""
     return r"[\W_]*".join(word.split()) + (r"(?!\d)" if word[-1].isdigit() else r"(?![^\W_])")
 
 
 def bare_name(name: str) -> str:
-    """Return a printer's name in small letters and digits; one without a name goes by its file's."""
+    """Return a printer's name as lower-case letters and digits; the path of a TOML file counts as its file name."""
     return "".join(each for each in _of_file(name).lower() if each.isalnum())
 
 

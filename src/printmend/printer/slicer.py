@@ -1,6 +1,6 @@
-"""A printer's bed, height, extruder and start code from a slicer's printer profile; its mechanics come from a preset.
+"""Read a printer's bed, height, extruder and start code from a slicer's profile; a preset gives its mechanics.
 
-PrusaSlicer, SuperSlicer (INI) and OrcaSlicer, Bambu Studio (JSON) know neither motors nor end stops.
+Profiles of PrusaSlicer and SuperSlicer (INI) or OrcaSlicer and Bambu Studio (JSON) contain no motors and end stops.
 """
 
 import json
@@ -13,11 +13,11 @@ from printmend.errors import ConfigError
 from printmend.messages import say, together
 from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, RRF_PAUSE, Axis, Extruder, Printer
 
-# A slicer that draws the filament back by less than this has its motor on the tool head, mm. Bowden profiles of
-# PrusaSlicer begin at 2 mm (Voron.ini), direct ones end at 1.9 mm (Artillery.ini).
+# A shorter retraction [mm] means a direct extruder, with its motor on the tool head. In PrusaSlicer, Bowden profiles
+# begin at 2 mm (Voron.ini), and direct ones end at 1.9 mm (Artillery.ini).
 _SHORTEST_BOWDEN_MM = 1.95
 _PAUSES = {"klipper": KLIPPER_PAUSE, "reprapfirmware": RRF_PAUSE, "rapid": RRF_PAUSE}  # by gcode_flavor
-# What the placeholders of start code stand for in a test print of PLA, °C; `probe` says where to change them.
+# Values of the placeholders in start code for a test print of PLA [°C]; `probe` says where to change them.
 _PLA = {"first_layer_temperature": "205", "temperature": "205", "nozzle_temperature_initial_layer": "205",
         "first_layer_bed_temperature": "60", "bed_temperature": "60", "bed_temperature_initial_layer_single": "60",
         "bed_temperature_initial_layer": "60", "initial_extruder": "0", "initial_tool": "0",
@@ -27,19 +27,19 @@ _PLACEHOLDER = re.compile(r"[{\[]\s*(\w+)\s*(?:\[\s*(?:\d+|\w+)\s*\])?\s*[}\]]")
 
 Values = Mapping[str, Any]
 _SECTION = re.compile(r"^\s*\[([^\]]+)\]\s*$")
-_NOZZLE = re.compile(r"\s{0,9}\(?\b\d{1,2}\.\d{1,3} ?(?:mm|nozzle).*$", re.IGNORECASE)  # what follows a model's name
-_DEEPEST = 20  # sections that inherit one another in a row
-_WIDEST_MARGIN_MM = 10.0  # of the bed that a profile leaves out: more is another origin
+_NOZZLE = re.compile(r"\s{0,9}\(?\b\d{1,2}\.\d{1,3} ?(?:mm|nozzle).*$", re.IGNORECASE)  # text after a model's name
+_DEEPEST = 20  # longest chain of sections that inherit from each other
+_WIDEST_MARGIN_MM = 10.0  # widest margin of the bed that a profile leaves out: more means another origin
 
 
 def is_slicer_profile(text: str) -> bool:
-    """Say whether a text looks like a printer profile of a slicer, or a bundle of them: by its keys, or as JSON."""
+    """Return whether a text looks like a slicer's printer profile, or a bundle of them: by its keys, or as JSON."""
     keys = "bed_shape", "printable_area", "printer_technology", "[printer:"
     return any(key in text for key in keys) or text.lstrip().startswith("{")
 
 
 def profile_of(text: str, *, model: str | None, subject: str, todo: str = "") -> Values:
-    """Return the keys of a printer's profile, INI or JSON; of a bundle with several, those of the printer ``model``.
+    """Return the keys of a printer's profile, INI or JSON; from a bundle with several, the keys of ``model``.
 
     ``todo`` is further advice for an error that asks for a model. Raises `ConfigError` for a bundle of several printers
     without a known ``model``, and for a resin printer.
@@ -55,8 +55,8 @@ def profile_of(text: str, *, model: str | None, subject: str, todo: str = "") ->
 
 
 def parse_slicer(values: Values, *, like: Printer, name: str, subject: str) -> tuple[Printer, tuple[str, ...]]:
-    """Return the printer of a profile (`profile_of`) with the motors and end stops of ``like``, and what could not be
-    taken over.
+    """Return the printer of a profile (`profile_of`) with the motors and end stops of ``like``, and words about
+    settings that could not be converted.
 
     An end stop at an edge of the old bed moves to that edge of the new one. Raises `ConfigError` for a profile without
     a rectangular bed.
@@ -102,7 +102,7 @@ def _json(text: str, subject: str) -> Values:
 
 
 def _ini(text: str, model: str | None, subject: str, todo: str) -> Values:
-    """Return the keys of a profile in INI; of a bundle those of the printer that is meant, with what it inherits."""
+    """Return the keys of a profile in INI; from a bundle, the chosen printer's keys with those that it inherits."""
     sections: dict[str, dict[str, str]] = {"": {}}
     section = sections[""]
     for line in text.splitlines():
@@ -118,7 +118,7 @@ def _ini(text: str, model: str | None, subject: str, todo: str) -> Values:
 
 
 def _chosen(sections: list[str], model: str | None, subject: str, todo: str) -> str:
-    """Return the printer of a bundle that is meant: the only one, or that called ``model``, with its usual nozzle."""
+    """Return the chosen printer of a bundle: the only one, or the one named ``model``, with its usual nozzle."""
     names = [name for name in sections if not name.startswith("*")]
     wanted = (model or "").strip().lower()
     exact = [name for name in names if wanted in (name.lower(), _NOZZLE.sub("", name).lower())]
@@ -138,12 +138,12 @@ def _chosen(sections: list[str], model: str | None, subject: str, todo: str) -> 
 
 
 def _inherited(bundle: Mapping[str, Mapping[str, str]], name: str) -> dict[str, str]:
-    """Return the keys of a section of a bundle, over those of the sections that it inherits."""
+    """Return the keys of a bundle's section, which override those of the sections that it inherits."""
     known: dict[str, dict[str, str]] = {}
 
     def keys_of(one: str, depth: int) -> dict[str, str]:
-        if one not in known:  # each once, however many inherit it
-            known[one] = {}  # of a section that inherits itself
+        if one not in known:  # resolve each section once, however many inherit it
+            known[one] = {}  # stops at a section that inherits itself
             values: dict[str, str] = {}
             for base in bundle[one].get("inherits", "").split(";") if depth < _DEEPEST else ():
                 if base.strip() in bundle:
@@ -155,7 +155,7 @@ def _inherited(bundle: Mapping[str, Mapping[str, str]], name: str) -> dict[str, 
 
 
 def _first(values: Mapping[str, Any], names: tuple[str, ...]) -> str | None:
-    """Return the first of some keys that has a text; lists count by their first entry."""
+    """Return the value of the first key that has one; a list counts by its first entry."""
     for name in names:
         value = values.get(name)
         value = value[0] if isinstance(value, list) and value else value
@@ -200,10 +200,10 @@ def _bed_mm(values: Mapping[str, Any], subject: str) -> tuple[tuple[float, float
 def _without_margin(
     low_mm: tuple[float, float], high_mm: tuple[float, float]
 ) -> tuple[tuple[tuple[float, float], tuple[float, float]], tuple[str, ...]]:
-    """Return the corners of the axes' reach, and words about what was assumed.
+    """Return the corners of the axes' reach, and words about the assumption.
 
-    Some profiles leave a margin of the bed out, as 5x5,295x5,…: the head still homes at 0, and there is as much bed at
-    the far edge.
+    Some profiles leave out a margin of the bed, such as 5x5,295x5,…: the head still homes at 0, and the same margin
+    lies at the far edge.
     """
     margin = [low if 0 < low <= _WIDEST_MARGIN_MM else 0.0 for low in low_mm]
     if not any(margin):
@@ -224,13 +224,13 @@ def _without_margin(
 
 
 def _resized(axis: Axis, low_mm: float, high_mm: float) -> Axis:
-    """Return an axis with another bed; the end stop keeps its distance from the edge that it is at."""
+    """Return an axis with another bed; the end stop keeps its distance from its edge."""
     edge_mm, new_edge_mm = (axis.min_mm, low_mm) if axis.home_side == "min" else (axis.max_mm, high_mm)
     return replace(axis, min_mm=low_mm, max_mm=high_mm, home_mm=axis.home_mm + new_edge_mm - edge_mm)
 
 
 def _start_gcode(text: str) -> tuple[str, tuple[str, ...]]:
-    """Return start code with its placeholders filled in for PLA, or none where one of them is unknown, and why."""
+    """Return start code with its placeholders filled in for PLA, or none and the reason if one of them is unknown."""
     lines = text.removeprefix('"').removesuffix('"').replace("\\n", "\n")
     filled = _PLACEHOLDER.sub(lambda found: _PLA.get(found[1], found[0]), lines)
     if unknown := re.search(r"[{\[][^}\]]*[}\]]", filled):

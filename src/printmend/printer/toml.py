@@ -1,4 +1,4 @@
-"""Printers from TOML: the presets and a user's own file, through the same code."""
+"""Read printers from TOML: presets and users' own files, through the same code."""
 
 import difflib
 import os
@@ -23,10 +23,10 @@ _KEYS = {"name", "kinematics", "x", "y", "z", "extruder", "start_gcode", "pause_
 _LIMITS = {"speed_mm_s": (1.0, 1e4), "accel_mm_s2": (10.0, 1e6), "crossing_mm_s2": (10.0, 1e6)}
 _EXTRUDERS = ("bowden", "direct")
 _COMMAND = re.compile(r"[A-Za-z][\x20-\x7e]{0,79}")  # one line, as a firmware reads it
-_MOST_START_GCODE = 20_000  # characters; a start code of a thousand lines is another file
+_MOST_START_GCODE = 20_000  # characters; a longer text is no start code
 _FAR_MM, _FAREST_MM = 1000.0, 1e5
-_MOST_SCATTER_MM = 5.0  # of an end stop
-_LEAST_TURN_MM = 0.01  # of belt that a motor's turn moves
+_MOST_SCATTER_MM = 5.0  # largest scatter of an end stop
+_LEAST_TURN_MM = 0.01  # least belt that a motor's turn moves
 _MOST_PLACES = 5_000_000  # a machine is tabulated at its micro-steps; 300 mm at 256 a step are 400 000
 _TODO = say("compare-printmend-printer-ender3-prints-preset")
 
@@ -46,12 +46,12 @@ def check_preset(name: str) -> None:
 
 
 def preset_text(name: str) -> str:
-    """Return a preset's TOML text: the place to start a printer of one's own."""
+    """Return a preset's TOML text, as a start for a user's own printer."""
     return (resources.files("printmend.printer") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
 
 
 def _meant(name: str) -> str | None:
-    """Return the preset that a name most likely means: a maker's name before it, or a slip of a letter, aside."""
+    """Return the preset that a name most likely means, despite a maker's name before it or a typing error."""
     presets, given = {bare_name(preset): preset for preset in preset_names()}, bare_name(name)
     ends = [each for each in presets if given.endswith(each)]
     alike = [max(ends, key=len)] if ends else difflib.get_close_matches(given, presets, 1)
@@ -59,7 +59,7 @@ def _meant(name: str) -> str | None:
 
 
 def read_printer(source: str | Path) -> Printer:
-    """Return the preset of that name, or the printer in that TOML file."""
+    """Return the preset with this name, or the printer in this TOML file."""
     if str(source) in preset_names():
         return parse_printer(preset_text(str(source)), subject=str(source))
     if not os.path.isfile(source):
@@ -77,7 +77,7 @@ def read_printer(source: str | Path) -> Printer:
 
 
 def printer_section(printer: Printer) -> dict[str, Any]:
-    """Return the mechanics of a printer as the plain table that `parse_printer` reads, without what is as usual."""
+    """Return a printer's mechanics as the plain table that `parse_printer` reads, without default values."""
     axes = {axis.name: {key: value for key, value in asdict(axis).items() if key != "name"} for axis in printer.axes}
     table: dict[str, Any] = {"name": printer.name, "kinematics": printer.kinematics, **axes}
     for name, value, usual in (("homing", printer.homing, Homing()), ("limits", printer.limits, MotionLimits())):
