@@ -1,4 +1,4 @@
-"""The API's common part: uploads, jobs and what they made, and the play screen."""
+"""The API's common part: uploads, jobs and their files, and the play screen."""
 
 import asyncio
 import contextlib
@@ -27,9 +27,9 @@ from printmend.studio.jobs import StudioState
 from printmend.studio.shapes import KEY, EffectList, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
 from printmend.studio.store import DONE, HALF, NotThereError, check_bytes
 
-LEAST_FREE_BYTES = 500_000_000  # on the disk, below which nothing more is taken
-_LOOK_S, _ASK_S = 0.05, 1.0  # how often a job's folder is looked at, and at the latest the job itself
-_MOST_FOLLOWED = 64  # jobs in one stream
+LEAST_FREE_BYTES = 500_000_000  # uploads are refused if less of the disk is free
+_LOOK_S, _ASK_S = 0.05, 1.0  # interval of looks at a job's folder, and longest interval of looks at the job itself
+_MOST_FOLLOWED = 64  # most jobs in one stream
 _ODD = re.compile(r"[^\w.+ ()\-]")
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {
@@ -116,7 +116,7 @@ async def upload(request: Request, here: Here, name: Annotated[str, Query(min_le
 
 
 def _settle(file: Any, beside: Path, target: Path) -> None:
-    """Give a file that is wholly written its name."""
+    """Give a completely written file its final name."""
     file.flush()
     os.fsync(file.fileno())
     os.replace(beside, target)
@@ -140,7 +140,7 @@ def jobs(here: Here, printer: Annotated[str | None, Query(pattern=KEY)] = None) 
 
 
 def card(here: StudioState, key: str, waiting: list[str] | None = None) -> JobCard:
-    """Return a job as the API shows it; ``waiting`` is the queue, where it is known already."""
+    """Return a job as the API shows it; ``waiting`` is the queue, if it is known already."""
     here.store.job(key)
     job = here.jobs.look(key)
     named = job.get("files") or (job["result"] or {}).get("files", [])
@@ -151,12 +151,12 @@ def card(here: StudioState, key: str, waiting: list[str] | None = None) -> JobCa
 
 
 def _there(here: Here, key: Key) -> None:
-    """Refuse a key that is not a job's before the stream begins; a begun stream can only end."""
+    """Refuse an unknown job's key before the stream begins: afterwards the stream can only end."""
     here.store.job(key)
 
 
 def _any_there(here: Here, keys: Keys) -> None:
-    """Refuse keys of which none is a job's."""
+    """Refuse keys if none of them is a job's."""
     for key in keys:
         with contextlib.suppress(NotThereError):
             here.store.job(key)
@@ -240,7 +240,7 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=200)]) -> F
     path = here.store.made(key, name)
     if name not in offered or not path.is_file():
         raise NotThereError(name, wanted=say("file-job"), came=say("none-name"), todo=say("see-job-files"))
-    # shown in the page's own documents only; content-encoding: what is on this computer is not worth compressing
+    # only the page's own documents may show it; content-encoding: local files are not worth compressing
     return FileResponse(
         path, filename=name, headers={"Content-Encoding": "identity", "Cache-Control": "private, max-age=3600"}
     )

@@ -1,6 +1,6 @@
-"""The API of whoever may enter from other computers: devices by a QR code, and hosts that get a printer's model.
+"""The API for access from other computers: devices enter by a QR code, and hosts get a printer's model.
 
-A device is let in or shut out here. A host is paired by a code on the page, gets a token, and fetches each newer model.
+A device is admitted or revoked here. A host is paired by a code on the page, gets a token, and fetches newer models.
 """
 
 import json
@@ -24,7 +24,7 @@ router = APIRouter(prefix=f"{API}/devices", responses=PROBLEMS, tags=["devices"]
 
 
 def _devices(request: Request) -> Devices:
-    """Return who may enter. Raises `RefusedError` where nobody needs to, and for a user who sees a part only."""
+    """Return the devices. Raises `RefusedError` if the studio needs none, and for a user who sees only a part of it."""
     devices: Devices | None = request.app.state.devices
     if devices is None:
         raise RefusedError(
@@ -40,9 +40,9 @@ def _devices(request: Request) -> Devices:
 
 
 def _address(request: Request, token: str = "") -> str:
-    """Return the address by which another computer reaches this studio: as the asker does, but for who sits at it.
+    """Return the address by which another computer reaches this studio: the request's own, unless that is local.
 
-    Over https everybody comes through the proxy.
+    Over https all requests come through the proxy, so its address is right.
     """
     at_it = request.url.scheme == "http" and name_of(request.headers["host"]) in LOOPBACK
     if at_it and request.app.state.devices is not None:

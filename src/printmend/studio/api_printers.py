@@ -1,4 +1,4 @@
-"""The API of one's own printers: describe, measure, learn, mend, prove."""
+"""The API for a user's own printers: describe, measure, learn, mend, verify."""
 
 import json
 import shutil
@@ -50,13 +50,13 @@ _OFFERED = (PRINTER, PROBE, PLAN, MODEL, TOWER, TOWER_TABLE)
 
 
 def _folder(here: StudioState, key: str) -> Path:
-    """Return a printer's folder; raise `NotThereError` where there is none."""
+    """Return a printer's folder; raise `NotThereError` if there is none."""
     here.store.printer(key)
     return here.store.path("printer", key)
 
 
 def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
-    """Return what is shown of a printer."""
+    """Return a printer's card."""
     folder = here.store.path("printer", row["id"])
     printer = read_printer(folder / PRINTER)
     learned = [job for job in here.store.jobs(printer=row["id"]) if job["kind"] == "learn" and job["state"] == "done"][
@@ -80,7 +80,7 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
         sound = document["frame"] is None and all(one["kind"] == "healthy" for one in document["motors"].values())
         healthy = not document["diagnosis"] if "diagnosis" in document else sound
         grave = [words.values["a"] for words in misfit_words(document) if not is_one_of(words, [NOTE])]
-        if not titles and grave:  # no fault is known, but what was measured is not a sound printer's
+        if not titles and grave:  # no fault is known, but the measurement is not that of a sound printer
             health, healthy = grave[0], False
         messages = messages | messages_of(health)
         parts = sorted({fault["part"] for fault in document.get("diagnosis", [])})
@@ -96,7 +96,7 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
 
 
 def _host_card(folder: Path) -> HostCard | None:
-    """Return what is shown of a printer's own host."""
+    """Return the card of a printer's own host."""
     host = read_host(folder)
     return None if host is None else HostCard(address=host.address, kind=host.kind)
 
@@ -221,7 +221,7 @@ def written_probe(here: Here, key: Key) -> ProbeCard | None:
 
 
 def _probe_card(printer: Printer, plan: Any) -> ProbeCard:
-    """Return what is shown of a test print."""
+    """Return a test print's card."""
     from printmend.probe import cost, expected_error_mm
 
     minutes, grams = cost(plan)
@@ -260,7 +260,7 @@ def written_tower(here: Here, key: Key) -> TowerCard | None:
 
 
 def _tower_card(made: Any) -> TowerCard:
-    """Return what is shown of a tower."""
+    """Return a tower's card."""
     height_mm = float(made.waypoints_mm[made.printed, 2].max())
     return TowerCard(minutes=made.minutes, grams=made.grams, height_mm=height_mm)
 
@@ -275,13 +275,13 @@ _FILES = {
 
 
 def _need(folder: Path, name: str, todo: str) -> None:
-    """Raise `InputError` where a file of a printer is missing."""
+    """Raise `InputError` if a file of a printer is missing."""
     if not (folder / name).is_file():
         raise InputError(say("this-printer"), wanted=say(_FILES[name]), came=say("none-yet"), todo=todo)
 
 
 def _scans(here: StudioState, scans: ScansIn) -> dict[str, Any]:
-    """Return what a job is told of uploaded scans."""
+    """Return a job's parameters for uploaded scans."""
     rows = [here.store.upload(key) for key in scans.uploads]
     given = {"dpi": scans.dpi, "distance_mm": scans.distance_mm}
     return {"scans": [{"upload": row["id"], "name": plain_name(row["name"])} for row in rows], **given}
@@ -333,7 +333,7 @@ def fit(here: Here, key: Key, given: FitIn) -> JobCard:
 
 
 def _filament(name: str | None) -> str | None:
-    """Return a filament's name as it was given. Raises `ConfigError` for one whose polymer nobody knows."""
+    """Return a filament's name unchanged. Raises `ConfigError` for a filament of an unknown polymer."""
     return None if name is None or not name.strip() else check_filament(name.strip())
 
 

@@ -25,7 +25,7 @@ _KINDS: dict[str, Part] = {
     "send": "measured",
 }
 _PICTURES = (THUMB, PHOTO.format(1))
-_MOST_SHOWN = 8  # small pictures of a part
+_MOST_SHOWN = 8  # most small pictures of a part
 router = APIRouter(prefix=f"{API}/storage", responses=PROBLEMS, tags=["storage"])
 
 
@@ -41,7 +41,7 @@ def storage(here: Here) -> Storage:
         if len(part.shown) < _MOST_SHOWN and (picture := next(made, None)):
             with contextlib.suppress(
                 NotThereError
-            ):  # a job that failed offers no picture; one may be removed meanwhile
+            ):  # a failed job offers no picture, and a job may be removed meanwhile
                 if picture in card(here, path.name).files:
                     part.shown.append(f"{API}/jobs/{path.name}/files/{picture}")
     parts = list(found.values())
@@ -63,7 +63,7 @@ def free(here: Here, part: Annotated[Part, Where()]) -> Storage:
 
 
 def _freed(here: StudioState) -> list[tuple[Part, Path]]:
-    """Return what may be removed: folders of jobs that have ended, and uploads that no job was given."""
+    """Return everything that may be removed: folders of ended jobs, and uploads that no job uses."""
     store, found = here.store, []
     held: set[str] = set()
     for job in store.jobs(most=1_000_000):
@@ -76,7 +76,7 @@ def _freed(here: StudioState) -> list[tuple[Part, Path]]:
 
 
 def _uploads(params: dict[str, Any]) -> list[str]:
-    """Return the uploads that a job was given."""
+    """Return the uploads that a job uses."""
     return [*([params["upload"]] if "upload" in params else []), *(one["upload"] for one in params.get("scans", ()))]
 
 

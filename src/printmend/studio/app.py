@@ -1,4 +1,4 @@
-"""The server: a FastAPI application over a folder of the user's, its page and its API."""
+"""The server: a FastAPI application over the user's folders, with its page and its API."""
 
 from collections.abc import AsyncIterator, Callable, Iterable
 from concurrent.futures import Executor
@@ -27,8 +27,8 @@ from printmend.studio.places import Places
 from printmend.studio.store import NotThereError, Store
 
 PAGE = Path(__file__).parent / "page"
-MOST_BYTES = 400_000_000  # of an upload: a sliced part of this size takes a day to print
-MOST_HELD_BYTES = 20_000_000_000  # of the studio's folder
+MOST_BYTES = 400_000_000  # limit of an upload: a sliced part of this size takes a day to print
+MOST_HELD_BYTES = 20_000_000_000  # limit of all that the studio keeps
 WORKERS = 2  # processes that jobs run in
 _ABOUT = (
     "Everything that the page does, for other programs: send files, start jobs, follow them, fetch what they made. "
@@ -49,9 +49,9 @@ def create_app(
 ) -> ASGIApp:
     """Return the server over ``places``, where everything is kept: printers, uploads, jobs and their files.
 
-    ``hosts`` are the names that it answers to, ``devices`` who may come in from elsewhere than this computer. Jobs
-    run in ``workers`` processes, or on a ``cluster`` that sees the folders, too. ``stopping`` says when streams of
-    events should end.
+    ``hosts`` are the names that it answers to, ``devices`` those that may enter from other computers. Jobs run in
+    ``workers`` processes, or on a ``cluster`` that also sees the folders. ``stopping`` says when streams of events
+    should end.
     """
 
     @asynccontextmanager
@@ -91,12 +91,12 @@ def create_app(
 
 
 def _operation_id(route: APIRoute) -> str:
-    """Return an operation's name: what it is about, and what it does."""
+    """Return an operation's name: its subject and its action."""
     return "_".join(str(word) for word in (*route.tags[:1], route.name))
 
 
 def _description(app: FastAPI) -> dict[str, Any]:
-    """Return what the API is as OpenAPI 3.1, which has no word yet for the events of a stream."""
+    """Return the API's description as OpenAPI 3.1, which cannot describe the events of a stream yet."""
     document = app.openapi()
     for operations in document["paths"].values():
         for operation in operations.values():
@@ -111,14 +111,14 @@ def _description(app: FastAPI) -> dict[str, Any]:
 
 
 def _name_operations(router: APIRouter) -> None:
-    """Name each operation of the API by what it does, the first words of its documentation."""
+    """Name each operation of the API by its action: the first words of its documentation."""
     for route in router.routes:
         if isinstance(route, APIRoute):
             route.summary = (route.endpoint.__doc__ or "").partition(".")[0].partition(";")[0].partition(",")[0]
 
 
 def _refused(request: Request, error: Exception) -> JSONResponse:
-    """Answer what a request cannot have."""
+    """Answer a request that is refused."""
     status = 404 if isinstance(error, NotThereError) else 409 if isinstance(error, RefusedError) else 400
     told = {"messages": messages_of(error.message)} if isinstance(error, PrintmendError) else {}
     return JSONResponse({"error": str(error), **told}, status)
@@ -154,7 +154,7 @@ def _misfit(request: Request, error: Exception) -> JSONResponse:
 
 
 def _http(request: Request, error: Exception) -> JSONResponse:
-    """Answer what the framework refuses."""
+    """Answer a request that the framework refuses."""
     assert isinstance(error, HTTPException)
     if isinstance(error.__cause__, TooLargeError):  # while it was read
         return _too_large(request, error.__cause__)

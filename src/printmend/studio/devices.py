@@ -1,4 +1,4 @@
-"""Who may use a studio from other computers, each device by its token, and the address that it opens."""
+"""The devices that may use a studio from other computers, each by its token, and the address that it opens."""
 
 import contextlib
 import hashlib
@@ -17,23 +17,23 @@ from printmend.messages import say
 from printmend.studio.guard import LOOPBACK
 from printmend.studio.places import ADDRESS, DEVICES
 
-# How others reach this computer, and the address that a device opens.
+# Find out how others reach this computer, and the address that a device opens.
 
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - recognised, never a default
-# Addresses kept for documents (RFC 5737, RFC 3849): nobody has them, so the way to them begins as that to anybody.
+# Addresses reserved for documentation (RFC 5737, RFC 3849): nobody has them, so they take the default route.
 _ELSEWHERE = ((socket.AF_INET, "198.51.100.1"), (socket.AF_INET6, "2001:db8::1"))
 _USUAL = ("0.0.0.0", 8765)  # noqa: S104 - a studio for others that was not started yet
 
 
 def device_address(folder: Path, token: str, given: tuple[str, int] | None = None) -> str:
-    """Return the address that a device with a token opens: of the studio that was last started for others, whose
-    notes are in ``folder``, unless its host and port are ``given``."""
+    """Return the address that a device with a token opens. Host and port are ``given``, or those of the studio that was
+    last started for others, whose notes are in ``folder``."""
     (host, port), names = given or _USUAL, []
     if given is None:
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
             noted = json.loads((folder / ADDRESS).read_text(encoding="utf-8"))
             host, port, names = noted["host"], noted["port"], noted["names"]
-    if names and host in LOOPBACK:  # nobody else comes to it but through a proxy
+    if names and host in LOOPBACK:  # others can reach it only through a proxy
         return f"https://{names[0]}/" + (f"?token={token}" if token else "")
     return address_of(everywhere()[0] if host in (*EVERYWHERE, *LOOPBACK) else host, port, token)
 
@@ -45,7 +45,7 @@ def address_of(host: str, port: int, token: str | None) -> str:
 
 
 def everywhere() -> list[str]:
-    """Return what others may call this computer, the best first: its name alone means the loopback on Debian."""
+    """Return the names by which others may reach this computer, the best first: Debian's bare host name is loopback."""
     name = socket.gethostname()
     named: set[str] = set()
     with contextlib.suppress(OSError):
@@ -54,7 +54,7 @@ def everywhere() -> list[str]:
 
 
 def _routed() -> list[str]:
-    """Return the addresses, IPv4 first, from which this computer reaches others. Nothing is sent for it."""
+    """Return the addresses from which this computer reaches others, IPv4 first. This sends nothing."""
     found = []
     for family, elsewhere in _ELSEWHERE:
         with contextlib.suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as way:
@@ -63,7 +63,7 @@ def _routed() -> list[str]:
     return found
 
 
-FIRST = "first device"  # the name of the token that a studio makes where it has none
+FIRST = "first device"  # name of the token that a studio makes if it has none
 LONGEST_NAME = 60
 
 
@@ -74,7 +74,7 @@ class Device:
     name: str
     sha256: str
     created_s: float
-    user: str = ""  # whose printers it sees; all of them without one
+    user: str = ""  # the user whose printers it sees; empty: all printers
 
 
 class Devices:
@@ -99,7 +99,7 @@ class Devices:
             return self._known
 
     def add(self, name: str, user: str = "") -> str:
-        """Let a device in; return its token, which is not kept. Raises `InputError` for a name that is taken."""
+        """Admit a device; return its token, which is not stored. Raises `InputError` for a name that is taken."""
         name = name.strip()
         user = user.strip()
         if max(len(name), len(user)) > LONGEST_NAME or not (name + user).isprintable() or not may_be_named(name):
@@ -113,7 +113,7 @@ class Devices:
         return token
 
     def revoke(self, name: str) -> None:
-        """Let a device in no longer. Raises `InputError` where there is none of that name."""
+        """Revoke a device. Raises `InputError` if there is none with this name."""
         left = tuple(one for one in self.known() if one.name.casefold() != name.strip().casefold())
         if len(left) == len(self.known()):
             came = ", ".join(one.name for one in left) or "none"
@@ -121,15 +121,15 @@ class Devices:
         self._write(left)
 
     def user_of(self, token: str) -> str | None:
-        """Return whose device has this token, an empty name where it is everybody's; None where no device has it."""
+        """Return the user of the device with this token: "" for one that sees everything, None for no device."""
         given, found = hash_of(token), None
-        for one in self.known():  # each time all of them
+        for one in self.known():  # always compare all, so that the time reveals nothing
             if hmac.compare_digest(one.sha256, given):
                 found = one.user
         return found
 
     def _write(self, devices: tuple[Device, ...]) -> None:
-        self._path.touch(mode=0o600)  # its owner's alone, and stays so when it is replaced
+        self._path.touch(mode=0o600)  # only the owner may read it; replacing the file keeps the mode
         with replacing(self._path) as file:
             json.dump([asdict(one) for one in devices], file, indent=1)
 
@@ -147,10 +147,10 @@ def _read(path: Path) -> tuple[Device, ...]:
 
 
 def may_be_named(name: str) -> bool:
-    """Say whether a name can be a part of an address, as which a device is revoked: some character, and no slash."""
+    """Return whether a name can be part of an address, by which a device is revoked: not empty, and without a slash."""
     return bool(name.strip(".")) and not {*name} & {*"/\\"}
 
 
 def hash_of(token: str) -> str:
-    """Return what is kept of a token."""
+    """Return the hash of a token that is stored."""
     return hashlib.sha256(token.encode()).hexdigest()

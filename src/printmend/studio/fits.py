@@ -1,4 +1,4 @@
-"""The job that says whether a part fits: scans of its sides and its file in, sizes and settings out."""
+"""The job that checks whether a part fits: it takes scans of its sides and its file, and returns sizes and settings."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,8 +10,8 @@ if TYPE_CHECKING:
 
 
 def fit(job: "Job", path: Path, sides: Sequence[Path]) -> dict[str, Any]:
-    """Say how large the part of a file came out, from scans of its ``sides``, and what its slicer must be told; keep
-    what its walls show, to learn from."""
+    """Return a part's sizes, from scans of its ``sides``, and settings for its slicer; keep the trace of its walls, to
+    learn from."""
     from printmend.fit import SLICERS, write_profiles
     from printmend.measure import write_trace
     from printmend.measure.distance import is_asking
@@ -40,7 +40,7 @@ def fit(job: "Job", path: Path, sides: Sequence[Path]) -> dict[str, Any]:
 
 
 def _asked(measured: "PartMeasurement") -> list[dict[str, float]]:
-    """Return the widths that callipers may settle: the direction of each from X, and about how wide."""
+    """Return the widths that callipers may settle: each one's direction from X, and its approximate length."""
     import numpy as np
 
     from printmend.measure.distance import choose_widths

@@ -1,9 +1,9 @@
 """The access rules: who may use the studio, how much they may send, and what a browser may do with its pages.
 
-The server has no accounts. It listens on this computer only, unless it knows devices by their tokens. A page of
-another site that is open in the same browser could still send requests here: such a request names its site as Origin,
-or reaches us by a name that is not ours (DNS rebinding), and both are refused. Each connection must ask within a time,
-and one address may hold only so many.
+The server has no accounts. It listens on this computer only, unless it knows devices by their tokens. Another site's
+page in the same browser could still send requests here. Such a request names its site as Origin, or reaches us by a
+name that is not ours (DNS rebinding); both are refused. Each connection must send a request in time, and the number of
+connections from one address is limited.
 """
 
 import asyncio
@@ -24,21 +24,21 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from printmend.messages import messages_of, say
 
-ASK_S = 10.0  # from the beginning of a connection, or of a further request on it, to the end of its headers
-MOST_AN_ADDRESS = 128  # connections; a browser has six, and a proxy speaks for many
+ASK_S = 10.0  # longest time from the start of a connection, or of a further request on it, to the end of its headers
+MOST_AN_ADDRESS = 128  # most connections from an address; a browser has six, and a proxy has many users
 
 
 class Door(H11Protocol):
-    """A connection of uvicorn's that ends where it does not ask in time. It extends uvicorn's own class, as its
-    setting `http` takes a class and nothing smaller."""
+    """A uvicorn connection that closes if no request comes in time. It extends uvicorn's own class, because the setting
+    `http` accepts only a class."""
 
     _open: ClassVar[Counter[str]] = Counter()
     _silent: ClassVar[defaultdict[str, dict["Door", None]]] = defaultdict(dict)  # the longest silent first
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin to wait for a request. Where an address holds too many connections, the longest silent one ends.
+        """Begin to wait for a request. If an address has too many connections, close the one that is silent longest.
 
-        Many that come at once are all made before the first of them is read: that they are silent says nothing yet.
+        Connections that arrive together are all made before the first is read, so silence alone proves nothing.
         """
         super().connection_made(transport)
         self._late: asyncio.TimerHandle | None = None
@@ -54,7 +54,7 @@ class Door(H11Protocol):
         self.transport.abort()
 
     def data_received(self, data: bytes) -> None:
-        """Take what came; once the headers are whole nothing is waited for but the answer."""
+        """Receive data; stop the timer once the headers are complete."""
         super().data_received(data)
         asked = self.cycle is not None and not self.cycle.response_complete
         if asked:
@@ -86,10 +86,10 @@ class Door(H11Protocol):
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "printmend_token"
-USER = "printmend.user"  # in the scope of a request: whose device asks, empty where it sees everything
-API, _BEFORE = "/api/v1", "/api/"  # hosts of before it had a version are paired, and stay so
+USER = "printmend.user"  # key in a request's scope: the device's user, empty if it sees everything
+API, _BEFORE = "/api/v1", "/api/"  # hosts that were paired before the API had a version keep working
 SIGN_IN = Path(__file__).parent / "sign_in.html"
-_OPEN = (  # what the sign-in page is made of, and where hosts come with a code or a token of their own
+_OPEN = (  # files of the sign-in page, and routes that hosts use with a code or their own token
     "/style.css", "/icon.svg", f"{API}/pair", f"{API}/pair/model",
 )  # fmt: skip
 POLICY = (
@@ -103,15 +103,15 @@ _HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-LONGEST_UPLOAD_S = 900.0  # for one file
-_KEPT_S = 400 * 86_400  # a browser keeps its token; a device that should not is revoked
-_BODY_S = 20.0  # for the body of a request that is no upload
-_SMALL_BYTES = 1_000_000  # bytes of a request that is no upload
+LONGEST_UPLOAD_S = 900.0  # longest time for one file
+_KEPT_S = 400 * 86_400  # how long a browser keeps its token; to end this, revoke the device
+_BODY_S = 20.0  # longest time for the body of a request that is no upload
+_SMALL_BYTES = 1_000_000  # most bytes of a request that is no upload
 
 
 class Guard:
-    """The ASGI application ``app`` behind the door: it answers to the names ``hosts``; ``user_of`` says whose a token
-    is, None of one that nobody has."""
+    """The access check before the ASGI application ``app``: it answers to the names ``hosts``; ``user_of`` returns a
+    token's user, None for an unknown token."""
 
     def __init__(
         self, app: ASGIApp, *, hosts: Iterable[str], user_of: Callable[[str], str | None] | None, most_bytes: int
@@ -119,7 +119,7 @@ class Guard:
         self._app, self._hosts, self._user_of, self._most_bytes = app, frozenset(hosts), user_of, most_bytes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request through, or answer it with the reason why not."""
+        """Let a request pass, or answer it with the reason for the refusal."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
@@ -164,7 +164,7 @@ class Guard:
         return None
 
     def _fresh_cookie(self, scope: Scope) -> str | None:
-        """Return the cookie for a browser that came with a token in its address."""
+        """Return the cookie for a browser whose address contains a token."""
         token = _query_token(scope)
         if self._user_of is None or not token or self._user_of(token) is None:
             return None
@@ -173,7 +173,7 @@ class Guard:
 
 
 def _given(scope: Scope, headers: Headers) -> list[str]:
-    """Return the tokens that a request bears."""
+    """Return the tokens in a request."""
     given = [headers.get("authorization", "").removeprefix("Bearer "), _query_token(scope)]
     with contextlib.suppress(CookieError):
         given += [morsel.value for name, morsel in SimpleCookie(headers.get("cookie", "")).items() if name == COOKIE]
@@ -181,13 +181,13 @@ def _given(scope: Scope, headers: Headers) -> list[str]:
 
 
 def _query_token(scope: Scope) -> str:
-    """Return the token that an address bears."""
+    """Return the token in a request's address."""
     return parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
 
 
 def _reached(scope: Scope) -> str | None:
-    """Return the address of this computer that a request came to, which may be new since the start: by an address no
-    page of another site comes, as DNS rebinding needs a name. None where it came to a name or to no address."""
+    """Return the IP address of this computer at which a request arrived, None if it has none. The computer may have got
+    it after the start. It is safe to accept: DNS rebinding needs a name."""
     with contextlib.suppress(ValueError, TypeError, KeyError):
         address = ipaddress.ip_address(scope["server"][0])
         return str(getattr(address, "ipv4_mapped", None) or address)
@@ -203,12 +203,12 @@ def name_of(host: str) -> str:
 
 
 def _bounded(receive: Receive, limit: int, longest_s: float) -> Receive:
-    """Return ``receive`` that ends a body of unknown length at the limit, and one that drips in after so long."""
+    """Return a ``receive`` that ends a body beyond ``limit`` bytes, or one that takes longer than ``longest_s``."""
     seen, end_s, whole = 0, 0.0, False
 
     async def bounded() -> Message:
         nonlocal seen, end_s, whole
-        if whole:  # wait for the asker to go away
+        if whole:  # wait for the client to disconnect
             return await receive()
         end_s = end_s or time.monotonic() + longest_s
         try:
@@ -226,7 +226,7 @@ def _bounded(receive: Receive, limit: int, longest_s: float) -> Receive:
 
 
 class TooLargeError(Exception):
-    """A body was larger than what was agreed."""
+    """A body was larger than allowed."""
 
 
 def _with_headers(send: Send, cookie: str | None) -> Send:
@@ -245,7 +245,7 @@ def _with_headers(send: Send, cookie: str | None) -> Send:
 
 
 async def _ask(send: Send, scope: Scope, headers: Headers) -> None:
-    """Answer whoever has no token: a browser that wants to see a page with a page that asks for one."""
+    """Answer a request without a token; a browser that wants a page gets the sign-in page."""
     if scope["method"] != "GET" or "text/html" not in headers.get("accept", ""):
         await _answer(send, 401, say("studio-needs-token-open-address-printed"))
         return

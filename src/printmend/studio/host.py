@@ -1,7 +1,7 @@
-"""The program that a printer prints with, OctoPrint or Moonraker (Mainsail, Fluidd): where it is, and sending it files.
+"""Find a printer's host, OctoPrint or Moonraker (Mainsail, Fluidd), and send files to it.
 
-The studio asks only the address that the printer's owner gave, only over http or https, and follows no redirect; what
-comes back is read up to a bound. The key lies beside the printer's description, readable by its owner, and the API
+The studio contacts only the address that the printer's owner gave, only over http or https, and follows no redirect. It
+reads answers up to a limit. The key lies beside the printer's description, readable only by its owner, and the API
 never shows it.
 """
 
@@ -23,16 +23,16 @@ from printmend.messages import say
 Kind = Literal["octoprint", "moonraker"]
 NAMES: dict[str, str] = {"octoprint": "OctoPrint", "moonraker": "Moonraker"}
 FILE = "host.json"
-_PATIENCE_S = 10.0  # for an answer to a question
-_DIGEST_S = 300.0  # for the answer to a file: a host may mend and read it first
-_MOST_BYTES = 200_000  # of an answer
+_PATIENCE_S = 10.0  # longest wait for an answer to a request
+_DIGEST_S = 300.0  # longest wait for the answer to a file: a host may mend and read it first
+_MOST_BYTES = 200_000  # limit of an answer
 _QUESTIONS: tuple[tuple[Kind, str], ...] = (("moonraker", "/server/info"), ("octoprint", "/api/version"))
 _FILES = {"octoprint": "/api/files/local", "moonraker": "/server/files/upload"}
 
 
 @dataclass(frozen=True)
 class Host:
-    """Where a printer's host is, ``http://octopi.local``, the key that it wants, and which of the two it is."""
+    """A printer's host: its address, such as ``http://octopi.local``, its API key, and which of the two it is."""
 
     address: str
     key: str
@@ -40,7 +40,7 @@ class Host:
 
 
 def read_host(folder: Path) -> Host | None:
-    """Return the host that is kept in a printer's folder, None where there is none."""
+    """Return the host stored in a printer's folder, None if there is none."""
     try:
         return Host(**json.loads((folder / FILE).read_text(encoding="utf-8")))
     except (FileNotFoundError, ValueError, TypeError):
@@ -48,22 +48,22 @@ def read_host(folder: Path) -> Host | None:
 
 
 def keep_host(folder: Path, host: Host | None) -> None:
-    """Keep a host in a printer's folder, or none."""
+    """Store a host in a printer's folder, or remove it (None)."""
     if host is None:
         (folder / FILE).unlink(missing_ok=True)
         return
-    (folder / FILE).touch(mode=0o600)  # its owner's alone, and stays so when it is replaced
+    (folder / FILE).touch(mode=0o600)  # only the owner may read it; replacing the file keeps the mode
     with replacing(folder / FILE) as file:
         file.write(json.dumps(asdict(host)))
 
 
 def find_host(address: str, key: str) -> Host:
-    """Return the host at an address, once it has said which program it is.
+    """Return the host at an address, after it has said which program it is.
 
-    Raises `InputError` for what is no address, where neither program answers, and where the key is not accepted.
+    Raises `InputError` for an invalid address, if neither program answers, and if the key is not accepted.
     """
     address = checked_address(address)
-    # Mainsail shows http://mainsail.local/console, a page of its own: then it is at the root.
+    # Mainsail's pages have paths such as http://mainsail.local/console, but its API is at the root.
     root = address[: address.index("/", address.index("://") + 3)] if address.count("/") > 2 else address
     with _client(key, _PATIENCE_S) as client:
         for at, (kind, path) in itertools.product(dict.fromkeys((address, root)), _QUESTIONS):
@@ -79,9 +79,9 @@ def find_host(address: str, key: str) -> Host:
 
 
 def checked_address(text: str) -> str:
-    """Return an address as it is kept: with http:// where nothing is said, without a slash at its end.
+    """Return an address as it is stored: with http:// if it has no scheme, without a slash at its end.
 
-    What a browser keeps to itself, as the end of http://fluidd.local/#/, is left out.
+    Its fragment, such as the end of http://fluidd.local/#/, is left out.
     """
     text = text.strip().partition("#")[0].partition("?")[0]
     text = text if "://" in text else f"http://{text}"
@@ -89,7 +89,7 @@ def checked_address(text: str) -> str:
         parts = urlsplit(text)
         good = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
         good &= not (parts.username or parts.password)
-        httpx.URL(text).raw_host.decode("ascii").encode("idna")  # as a socket will: "a..b" is no name
+        httpx.URL(text).raw_host.decode("ascii").encode("idna")  # sockets do the same: "a..b" is no name
     except (ValueError, httpx.InvalidURL):
         good = False
     if not good or not text.isprintable() or " " in text:
@@ -101,9 +101,9 @@ def checked_address(text: str) -> str:
 
 
 def send_file(host: Host, path: Path, name: str, told: Callable[[float], None]) -> None:
-    """Put a file among those that the host can print; nothing is started. ``told`` hears the share that is sent.
+    """Upload a file to the host without starting a print; ``told`` is called with the share that was sent.
 
-    Raises `InputError` where the host does not answer, `RefusedError` where it will not have the file.
+    Raises `InputError` if the host does not answer, `RefusedError` if it rejects the file.
     """
     with path.open("rb") as file, _client(host.key, _DIGEST_S) as client:
         told_file = _Told(file, max(path.stat().st_size, 1), told)
@@ -121,7 +121,7 @@ def send_file(host: Host, path: Path, name: str, told: Callable[[float], None]) 
 
 
 class _Told:
-    """A file whose reading is noticed."""
+    """A file that reports how far it has been read."""
 
     def __init__(self, file: IO[bytes], size: int, told: Callable[[float], None]) -> None:
         self._file, self._size, self._told = file, size, told
@@ -142,12 +142,12 @@ def _client(key: str, patience_s: float) -> httpx.Client:
     """Return a client for a host in the owner's network."""
     timeout = httpx.Timeout(patience_s, connect=_PATIENCE_S)
     headers = {"Accept-Encoding": "identity"} | ({"X-Api-Key": key} if key else {})  # answers are read as they come
-    # no proxy of the environment: the host is in the owner's network
+    # ignore the environment's proxy: the host is in the owner's network
     return httpx.Client(timeout=timeout, headers=headers, follow_redirects=False, trust_env=False)
 
 
 def _ask(client: httpx.Client, request: httpx.Request, patience_s: float) -> tuple[int, Any]:
-    """Return the status of an answer and what it says as JSON, None where it is none or too long."""
+    """Return an answer's status and its JSON, None if it is not JSON or too long."""
     try:
         answer = client.send(request, stream=True)
         end_s = time.monotonic() + patience_s
@@ -172,7 +172,7 @@ def _ask(client: httpx.Client, request: httpx.Request, patience_s: float) -> tup
 
 
 def _causes(error: BaseException) -> Iterator[BaseException]:
-    """Yield an error and what it came from."""
+    """Yield an error and its causes."""
     cause: BaseException | None = error
     while cause is not None:
         yield cause
@@ -180,7 +180,7 @@ def _causes(error: BaseException) -> Iterator[BaseException]:
 
 
 def _is_of_kind(kind: str, said: Any) -> bool:
-    """Say whether an answer is that of a host of a kind."""
+    """Return whether an answer comes from a host of this kind."""
     if not isinstance(said, dict):
         return False
     if kind == "moonraker":

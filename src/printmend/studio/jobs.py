@@ -1,4 +1,4 @@
-"""Jobs: a queue that outlives the server, and worker processes that can be stopped at any moment."""
+"""Run jobs: a queue that survives the server, and worker processes that can be stopped at any moment."""
 
 import logging
 import multiprocessing
@@ -20,19 +20,19 @@ from printmend.studio import work
 from printmend.studio.store import Row, Store, check_bytes, check_jobs
 
 LONGEST_S = 1800.0  # a job that takes longer is stopped
-MOST_WAITING = 500  # jobs
-KEPT_DAYS = 30  # for a job's files
-_WARM_AFTER_S = 8.0  # at the latest: until the page is drawn, it has the processor
-_REST_AFTER_S = 300.0  # without a job: then the workers end, which hold a hundred megabytes each
-_DRAWN_AFTER_S = 0.7  # a browser's pause between the first picture's data and its being seen
+MOST_WAITING = 500  # most jobs in the queue
+KEPT_DAYS = 30  # how long a job's files are kept
+_WARM_AFTER_S = 8.0  # workers warm up after this time at the latest: until then, drawing the page comes first
+_REST_AFTER_S = 300.0  # without jobs for this long, the workers end: each holds a hundred megabytes
+_DRAWN_AFTER_S = 0.7  # time in which a browser draws the first picture from its data
 _LOG = logging.getLogger("printmend.studio")
 
 
 class Jobs:
-    """The jobs of a `Store`, run by ``workers`` processes; those that a kill interrupted begin again.
+    """The jobs of a `Store`, run by ``workers`` processes; jobs that a kill interrupted start again.
 
-    With a ``cluster`` they run there instead, on workers that see the store's folders under the same name; a job that
-    is stopped is forgotten at once, though its worker works on it to the end.
+    With a ``cluster`` they run there instead, on workers that see the store's folders under the same names. A stopped
+    job is then forgotten at once, but its worker finishes it.
     """
 
     def __init__(self, store: Store, *, workers: int, cluster: Executor | None = None) -> None:
@@ -42,14 +42,14 @@ class Jobs:
         self._make = lambda: ProcessPool(workers, context=context, initializer=work.begin)
         self._pool = _Remote(cluster) if cluster else self._make()
         self._running: dict[str, Future[Any]] = {}
-        self._changing = threading.Lock()  # of the pool
+        self._changing = threading.Lock()  # guards the pool
         self._tidy()
         for job in store.jobs(waiting=True):
             self._schedule(job["id"], job["kind"], job["params"])
         self._warm_in(_WARM_AFTER_S)
 
     def _tidy(self) -> None:
-        """Remove what nobody fetched for a month; measurements and check prints are a printer's history and stay."""
+        """Remove jobs and uploads after a month; measurements and check prints are a printer's history and stay."""
         jobs, uploads = self._store.forgotten(time.time() - KEPT_DAYS * 86400, kept=("learn", "verify"))
         for key in jobs:
             self.remove(key)
@@ -57,7 +57,7 @@ class Jobs:
             self._store.remove_upload(key)
 
     def submit(self, kind: str, printer: str | None, params: Row, owner: str | None = None) -> str:
-        """Queue a job; return its key. Raises `RefusedError` where too many wait."""
+        """Queue a job; return its key. Raises `RefusedError` if too many wait."""
         if len(self._running) >= MOST_WAITING:
             raise RefusedError(
                 say("queue"), wanted=say("fewer-jobs", MOST_WAITING), came=f"{len(self._running)}",
@@ -68,7 +68,7 @@ class Jobs:
         return key
 
     def cancel(self, key: str) -> bool:
-        """Stop a job, wherever it is; return False where it had ended."""
+        """Stop a job in any state; return False if it had ended."""
         ended = self._store.end_job(key, "cancelled")
         future = self._running.pop(key, None)
         if future is not None:
@@ -77,7 +77,7 @@ class Jobs:
 
     def look(self, key: str) -> Row:
         """Return a job with its progress: ``share`` 0–1, ``step`` in words, and the seconds that may be ``left_s``."""
-        future = self._running.get(key)  # asked before its row: what ends is written there before it leaves here
+        future = self._running.get(key)  # read before its row: an ending job writes its row before it leaves here
         job = self._store.job(key)
         told = work.read_progress(self._store.path("job", key)) if job["state"] == "queued" and future else {}
         if told or (future is not None and future.running() and job["state"] == "queued"):
@@ -98,14 +98,14 @@ class Jobs:
         return key in self._running, told_ns
 
     def remove(self, key: str) -> None:
-        """Stop a job and take away all that it wrote."""
+        """Stop a job and remove all its files."""
         self.cancel(key)
         self._store.forget("job", key)
         for folder in {self._store.path("job", key), self._store.pictures(key)}:
             shutil.rmtree(folder, ignore_errors=True)
 
     def warm_soon(self) -> None:
-        """Let the workers begin once the first picture, whose data is on its way, is drawn."""
+        """Start the workers as soon as the browser has drawn the first picture, whose data is on its way."""
         if not self._drawn:
             self._drawn = True
             self._later.cancel()
@@ -115,13 +115,13 @@ class Jobs:
         self._in(seconds, self.warm)
 
     def _in(self, seconds: float, then: Callable[[], None]) -> None:
-        """Do one thing later, and cancel the one that was planned before."""
+        """Call a function later, and keep its timer to cancel it."""
         self._later = threading.Timer(seconds, then)
         self._later.daemon = True
         self._later.start()
 
     def warm(self) -> None:
-        """Let the workers start and rehearse, unless they have, before somebody waits for them."""
+        """Start the workers and let them rehearse, unless they have, before anybody waits for them."""
         if isinstance(self._pool, ProcessPool) and not (self._warmed or self._closing):
             self._warmed = True
             with self._changing:
@@ -129,7 +129,7 @@ class Jobs:
             self._in(_REST_AFTER_S, self.rest)
 
     def rest(self) -> None:
-        """End the workers where no job runs; the next one begins with new ones."""
+        """End the workers if no job runs; the next job starts new ones."""
         with self._changing:
             if self._closing or self._running or not isinstance(self._pool, ProcessPool):
                 return
@@ -139,7 +139,7 @@ class Jobs:
         before.join()
 
     def close(self) -> None:
-        """Stop the workers; what they had not finished begins again with the next server."""
+        """Stop the workers; unfinished jobs start again with the next server."""
         self._closing = True
         self._later.cancel()
         self._pool.stop()
@@ -147,7 +147,7 @@ class Jobs:
 
     def _schedule(self, key: str, kind: str, params: Row) -> None:
         folder = self._store.path("job", key)
-        (folder / work.PROGRESS).unlink(missing_ok=True)  # of a run that was killed
+        (folder / work.PROGRESS).unlink(missing_ok=True)  # left by a killed run
         arguments = (kind, str(folder), str(self._store.places.data), params, str(self._store.pictures(key)))
         with self._changing:
             self._warmed = True
@@ -159,7 +159,7 @@ class Jobs:
         if self._closing:
             return
         self._keep(key, future)
-        self._running.pop(key, None)  # whoever sees that it no longer runs finds what came of it
+        self._running.pop(key, None)  # last, so that a job that no longer runs has its result in the store
         if not self._running:
             self._later.cancel()
             self._in(_REST_AFTER_S, self.rest)
@@ -185,7 +185,7 @@ class Jobs:
 
 
 class _Remote:
-    """A cluster's executor, asked like pebble's pool."""
+    """A cluster's executor with the interface of pebble's pool."""
 
     def __init__(self, executor: Executor) -> None:
         self._executor = executor
@@ -202,18 +202,18 @@ class _Remote:
 
 @dataclass(frozen=True, eq=False)
 class StudioState:
-    """What the routes work with."""
+    """The state that the routes share."""
 
     store: Store
     jobs: Jobs
     most_bytes: int
 
     def submit(self, kind: str, printer: str | None, params: Row) -> str:
-        """Queue a job of whoever asks; return its key.
+        """Queue a job for the requesting user; return its key.
 
-        Raises `RefusedError` where too many wait, `InputError` where too many are one user's or too much is kept.
+        Raises `RefusedError` if too many jobs wait, `InputError` if too many are one user's or too much is stored.
         """
-        if kind != "send":  # which makes nothing
+        if kind != "send":  # sending stores nothing
             check_bytes(self.store, self.most_bytes)
         check_jobs(self.store)
         return self.jobs.submit(kind, printer, params, self.store.owner)

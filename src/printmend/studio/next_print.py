@@ -1,4 +1,4 @@
-"""The cheapest next print: the smallest test print that would show what a measurement did not."""
+"""Find the cheapest next print: the smallest test print that would close a measurement's gaps."""
 
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -10,13 +10,13 @@ from printmend.diagnosis.named import is_gap_of_z
 from printmend.printer import Printer
 from printmend.probe import cost, design_probe, expected_error_mm, turns_covered
 
-_STEP_MM = 10.0  # between the sizes that are offered
-_ENOUGH_RATIO = 2.0  # a smaller print may leave so many times the error of one over the whole bed
+_STEP_MM = 10.0  # step between the offered sizes
+_ENOUGH_RATIO = 2.0  # largest ratio of a smaller print's remaining error to that of a print over the whole bed
 
 
 @dataclass(frozen=True)
 class NextPrint:
-    """A square of marks: its side, what it costs, and the error that it leaves anywhere on the bed."""
+    """A square of marks: its side, its cost, and the error that remains over the bed after measuring it."""
 
     size_mm: float
     marks: int
@@ -28,7 +28,7 @@ class NextPrint:
 def next_print(printer: Printer, gaps: Sequence[str]) -> NextPrint | None:
     """Return the smallest print that shows each motor's whole turn and leaves at most twice the error of the largest.
 
-    None where a flat print shows no gap.
+    None if all gaps concern Z, which no flat print shows.
     """
     if all(map(is_gap_of_z, gaps)):
         return None
@@ -47,7 +47,7 @@ def next_print(printer: Printer, gaps: Sequence[str]) -> NextPrint | None:
 
 
 def _square(printer: Printer, size_mm: float | None) -> NextPrint:
-    """Return a test print of that side; of the largest where that is None."""
+    """Return a test print with this side, the largest for None."""
     plan = design_probe(printer, size_mm=size_mm)
     minutes, grams = cost(plan)
     size_mm = float(np.ptp(plan.marks_mm, axis=0).max()) if size_mm is None else size_mm

@@ -1,7 +1,7 @@
-"""Every effect as the play screen offers it: its title, where it can be, and a slider for each of its numbers.
+"""Offer every effect on the play screen: its title, its possible motors or axes, and a slider for each number.
 
-An effect of another package is among them as soon as it is registered; its title is the first line of its docstring.
-The sliders reach faults that are large enough to be seen at once.
+Registered effects of other packages are included; their title is the first line of their docstring. The sliders reach
+faults that are large enough to be seen at once.
 """
 
 import math
@@ -19,9 +19,9 @@ Shape = Literal["round", "eccentric", "oval", "flat", "square"]
 MOST_DENT_MM, MOST_PLAY_MM, MOST_SKEW_DEG, MOST_SCREW_MM = 1.5, 0.8, 2.0, 0.5
 
 
-_FURTHEST = 5.0  # times the example: where a slider of a size ends
-_STEEPNESS = 8.0  # a wave of a period has at most this share of it as its size: its belt still moves forwards
-_STEPS = 200  # of a slider
+_FURTHEST = 5.0  # a size's slider ends at this multiple of the example
+_STEEPNESS = 8.0  # a wave's size is at most its period over this, so that the belt still moves forwards
+_STEPS = 200  # steps of a slider
 
 _LABELS = {
     "size_mm": "number-size", "percent": "number-percent", "square_mm": "number-square", "cube_mm": "number-cube",
@@ -94,5 +94,5 @@ def _unit(name: str) -> str:
 
 
 def causes_of(rows: list[dict[str, Any]]) -> tuple[Cause, ...]:
-    """Return effects as the page names them. Raises `ConfigError` for an unknown one, or numbers out of its limits."""
+    """Return the effects that the page names. Raises `ConfigError` for an unknown effect, or a number out of range."""
     return tuple(Cause(row["name"], row["on"], tuple(row["values"].items())) for row in rows)

@@ -1,7 +1,7 @@
-"""Hosts that get a printer's model from the studio by themselves: paired once by a code of six digits.
+"""Pair hosts with printers by a code of six digits; a paired host fetches its printer's model from the studio.
 
-A code is good for ten minutes and one host. After a few wrong ones all codes are gone, so that none is guessed. A
-paired host has a token that opens nothing but its printer's model; only its hash is kept, in the printer's folder.
+A code is valid for ten minutes and one host. After a few wrong attempts all codes are deleted, so that none is guessed.
+A paired host's token gives access only to its printer's model; only its hash is stored, in the printer's folder.
 """
 
 import hmac
@@ -31,14 +31,14 @@ class Pair:
 
 
 class Codes:
-    """The codes that wait for a host; they are in memory alone."""
+    """The codes that wait for a host; they are only in memory."""
 
     def __init__(self) -> None:
         self._lock, self._wrong = threading.Lock(), 0
         self._waiting: dict[str, tuple[str, float]] = {}
 
     def make(self, printer: str) -> str:
-        """Return a new code for a printer, which takes the place of the one before."""
+        """Return a new code for a printer, which replaces the previous one."""
         with self._lock:
             now = time.monotonic()
             self._waiting = {code: (key, end_s) for code, (key, end_s) in self._waiting.items()
@@ -52,7 +52,7 @@ class Codes:
             return code
 
     def take(self, code: str) -> str:
-        """Return the printer that a code is for; it is used up then. Raises `InputError` for any other code."""
+        """Return a code's printer, and delete the code. Raises `InputError` for any other code."""
         with self._lock:
             printer, end_s = self._waiting.pop(code, ("", 0.0))
             if end_s > time.monotonic():
@@ -73,7 +73,7 @@ def pairs(folder: Path) -> tuple[Pair, ...]:
 
 
 def pair(folder: Path, key: str, name: str) -> str:
-    """Let a host fetch a printer's model; return its token. A host of the same name is replaced."""
+    """Allow a host to fetch a printer's model; return its token. A host with the same name is replaced."""
     token = f"{key}.{secrets.token_urlsafe(24)}"
     others = [one for one in pairs(folder) if one.name != name]
     _write(folder, [*others, Pair(name, hash_of(token), time.time())])
@@ -81,7 +81,7 @@ def pair(folder: Path, key: str, name: str) -> str:
 
 
 def part(folder: Path, name: str) -> None:
-    """Let a host fetch the model no longer. Raises `InputError` where none has that name."""
+    """Unpair a host from the model. Raises `InputError` if none has this name."""
     left = [one for one in pairs(folder) if one.name != name]
     if len(left) == len(pairs(folder)):
         came = ", ".join(one.name for one in left) or "none"
@@ -90,7 +90,7 @@ def part(folder: Path, name: str) -> None:
 
 
 def may_fetch(folder: Path, token: str) -> bool:
-    """Say whether a token is that of a host which is paired with the printer of this folder."""
+    """Return whether a token belongs to a host that is paired with this folder's printer."""
     given = hash_of(token)
     return any([hmac.compare_digest(one.sha256, given) for one in pairs(folder)])  # noqa: C419 — each time all of them
 

@@ -1,6 +1,6 @@
-"""Where a studio keeps what it has: what is its owner's, what it notes for itself, and what it can do without.
+"""The studio's folders: the owner's data, the studio's own state, and a cache that may be deleted.
 
-The system says where each belongs (XDG on Linux); a folder that somebody names holds all three.
+The system determines where each belongs (XDG on Linux); a folder that the user names holds all three.
 """
 
 import contextlib
@@ -13,14 +13,14 @@ from printmend.errors import InputError, reason
 from printmend.messages import say
 
 DATABASE, DEVICES, LOCK, ADDRESS = "studio.sqlite", "devices.json", "studio.lock", "address.json"
-NOTES = (DATABASE, DEVICES, LOCK, ADDRESS)  # files in ``state``; SQLite has others beside its own, named after them
-PARTS = ("printers", "uploads", "jobs")  # folders in ``data``; of the jobs' pictures in ``cache``
+NOTES = (DATABASE, DEVICES, LOCK, ADDRESS)  # files in ``state``; SQLite adds others with names that begin alike
+PARTS = ("printers", "uploads", "jobs")  # folders in ``data``; ``cache`` has folders for the jobs' pictures
 
 
 @dataclass(frozen=True)
 class Places:
     """A studio's folders: ``data`` for printers, models and parts, ``state`` for devices, the jobs' database and the
-    lock, ``cache`` for small pictures and those in three dimensions. They may be one."""
+    lock, ``cache`` for small and three-dimensional pictures. They may be the same folder."""
 
     data: Path
     state: Path
@@ -33,7 +33,7 @@ class Places:
 
     @classmethod
     def usual(cls) -> "Places":
-        """Return the system's folders for a user's programs. A studio of before kept its notes among its data."""
+        """Return the system's folders for a user's programs. Older studios kept their state among the data."""
         from platformdirs import PlatformDirs
 
         ours = PlatformDirs("printmend", appauthor=False, roaming=True)
@@ -44,23 +44,23 @@ class Places:
 
     @property
     def folders(self) -> list[Path]:
-        """The folders that there are, each once."""
+        """The different folders, each once."""
         return list(dict.fromkeys((self.data, self.state, self.cache)))
 
     def resolved(self) -> "Places":
-        """Return the same places by their whole paths."""
+        """Return the same places with absolute paths."""
         return Places(self.data.resolve(), self.state.resolve(), self.cache.resolve())
 
     def make(self) -> list[str]:
-        """Make what is not there, for its owner alone, and close what is to others; return what could not be closed.
+        """Make missing folders with access for their owner only, and restrict existing ones; return the failures.
 
-        A folder that holds other things, too, stays as it is: only what the studio has in it is closed. Raises
-        `InputError` where nothing can be written.
+        A folder that also holds other things keeps its rights: only the studio's own files in it are restricted. Raises
+        `InputError` if nothing can be written.
         """
         try:
             for path in (*self.folders, *self._parts()):
                 path.mkdir(mode=0o700, parents=True, exist_ok=True)
-            for path in (self.state / DATABASE, self.state / LOCK):  # else SQLite makes them, readable by everybody
+            for path in (self.state / DATABASE, self.state / LOCK):  # or SQLite makes them, readable by everybody
                 path.touch(mode=0o600)
         except OSError as error:
             raise InputError(path, wanted=say("folder-can-be-written"), came=reason(error),
@@ -74,7 +74,7 @@ class Places:
 
 
 def _is_ours(path: Path) -> bool:
-    """Say by its name whether a thing in a folder is the studio's; a file half written begins with a dot."""
+    """Return by its name whether an item in a folder is the studio's; a half-written file begins with a dot."""
     return path.name in PARTS or path.name.lstrip(".").startswith(NOTES)
 
 

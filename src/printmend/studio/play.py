@@ -1,4 +1,4 @@
-"""A printer that exists only here: its plate broken with sliders, a test print scanned, learned and mended."""
+"""The play screen's virtual printer: sliders break it, a test print is scanned and learned from, and a part mended."""
 
 import itertools
 import math
@@ -37,8 +37,8 @@ from printmend.units import TURN_RAD
 
 # The part of the play screen: a plate with round holes, a word and a thin wall, whose damage anyone sees.
 #
-# A hole that is no circle, a word that waves and a slanting wall that is not straight show what a pulley, a belt or a
-# screw does. The G-code is made here, for the middle of the printer's bed.
+# A hole that is not round, a wavy word and a wall that is not straight show the faults of a pulley, a belt or a screw.
+# The G-code is made here, for the middle of the printer's bed.
 
 SIZE_MM = (92.0, 60.0)
 LAYER_MM, BEAD_MM, PRINT_MM_S = 0.25, 0.45, 40.0
@@ -48,7 +48,7 @@ HOLES_MM = ((-24.0, 10.0, 13.0), (4.0, 16.0, 7.0), (4.0, -3.0, 4.0))  # x, y and
 _WALL_MM = ((17.0, -6.0), (40.0, 24.0))
 _CORNER_MM, _CHORD_MM = 5.0, 0.6
 
-Stroke = np.ndarray  # places [N, 2] mm that a bead joins
+Stroke = np.ndarray  # points [N, 2] mm of a bead
 
 
 def _arc(x: float, y: float, across: float, high: float, begin_deg: float, end_deg: float) -> list[tuple[float, float]]:
@@ -56,7 +56,7 @@ def _arc(x: float, y: float, across: float, high: float, begin_deg: float, end_d
     return [(x + across * math.cos(a), y + high * math.sin(a)) for a in angles]
 
 
-# Strokes of the letters: small letters are 1 high.
+# Strokes of the letters; lower-case letters have the height 1.
 _BOWL = _arc(0.4, 0.5, 0.4, 0.5, 0, 360)
 _LETTERS: dict[str, tuple[float, list[list[tuple[float, float]]]]] = {
     "p": (0.8, [[(0, -0.45), (0, 1)], _BOWL]),
@@ -75,7 +75,7 @@ _LETTERS: dict[str, tuple[float, list[list[tuple[float, float]]]]] = {
 
 @lru_cache(maxsize=1)
 def layers() -> tuple[tuple[tuple[Stroke, float, bool], ...], ...]:
-    """Return the strokes of each layer from the middle of the part: places, width of the bead, and if it fills."""
+    """Return each layer's strokes, from the middle of the part: points, bead width, and whether it is infill."""
     plate, above = [], (*((stroke, _WORD_BEAD_MM, False) for stroke in _word()),)
     wall = ((np.array(_WALL_MM), BEAD_MM, False),)
     for number in range(PLATE_LAYERS):
@@ -134,7 +134,7 @@ def _outlines() -> Iterator[Stroke]:
 
 
 def _fill(number: int) -> Iterator[Stroke]:
-    """Yield lines at 45°, one layer this way and the next that, each as far as the outlines leave room."""
+    """Yield infill lines at 45° within the outlines; the direction alternates from layer to layer."""
     room, reach = _shape().buffer(-2 * BEAD_MM), sum(SIZE_MM)
     turned = shapely.affinity.rotate(room, 45.0 if number % 2 else -45.0, origin=(0, 0))
     heights = np.arange(-reach / 2, reach / 2, BEAD_MM)
@@ -151,16 +151,16 @@ def _fill(number: int) -> Iterator[Stroke]:
 
 
 PRINTER = "ender3"
-_ANGLES = 180  # of a pulley's outline
-_FIRST = threading.Lock()  # what is made once is made by one
-_SCREW_PHASE_RAD = 0.6  # of the bent screw that one can play with
-_TOWER_MM, _TOWER_TURNS, _TOWER_LAYERS = 20.0, 2.2, 20  # of the tower: its side, turns of the screw, layers
-_HAND_MM = 0.03  # how well one measures a tower's corners by hand
+_ANGLES = 180  # points of a pulley's outline
+_FIRST = threading.Lock()  # lets only one thread make cached values
+_SCREW_PHASE_RAD = 0.6  # phase of the play screen's bent screw
+_TOWER_MM, _TOWER_TURNS, _TOWER_LAYERS = 20.0, 2.2, 20  # the tower's side, turns of the screw, and layers
+_HAND_MM = 0.03  # standard deviation of a hand measurement of a tower's corners
 
 
 @dataclass(frozen=True)
 class Side:
-    """One motor's pulley and belt: how far the pulley is out of shape, at which angle, and the belt's play."""
+    """One motor's pulley and belt: the pulley's deformation and its angle, and the belt's play."""
 
     shape: Shape = "round"
     dent_mm: float = 0.0
@@ -168,7 +168,7 @@ class Side:
     play_mm: float = 0.0
 
     def drive(self, radius_mm: float) -> Drive:
-        """Return these faults on a healthy pulley of that radius."""
+        """Return these faults on a healthy pulley with this radius."""
         return Drive(pulley=self._pulley(radius_mm), belt=Play(self.play_mm) if self.play_mm > 0 else None)
 
     def _pulley(self, radius_mm: float) -> Pulley | None:
@@ -181,7 +181,7 @@ class Side:
             return Ellipse(radius_mm + dent, radius_mm - dent, phase)
         if self.shape == "flat":
             return FlatSpot(dent, phase)
-        # corners so far out that the pulley takes in as much belt a turn as the round one
+        # place the corners so that a turn moves as much belt as with the round pulley
         count = 4
         corner = radius_mm * np.pi / (count * np.sin(np.pi / count))
         share = dent / MOST_DENT_MM
@@ -191,7 +191,7 @@ class Side:
 
 @dataclass(frozen=True)
 class Faults:
-    """What is broken on the printer of the play screen."""
+    """The faults of the play screen's printer."""
 
     x: Side = field(default_factory=Side)
     y: Side = field(default_factory=Side)
@@ -222,9 +222,10 @@ def play_printer() -> tuple[Printer, ProbePlan]:
 
 @lru_cache(maxsize=1)
 def play_layer() -> tuple[np.ndarray, np.ndarray]:
-    """Return what the screen draws of the part while sliders move: the plate's topmost layer and what stands on it.
+    """Return what the screen draws of the part while sliders move: the plate's top layer and the next one.
 
-    Places [N, 2] mm along the path, the lines that fill among them, and where a bead leads on that is drawn [N].
+    These are places [N, 2] mm along the path, infill included, and a mask [N] of those from which a drawn bead leads
+    on.
     """
     strokes = [stroke for layer in layers()[PLATE_LAYERS - 1 : PLATE_LAYERS + 1] for stroke in layer]
     places = np.concatenate([places for places, _, _ in strokes]) + play_printer()[0].middle_mm
@@ -233,12 +234,11 @@ def play_layer() -> tuple[np.ndarray, np.ndarray]:
 
 
 def preview(faults: Faults) -> dict[str, Any]:
-    """Return the shapes of the pulleys and where each mark of the test print lands: a drawing that follows a slider.
+    """Return a drawing that follows a slider: the pulleys' shapes, and where the test print's marks land.
 
-    ``outlines_mm`` are polygons about the shafts, ``errors_mm`` [M, 2] how far each of the ``marks_mm`` [M, 2] is off;
-    ``part_mm`` and ``printed_mm`` [N, 2] a layer of a part as wanted and as it comes out, laid where it fits, and its
-    error ``part_rms_mm``;
-    ``wall_mm`` the height of each of its layers, and how far the Z screw pushes it along x.
+    ``outlines_mm`` are polygons about the shafts; ``errors_mm`` [M, 2] are the errors of the ``marks_mm`` [M, 2].
+    ``part_mm`` and ``printed_mm`` [N, 2] are a layer of the part as wanted and as printed, aligned; its error is
+    ``part_rms_mm``. ``wall_mm`` has the height of each layer, and how far the Z screw pushes it along x.
     """
     with _FIRST:
         printer, plan = play_printer()
@@ -262,7 +262,7 @@ def shown(faults: Faults) -> dict[str, Any]:
     printer, plan = play_printer()
     places, joined = play_layer()
     corruption = faults.corruption(printer)
-    twin = Twin.of(replace(corruption, screw=None), printer)  # one layer: all of it is pushed alike
+    twin = Twin.of(replace(corruption, screw=None), printer)  # the screw shifts a single layer as a whole
     off = twin.seen(plan.waypoints_mm)[plan.rows] - plan.marks_mm
     printed = twin.follow(np.concatenate([[printer.home_mm], places]))[1:]
     printed -= (printed - places).mean(axis=0)
@@ -301,7 +301,7 @@ def tower_trace(corruption: Corruption, printer: Printer, rng: np.random.Generat
 
 
 def outline_mm(pulley: Pulley | None, radius_mm: float) -> np.ndarray:
-    """Return the outline [_ANGLES, 2] of a pulley about its shaft: what no tangent cuts off (physics.md eq. 1)."""
+    """Return the outline [_ANGLES, 2] of a pulley about its shaft, inside all its tangents (physics.md eq. 1)."""
     psi = np.arange(_ANGLES) * (TURN_RAD / _ANGLES)
     support = np.full(_ANGLES, radius_mm) if pulley is None else pulley.support_mm(psi, radius_mm)
     facing = np.cos(psi[:, None] - psi)

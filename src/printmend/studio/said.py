@@ -1,4 +1,4 @@
-"""A learned machine as plain values for a page: what is wrong, in words, how sure, what to do, and its pictures."""
+"""Describe a learned machine as plain values for a page: its faults in words, their certainty, advice, and pictures."""
 
 from typing import Any
 
@@ -12,13 +12,13 @@ from printmend.model.model import misfit_words
 from printmend.promise.words import scale_words
 from printmend.units import TURN_RAD
 
-_ANGLES = 180  # of a pulley's outline
-_GRID, _ALONG = 13, 61  # lines of the bed's net each way, and points along one
+_ANGLES = 180  # points of a pulley's outline
+_GRID, _ALONG = 13, 61  # lines of the bed's grid in each direction, and points along a line
 _CURVE = 400  # points of a curve
 
 
 def said(model: SavedModel) -> dict[str, Any]:
-    """Return what is known of a machine: a headline, its faults with advice, what the measurement could not tell."""
+    """Return the diagnosis of a machine: a headline, its faults with advice, and the measurement's gaps."""
     advice = []
     for fault, one in advised(model.document):
         if one.effect_mm >= LEAST_ADVICE_MM or one.urgency in WORK:
@@ -40,9 +40,9 @@ def said(model: SavedModel) -> dict[str, Any]:
 
 
 def drawn(mechanism: Mechanism) -> dict[str, Any]:
-    """Return a machine as curves: each motor's pulley, error both ways along the axis, and the bed's net as it is.
+    """Return a machine as curves: each motor's pulley, its errors in both directions, and the distorted bed grid.
 
-    The net's lines have ``along`` points each; they lie in the middle between both ways of moving there.
+    Each grid line has ``along`` points; they lie halfway between the errors of both directions of motion.
     """
     printer = mechanism.printer
     motors = []
@@ -79,8 +79,8 @@ def drawn(mechanism: Mechanism) -> dict[str, Any]:
 def outline_mm(mechanism: Mechanism, motor: int) -> np.ndarray:
     """Return the outline [_ANGLES, 2] of a motor's pulley about its shaft, as far as its tables show one.
 
-    The belt moves by dx/dθ = h(−θ) (physics.md eq. 1); h is the mean over the turns on the bed of the slope of the two
-    branches' middle, and the hull is what no tangent cuts off, as in `diagnosis.portrait.hull_mm`.
+    The belt moves by dx/dθ = h(−θ) (physics.md eq. 1). h is the slope of the branches' middle, averaged over the turns
+    on the bed. The hull lies inside all tangents, as in `diagnosis.portrait.hull_mm`.
     """
     printer, table = mechanism.printer, mechanism.transmissions[motor]
     axis, (low, high) = printer.axes[motor], printer.motor_range_mm(motor)

@@ -1,9 +1,9 @@
-"""A part in three dimensions: as wanted, as this machine prints it, and mended; small pictures of it for lists.
+"""Show a part in three dimensions: as wanted, as this machine prints it, and mended; make small pictures for lists.
 
-The points lie along the wanted extruded path. The planner says which pieces each line of the file becomes, so that the
-mended print is known at the very points of the wanted one, and a page can draw anything between the three by moving
-points. `write_wanted` and `write_mended` pack them as tables that a graphics card takes as they are. Of a large part
-`coarse` keeps every n-th layer, so that there is something to see before all of it is drawn.
+The points lie along the wanted extruded path. The planner reports the pieces of each line, so the mended print is known
+at the same points, and a page can draw anything between the three by moving points. `write_wanted` and `write_mended`
+pack them as tables that a graphics card can use directly. For a large part, `coarse` keeps every n-th layer, so that
+the page can show something before the whole part is drawn.
 """
 
 import contextlib
@@ -31,20 +31,20 @@ from printmend.promise.predict import best_shift
 from printmend.studio import kernels
 from printmend.twin.twin import moved_mm
 
-# How long a print takes as its slicer says, and how many commands a second the printer has to take in.
+# The slicer's printing time, and how many commands a second the printer must receive.
 
 _SPENT = (  # PrusaSlicer and its family, Bambu and Orca, Cura
     re.compile(rb"estimated printing time \(normal mode\)[ \t]*=[ \t]*(\d[\dhmsd ]*)"),
     re.compile(rb"total estimated time:[ \t]*(\d[\dhmsd ]*)"),
-    re.compile(rb"^;TIME:[ \t]*(?!6666\b)(\d+)[ \t\r]*$", re.MULTILINE),  # 6666 where Cura's engine has not put it in
+    re.compile(rb"^;TIME:[ \t]*(?!6666\b)(\d+)[ \t\r]*$", re.MULTILINE),  # Cura's engine writes 6666 if unknown
 )
 _WORDS = (b"estimated printing time", b"total estimated time", b";TIME:")
 _UNITS_S = {b"d": 86400.0, b"h": 3600.0, b"m": 60.0, b"s": 1.0, b"": 1.0}
 
 
 def busiest(way_mm: np.ndarray, feed_mm_s: np.ndarray) -> int:
-    """Return how many of the moves [N, 3] mm at feeds [N] mm/s come at most in one second, as if the head sped up at
-    once. Moves without a length or a feed take no time."""
+    """Return the largest number of moves [N, 3] mm at feeds [N] mm/s within one second, without acceleration times.
+    Moves without a length or a feed take no time."""
     length_mm = np.linalg.norm(way_mm, axis=1)
     moving = (length_mm > 0) & (feed_mm_s > 0)
     ends = np.cumsum(length_mm[moving] / feed_mm_s[moving])
@@ -53,7 +53,7 @@ def busiest(way_mm: np.ndarray, feed_mm_s: np.ndarray) -> int:
 
 
 def slicer_s(*texts: bytes) -> float | None:
-    """Return how long a print takes as its slicer says in pieces of the file (`Part.hints`); None where it does not."""
+    """Return the printing time that the slicer states in pieces of the file (`Part.hints`), None if it states none."""
     for expression, word in zip(_SPENT, _WORDS, strict=True):
         for text in texts:
             if word in text and (found := expression.search(text)) is not None:
@@ -61,15 +61,15 @@ def slicer_s(*texts: bytes) -> float | None:
     return None
 
 
-COARSE_LINES = 40_000  # of a large part's first picture
-MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns without a jerk; 14 MB
+COARSE_LINES = 40_000  # about how many beads a large part's first picture has
+MOST_POINTS = 600_000  # an ordinary computer's graphics card rotates so many points smoothly; 14 MB
 ROW = 2048  # points in a row of a packed table
-_BEADS_SHARE = 0.6  # of those points: ends of beads where every n-th layer is read; the rest lie between
-_SMALL_BYTES = 1_500_000  # of a file, packed or not, that has fewer beads than a picture may have
-_PITCHES_MM = (0.8, 6.0)  # between points on long lines: finest and coarsest
-_BESIDE_END_SHARE = 1e-7  # of a line: this side of its end, or that
-NEAR = 3  # wanted segments to either side that a printed point may belong to
-_UNIT_MM = 0.002  # of the packed offsets: 16 bits reach 65 mm
+_BEADS_SHARE = 0.6  # share of the points that are ends of beads if every n-th layer is read; the rest lie between
+_SMALL_BYTES = 1_500_000  # a smaller file, packed or not, has fewer beads than a picture may have
+_PITCHES_MM = (0.8, 6.0)  # finest and coarsest distance between points on long lines
+_BESIDE_END_SHARE = 1e-7  # share of a line: places this far before or after its end tell the two sides apart
+NEAR = 3  # a printed point may belong to so many wanted segments to either side
+_UNIT_MM = 0.002  # unit of the packed offsets: 16 bits reach 65 mm
 _COLUMNS = [
     "x0", "y0", "z0", "x1", "y1", "z1", "c0", "c1", "advance", "flags", "layer", "turns", "kind", "plane", "feed"
 ]  # fmt: skip
@@ -79,9 +79,9 @@ _BOTH_KNOWN = k.FLAG_KNOWN_X0 | k.FLAG_KNOWN_Y0 | k.FLAG_KNOWN_X1 | k.FLAG_KNOWN
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Moves of the head, L of them: ``start_mm`` and ``end_mm`` [L, 3], ``center_mm`` [L, 2] (NaN where straight),
-    ``turn`` [L] 0 for straight ones, −1 clockwise, 1 counter-clockwise, with ``turns`` [L] further circles; ``begin``
-    and ``end`` [L] say which part of the file each is: record 7 is what lies between 7 and 8."""
+    """L moves of the head: ``start_mm`` and ``end_mm`` [L, 3], ``center_mm`` [L, 2] (NaN for straight moves), ``turn``
+    [L] (0 straight, −1 clockwise, 1 counter-clockwise) with ``turns`` [L] further circles. ``begin`` and ``end`` [L]
+    are its place in the file: record 7 reaches from 7 to 8."""
 
     start_mm: np.ndarray
     end_mm: np.ndarray
@@ -94,11 +94,11 @@ class Lines:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Points [P] along the extruded path: ``wanted_mm`` [P, 3], how far ``raw_mm`` and ``mended_mm`` [P, 2] lie from
-    there, each with its distance from the wanted path [P] mm; ``joined`` [P]: a bead leads on to the next point;
-    ``width_mm`` and ``height_mm`` [P] of the bead, ``layer`` [P] from 0. ``mended_mm`` is None before mending. Of parts
-    with too many points only every ``every``-th layer is there. ``raw_busiest`` and ``mended_busiest`` are
-    the moves of the busiest second, once it is mended."""
+    """Points [P] along the extruded path: ``wanted_mm`` [P, 3], and offsets ``raw_mm`` and ``mended_mm`` [P, 2] from
+    these, each with its distance from the wanted path [P] mm. ``joined`` [P]: a bead leads on to the next point;
+    ``width_mm`` and ``height_mm`` [P] are the bead's, ``layer`` [P] counts from 0. ``mended_mm`` is None before
+    mending. A part with too many points has only every ``every``-th layer. ``raw_busiest`` and ``mended_busiest`` are
+    the moves in the busiest second, once it is mended."""
 
     wanted_mm: np.ndarray
     raw_mm: np.ndarray
@@ -114,16 +114,16 @@ class Scene:
     mended_busiest: int = 0
 
     def rms_mm(self, error_mm: np.ndarray) -> float:
-        """Return the root mean square of an error [P] over the length of the path."""
+        """Return the RMS of an error [P] over the length of the path."""
         length = np.linalg.norm(np.diff(self.wanted_mm, axis=0), axis=1) * self.joined[:-1]
         square = (error_mm[:-1] ** 2 + error_mm[1:] ** 2) / 2
         return float(np.sqrt(np.average(square, weights=length))) if length.sum() else 0.0
 
 
 class Tap:
-    """Keeps what passes through a planner: how many pieces each motion of a file became, and the pieces.
+    """Record a planner's output: the number of pieces for each motion of a file, and the pieces.
 
-    ``there`` says which of the file's motions are kept, as `Motion` does.
+    ``there`` says which of the file's motions to record, as in `Motion`.
     """
 
     def __init__(self, there: np.ndarray | None = None) -> None:
@@ -138,14 +138,14 @@ class Tap:
         return self._name is not None
 
     def watch(self, part: Part, plan: Plan) -> Plan:
-        """Look on while the first program of a file is planned, as `mend_gcode` offers it."""
+        """Record the planning of a file's first program; `mend_gcode` calls this."""
         if self._name not in (None, part.name):
             return plan
         self._name = part.name
         return self.over(plan)
 
     def over(self, plan: Plan) -> Plan:
-        """Return a plan that does as ``plan`` does, and is noticed."""
+        """Return a plan that does the same as ``plan``, and is recorded."""
 
         def noticed(records: np.ndarray, begin: int) -> tuple[int, np.ndarray, np.ndarray]:
             end, first, pieces = plan(records, begin)
@@ -162,7 +162,7 @@ class Tap:
         return noticed
 
     def taken(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return how many pieces each motion became [R], and the pieces, and keep them no longer."""
+        """Return the number of pieces for each motion [R], and the pieces; forget both."""
         taken = np.concatenate(self._counts), np.concatenate(self._pieces)
         self._counts, self._pieces = [taken[0][:0]], [taken[1][:0]]
         return taken
@@ -170,9 +170,9 @@ class Tap:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What moves in a file: columns of its motion ``records`` [R] with their ``lines``, ``length_mm`` and ``layer``,
-    ``drawn`` [R] whether a bead is laid; ``height_mm`` of each layer. It holds every ``every``-th layer; ``there`` says
-    which of the file's motions these are, None where it holds all."""
+    """The motions of a file: columns of their ``records`` [R] with their ``lines``, ``length_mm`` and ``layer``;
+    ``drawn`` [R] marks those that lay a bead; ``height_mm`` is each layer's. Only every ``every``-th layer is included;
+    ``there`` marks the included motions among all of the file, None for all."""
 
     records: Columns
     lines: Lines
@@ -186,9 +186,9 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A file as it was read, and the points along it: its ``motion``; ``points_mm`` [N, 3], ``at`` [N] which part of
-    the file each is, ``bead_end`` [N] which of them end a bead, ``keep`` [N] which are shown. Of those [P]: their
-    ``record``, ``joined`` and ``layer``. ``pitch_mm`` lies between points, every ``every``-th layer is shown."""
+    """A file as it was read, and points along it: its ``motion``; ``points_mm`` [N, 3] with their places ``at`` [N] in
+    the file; ``bead_end`` [N] marks ends of beads, ``keep`` [N] the shown points. The shown points [P] have a
+    ``record``, ``joined`` and ``layer``. Points are ``pitch_mm`` apart; every ``every``-th layer is shown."""
 
     motion: Motion
     points_mm: np.ndarray
@@ -203,14 +203,14 @@ class Drawing:
 
 
 def read_drawing(source: Path, printer: Printer, *, most: int = MOST_POINTS) -> Drawing:
-    """Read a file's first part and lay points along its extruded path. Raises `GcodeError` for what cannot be read."""
+    """Read a file's first part and lay points along its extruded path. Raises `GcodeError` if it cannot be read."""
     return lay_points(read_motion(source, printer, most=most), most=most)
 
 
 def read_motion(source: Path, printer: Printer, *, most: int = MOST_POINTS) -> Motion:
-    """Read what moves in a file's first part, of a file with more than ``most`` beads every n-th layer.
+    """Read the motions of a file's first part; of a file with more than ``most`` beads, only every n-th layer.
 
-    Such a file is read twice: what all of it says would fill the memory. Raises `GcodeError` for what cannot be read.
+    Such a file is read twice, because all of it would fill the memory. Raises `GcodeError` if it cannot be read.
     """
     if source.stat().st_size < _SMALL_BYTES:
         return _whole(_read(source, printer, _COLUMNS))
@@ -229,7 +229,7 @@ def read_motion(source: Path, printer: Printer, *, most: int = MOST_POINTS) -> M
 
 
 def _read(source: Path, printer: Printer, names: list[str], there: np.ndarray | None = None) -> Columns:
-    """Read columns of the motions in a file's first part, of all or of those that are ``there``."""
+    """Read columns of the motions in a file's first part: of all, or of those marked in ``there``."""
     parts, at = [{name: np.empty(0, k.RECORD[name]) for name in names}], 0
 
     def keep_records(records: np.ndarray, begin: int) -> tuple[int, np.ndarray, np.ndarray]:
@@ -262,14 +262,14 @@ def _whole(records: Columns) -> Motion:
 
 
 def coarse(motion: Motion) -> Motion | None:
-    """Return every n-th layer of a large part, the lowest and the highest among them; None of one that needs no such
-    first picture."""
+    """Return every n-th layer of a large part, including the lowest and the highest; None for a part that needs no
+    coarse picture."""
     every = int(np.count_nonzero(motion.drawn)) // COARSE_LINES
     if every < 2:
         return None
     number = motion.layer // motion.every
     mine = (motion.layer >= 0) & ((number % every == 0) | (motion.layer == motion.layer.max()))
-    if mine[motion.drawn].all():  # of one layer
+    if mine[motion.drawn].all():  # a part with a single layer
         return None
     records = {name: column[mine] for name, column in motion.records.items()}
     return Motion(
@@ -279,13 +279,13 @@ def coarse(motion: Motion) -> Motion | None:
 
 
 def lay_points(motion: Motion, *, most: int = MOST_POINTS) -> Drawing:
-    """Lay points along the extruded path; of a file that needs more than ``most`` only every n-th layer is shown."""
+    """Lay points along the extruded path; if these were more than ``most``, show only every n-th layer."""
     lines, length, layer, drawn = motion.lines, motion.length_mm, motion.layer, motion.drawn
     ends = np.count_nonzero(drawn) + np.count_nonzero(drawn[1:] & ~drawn[:-1])  # a row of beads has one more
     pitch_mm = float(np.clip(length[drawn].sum() / max(most - ends, 1), *_PITCHES_MM))
     points, at = _points(lines, np.where(drawn, pitch_mm, np.inf))
     record = np.clip(np.ceil(at).astype(np.int64) - 1, 0, max(len(length) - 1, 0))
-    # a bead begins at a point that ends another line, or where the head jumped to
+    # a bead begins at the end of another line, or at a place to which the head jumped
     bead_end = drawn[record] & (at > record)
     joined = np.append(bead_end[1:], False)[: len(at)] & (np.append(at[1:], np.inf)[: len(at)] - at <= 1.0)
     keep = bead_end | joined
@@ -326,9 +326,9 @@ def as_mended(
     told = _given_lines(lines, counts, pieces)
     paces = busiest(lines.end_mm - lines.start_mm, feed / 60), _busiest_told(told, feed, counts, pieces)
     given, given_at = _points(told, np.where(told.turn != 0, drawing.pitch_mm / 4, drawing.pitch_mm))
-    del told, counts, pieces  # of a large file they are as much as what follows
+    del told, counts, pieces  # for a large file they take as much memory as the rest
     result = _printed_mm(truth, given, along)
-    # slack is taken up between two lines: before a bead begins, after one ends
+    # slack is taken up between two lines: before a bead begins, or after one ends
     look = drawing.at + np.where(drawing.bead_end, -_BESIDE_END_SHARE, _BESIDE_END_SHARE)
     off = _off_mm(np.column_stack([np.interp(look, given_at, column) for column in result.T]), drawing, aligned)
     error = _distance(scene.wanted_mm, scene.wanted_mm[:, :2] + off, drawing.joined)
@@ -336,7 +336,7 @@ def as_mended(
 
 
 def _busiest_told(told: Lines, feed_mm_min: np.ndarray, counts: np.ndarray, pieces: np.ndarray) -> int:
-    """Return the moves of the busiest second where pieces [K], ``counts`` [L] a line, replace lines at feeds [L]."""
+    """Return the moves in the busiest second, after pieces [K] replaced lines (``counts`` [L] each) at feeds [L]."""
     rows = np.maximum(counts, 1)
     feed, of_piece = np.repeat(feed_mm_min, rows), np.repeat(counts > 0, rows)
     feed[of_piece] = np.where(pieces["feed"] > 0, pieces["feed"], feed[of_piece])
@@ -350,9 +350,9 @@ def _motion(records: np.ndarray) -> np.ndarray:
 
 
 def _off_mm(printed_mm: np.ndarray, drawing: Drawing, aligned: bool) -> np.ndarray:
-    """Return how far printed points lie from the drawn ones [mm]; aligned, with the whole part at its best place.
+    """Return the offsets of printed points from the drawn ones [mm]; ``aligned`` moves the whole part to its best fit.
 
-    That is the place from which a prediction counts the errors of a shape, so that colours and figures tell the same.
+    A prediction counts the errors of a shape from the same fit, so that colours and figures agree.
     """
     off = (printed_mm - drawing.points_mm[:, :2])[drawing.keep]
     if not aligned:
@@ -382,7 +382,7 @@ def _source_lines(records: Columns) -> Lines:
 
 
 def _given_lines(lines: Lines, counts: np.ndarray, pieces: np.ndarray) -> Lines:
-    """Return what the head is told to do instead: the pieces, and as they are the lines that have none."""
+    """Return the mended moves of the head: the pieces, and unchanged lines without pieces."""
     count = len(lines.begin)
     rows = np.maximum(counts, 1)
     first = np.cumsum(rows) - rows
@@ -400,9 +400,9 @@ def _given_lines(lines: Lines, counts: np.ndarray, pieces: np.ndarray) -> Lines:
     done = np.minimum(total - (total[first] - share[first])[of], 1.0)
     done[np.append(first[1:], len(of)) - 1] = 1.0
     begin = of + np.where(np.arange(len(of)) == first[of], 0.0, np.roll(done, 1))
-    # where a record does not begin at the last one's end, the head went there by itself
+    # if a record does not begin at the last one's end, the head went there by itself
     jumped = np.concatenate([[True], (lines.start_mm[1:] != lines.end_mm[:-1]).any(axis=1)])[:count]
-    # what moves neither X nor Y (retractions, lifts) leaves the head where mending had put it
+    # records that move neither X nor Y (retractions, lifts) leave the head where mending put it
     still = (~planned & (lines.start_mm[of, :2] == lines.end_mm[of, :2]).all(axis=1)) & ~jumped[of]
     end_mm[:, :2] = end_mm[np.maximum.accumulate(np.where(still, 0, np.arange(len(of)))), :2]
     start_mm = np.roll(end_mm, 1, axis=0)
@@ -411,8 +411,8 @@ def _given_lines(lines: Lines, counts: np.ndarray, pieces: np.ndarray) -> Lines:
 
 
 def _points(lines: Lines, pitch_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return points [N, 3] along lines, ends included and at most ``pitch_mm`` apart, and which part of the file
-    each is [N]; where the head jumped, also its new place."""
+    """Return points [N, 3] along lines, ends included and at most ``pitch_mm`` apart, and each one's place in the file
+    [N]; after a jump of the head, also its new place."""
     if not len(lines.begin):
         return np.empty((0, 3)), np.empty(0)
     length, sweep, radius = _lengths(lines)
@@ -464,18 +464,18 @@ def _heights(records: Columns, layer: np.ndarray) -> np.ndarray:
 
 
 def _bead(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Return width and height [R] mm of each record's bead: a bar with round sides, of the filament's volume."""
+    """Return width and height [R] mm of each record's bead: a bar with round sides and the filament's volume."""
     height = motion.height_mm[np.maximum(motion.layer, 0)]
     area = motion.records["advance"] * layout.FILAMENT_AREA_MM2 / np.maximum(motion.length_mm, 1e-6)
     return np.clip(area / height + height * (1 - np.pi / 4), 0.15, 1.5), height
 
 
 def write_wanted(path: Path, scene: Scene) -> dict[str, Any]:
-    """Pack what is wanted and how it is printed as it is; return the head.
+    """Pack the wanted and the unmended print; return the head.
 
-    The file is the head's length (4 bytes), the head in JSON, and two tables of four 16-bit numbers a point, filled up
-    to whole rows of `ROW` points as a graphics card keeps them: x, y, z in steps of ``step_mm`` from ``low_mm`` with
-    bits for joined (1), width (8) and height (7) in 0.01 mm; and as in `write_mended`.
+    The file is the head's length (4 bytes), the head in JSON, and two tables of four 16-bit numbers for each point,
+    padded to whole rows of `ROW` points for the graphics card. The first table has x, y, z in steps of ``step_mm`` from
+    ``low_mm``, and bits for joined (1), width (8) and height (7) in 0.01 mm. The second is like `write_mended`'s.
     """
     count = len(scene.wanted_mm)
     layers, first = np.unique(scene.layer, return_index=True)
@@ -498,9 +498,9 @@ def write_wanted(path: Path, scene: Scene) -> dict[str, Any]:
 
 
 def write_mended(path: Path, scene: Scene) -> None:
-    """Pack how the mended print comes out, to be shown over `write_wanted`.
+    """Pack the mended print, to be shown over `write_wanted`'s.
 
-    Four 16-bit numbers a point: how far it lies from where it was wanted along x and y, in units of ``unit_mm``, its
+    Each point has four 16-bit numbers: its offset from the wanted place along x and y, in units of ``unit_mm``, its
     distance from the wanted path in µm, and 0.
     """
     assert scene.mended_mm is not None
@@ -529,11 +529,11 @@ def _write(path: Path, head: dict[str, Any], tables: list[np.ndarray]) -> None:
 
 
 def _p95_mm(error_mm: np.ndarray) -> float | None:
-    """Return the 95th percentile of errors; None where there are none."""
+    """Return the 95th percentile of errors, None if there are none."""
     return round(float(np.quantile(error_mm, 0.95)), 4) if len(error_mm) else None
 
 
-# Small pictures for lists: of a part its widest layer from above, as lines; of a scan or photo a smaller one.
+# Small pictures for lists: the lines of a part's longest layer from above, or a smaller copy of a scan or photo.
 
 _MOST_POINTS = 1500
 _PHOTO_PX = 320  # longer side of a small picture of a photo
@@ -544,7 +544,7 @@ _SVG = (
 
 
 def write_thumb(path: Path, scene: Scene) -> None:
-    """Write the layer of a part that has the longest way as a picture of lines; nothing is written of no part."""
+    """Write the layer with the longest path as a picture of lines; write nothing for an empty part."""
     if not len(scene.layer):
         return
     length = np.append(np.hypot(*np.diff(scene.wanted_mm[:, :2], axis=0).T), 0.0) * scene.joined
@@ -562,7 +562,7 @@ def write_thumb(path: Path, scene: Scene) -> None:
 
 
 def write_photo(path: Path, source: Path) -> bool:
-    """Write a scan or photo smaller, upright; return False of what is no image, or is too large to be one."""
+    """Write a smaller, upright copy of a scan or photo; return False if it is no image, or too large to be one."""
     from PIL import Image, ImageOps
 
     from printmend.measure.image import MOST_PIXELS
@@ -572,7 +572,7 @@ def write_photo(path: Path, source: Path) -> bool:
         Image.open(source) as image,
     ):
         if image.width * image.height <= MOST_PIXELS:
-            image.draft("RGB", (_PHOTO_PX, _PHOTO_PX))  # JPEG is then unpacked smaller
+            image.draft("RGB", (_PHOTO_PX, _PHOTO_PX))  # decodes JPEG at a smaller size
             small = ImageOps.exif_transpose(image).convert("RGB")
             small.thumbnail((_PHOTO_PX, _PHOTO_PX))
             with replacing(path, "wb") as file:

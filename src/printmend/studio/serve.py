@@ -1,4 +1,4 @@
-"""Start the studio: a socket on this computer, a token where others may come; and as a service, with the computer."""
+"""Start the studio on a socket of this computer, with a token if others may enter; or install it as a service."""
 
 import contextlib
 import getpass
@@ -27,9 +27,9 @@ from printmend.studio.devices import EVERYWHERE, FIRST, Devices, address_of, dev
 from printmend.studio.guard import LOOPBACK, Door
 from printmend.studio.places import ADDRESS, LOCK, Places
 
-# A studio that starts with the computer: what systemd, launchd and the task scheduler of Windows are told.
+# A studio that starts with the computer: files for systemd, launchd and the task scheduler of Windows.
 #
-# Each is the user's own: nothing needs an administrator.
+# Each belongs to the user: nothing needs an administrator.
 
 NAME = "printmend-studio"
 _LABEL = "org.printmend.studio"
@@ -69,7 +69,7 @@ _TASK = """\
 
 @dataclass(frozen=True)
 class Service:
-    """A file that describes the service, where it belongs, and the commands that begin and undo it."""
+    """A file that describes the service, its path, and the commands that start and undo the service."""
 
     path: Path
     text: str
@@ -78,7 +78,7 @@ class Service:
 
 
 def service(options: Sequence[str], *, platform: str = sys.platform, home: Path | None = None) -> Service:
-    """Return what starts ``printmend studio`` with these options. Raises `InputError` for what a file cannot hold."""
+    """Return a service that starts ``printmend studio`` so. Raises `InputError` for options that no file can hold."""
     home = home or Path.home()
     command = [sys.executable, "-m", "printmend", "studio", "--no-browser", *options]
     if any(character in word for word in command for character in '\n\r"'):
@@ -93,7 +93,7 @@ def service(options: Sequence[str], *, platform: str = sys.platform, home: Path 
         path = home / f"{NAME}.xml"
         given = {"user": getpass.getuser(), "program": command[0], "words": subprocess.list2cmdline(command[1:])}
         text = _TASK.format(**{name: escape(value) for name, value in given.items()})
-        text = text.encode("ascii", "xmlcharrefreplace").decode()  # in whatever encoding it is read
+        text = text.encode("ascii", "xmlcharrefreplace").decode()  # valid in any encoding
         made = (f'schtasks /Create /F /TN {NAME} /XML "{path}"', f"schtasks /Run /TN {NAME}")
         return Service(path, text, made, (f"schtasks /Delete /F /TN {NAME}", f'del "{path}"'))
     path = home / ".config/systemd/user" / f"{NAME}.service"
@@ -114,11 +114,11 @@ def serve(
     places: Places, *, host: str, port: int, names: tuple[str, ...] = (), browser: bool, told: Callable[[str], None],
     workers: int = WORKERS, cluster: str | None = None, most_gb: float = MOST_HELD_BYTES / 1e9,
 ) -> None:  # fmt: skip
-    """Serve until Ctrl-C. From another ``host`` than this computer only known devices come in, see `Devices`.
+    """Serve until Ctrl-C. If ``host`` is not this computer alone, only known devices may enter, see `Devices`.
 
-    ``names`` are further names by which browsers reach it, as through a proxy: then, too. ``cluster`` runs the jobs
-    elsewhere (see `Cluster`). Raises `InputError` where the port is not free, another studio has the folder, or
-    nobody answers at the cluster's address.
+    The same holds with ``names``, further names by which browsers reach it, say through a proxy. ``cluster`` runs the
+    jobs elsewhere (see `Cluster`). Raises `InputError` if the port is not free, another studio uses the folder, or
+    nothing answers at the cluster's address.
     """
     remote = None if cluster is None else Cluster.at(cluster)
     devices = None if host in LOOPBACK and not names else Devices(places.state)
@@ -156,14 +156,14 @@ def serve(
 
 
 def let_in(folder: Path, name: str, user: str = "", *, host: str, port: int, given: bool) -> str:
-    """Let a device in; return the address that it opens: of the studio that was last started for others from
-    ``folder``, unless ``host`` or ``port`` was ``given``. Raises `InputError` for a name that is taken."""
+    """Admit a device; return the address that it opens: with ``host`` and ``port`` if ``given``, otherwise that of the
+    studio last started for others from ``folder``. Raises `InputError` for a name that is taken."""
     token = Devices(folder).add(name, user)
     return device_address(folder, token, None if not given else (host, port))
 
 
 def _note(path: Path, table: dict[str, Any] | None) -> None:
-    """Write a table for the other commands; None where there is nothing to tell them."""
+    """Write a table for the other commands; None if there is nothing to tell them."""
     path.unlink(missing_ok=True)
     if table is not None:
         path.touch(mode=0o600)
@@ -172,9 +172,9 @@ def _note(path: Path, table: dict[str, Any] | None) -> None:
 
 
 def _alone(folder: Path) -> sqlite3.Connection:
-    """Return what keeps ``folder`` for this studio alone until it is closed, or the program ends in whatever way.
+    """Lock ``folder`` for this studio; the lock ends when the returned connection is closed or the program ends.
 
-    Raises `InputError` where another studio has it, as two would take each other's jobs, and where nothing can be
+    Raises `InputError` if another studio has the lock, because two would take each other's jobs, and if nothing can be
     written there.
     """
     path, held = folder / LOCK, None
@@ -195,13 +195,13 @@ def _alone(folder: Path) -> sqlite3.Connection:
 
 
 def _listener(host: str, port: int) -> socket.socket:
-    """Return a socket that listens. Raise `InputError` where the address cannot be had."""
+    """Return a listening socket. Raise `InputError` if the address is not available."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
-        listener.listen(128)  # whoever reads the address may come at once
+        listener.listen(128)  # clients that read the address may connect at once
     except (OSError, OverflowError) as error:
         listener.close()
         raise InputError(
@@ -214,7 +214,7 @@ def _listener(host: str, port: int) -> socket.socket:
 
 
 def _draw_beforehand() -> None:
-    """Draw what the first screen shows, while the browser still asks for the page."""
+    """Compute the first screen's drawing while the browser still requests the page."""
     from printmend.studio.play import Faults, preview
 
     preview(Faults())

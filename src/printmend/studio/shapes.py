@@ -1,4 +1,4 @@
-"""What the API takes and gives, checked and documented in one place: the OpenAPI file is made from these."""
+"""The API's requests and responses, checked and documented in one place; the OpenAPI file is made from these."""
 
 from typing import Annotated, Any, Literal
 
@@ -36,10 +36,10 @@ class PairCode(BaseModel):
 
     code: str
     minutes: int
-    address: str  # of the studio, for the host
+    address: str  # the studio's address for the host
 
 
-_NAME = r"^[^/\\\x00-\x1f]*[^./\\\x00-\x1f][^/\\\x00-\x1f]*$"  # can be a part of an address: not of dots alone
+_NAME = r"^[^/\\\x00-\x1f]*[^./\\\x00-\x1f][^/\\\x00-\x1f]*$"  # can be part of an address: not only dots
 
 
 class PairIn(Strict):

@@ -1,4 +1,4 @@
-"""What the studio remembers: printers, uploads and jobs, in one SQLite file; large things lie in folders."""
+"""The studio's memory: printers, uploads and jobs in one SQLite file; large files lie in folders."""
 
 import contextlib
 import copy
@@ -23,7 +23,7 @@ from printmend.studio.shapes import KEY
 from printmend.studio.work import PRINTER
 
 DONE = ("done", "failed", "cancelled")
-HALF = ".tmp"  # what the name of an upload ends with, and a dot what it begins with, until all of it is there
+HALF = ".tmp"  # an incomplete upload's name begins with a dot and ends with this
 
 _META = sql.MetaData()
 PRINTERS = sql.Table(
@@ -48,9 +48,9 @@ Row = dict[str, Any]
 
 
 class Store:
-    """The database and the folders of printers, uploads and jobs, made where they are not; ``places`` says where.
+    """The database and the folders of printers, uploads and jobs in ``places``, made if they are missing.
 
-    Safe to use from several threads; a kill at any moment leaves it as it was before or after a call.
+    Several threads may use it; a kill at any moment leaves it as it was before or after a call.
     """
 
     def __init__(self, places: Places) -> None:
@@ -74,7 +74,7 @@ class Store:
                     link.execute(sql.text(f"ALTER TABLE {table.name} ADD COLUMN owner VARCHAR"))
 
     def _find_again(self) -> None:
-        """Note printers whose folders are there and which the database does not know: their data outlive its loss."""
+        """Add printers that have a folder but are missing in the database: their data survive its loss."""
         known = {row["id"] for row in self.printers()}
         for place in sorted((self.places.data / "printers").iterdir()):
             if place.name not in known and re.fullmatch(KEY, place.name) and (place / PRINTER).is_file():
@@ -82,7 +82,7 @@ class Store:
                     self.add_printer("", usually=read_printer(place / PRINTER).name, id=place.name)
 
     def of(self, owner: str | None) -> "Store":
-        """Return the same store as a user sees it: what is their own, and what is everybody's."""
+        """Return the same store as a user sees it: with the user's own rows, and everybody's."""
         view = copy.copy(self)
         view.owner = owner
         return view
@@ -95,20 +95,20 @@ class Store:
         self._engine.dispose()
 
     def path(self, kind: str, key: str) -> Path:
-        """Return the folder of a printer or a job, the file of an upload; ``key`` is one of ours."""
+        """Return the folder of a printer or a job, or the file of an upload; ``key`` must be one of ours."""
         return self.places.data / f"{kind}s" / key
 
     def pictures(self, job: str) -> Path:
-        """Return the folder of a job's pictures, which may be one with its own."""
+        """Return the folder of a job's pictures, which may be the job's own folder."""
         return self.places.cache / "jobs" / job
 
     def made(self, job: str, name: str) -> Path:
-        """Return where a file is that a job made; before there was a cache, its pictures lay among its other files."""
+        """Return the path of a job's file; before there was a cache, its pictures lay among its other files."""
         path = self.path("job", job) / name
         return path if path.is_file() else self.pictures(job) / name
 
     def held(self) -> tuple[int, int]:
-        """Return what everything takes of the disk, and what of it is the user's own; each folder is read once."""
+        """Return the bytes on the disk, of everything and of the user's own files; each folder is read once."""
         own = self._own()
         mine = sizes_in(*own)
         everything = mine | sizes_in(*self.places.folders, but=own)
@@ -125,9 +125,9 @@ class Store:
         return found
 
     def add_printer(self, name: str, *, usually: str, **key: str) -> str:
-        """Note a printer; return its key, a new one unless its ``id`` is given.
+        """Add a printer; return its key, a new one unless its ``id`` is given.
 
-        Without a name it is called ``usually``, numbered where that is taken. Raises `InputError` for the name of
+        Without a name it is called ``usually``, with a number if that is taken. Raises `InputError` for the name of
         another printer.
         """
         with self._naming:
@@ -139,15 +139,15 @@ class Store:
             return self._insert(PRINTERS, name=name, **key)
 
     def add_upload(self, key: str, name: str, size: int) -> None:
-        """Note an upload whose file is in its place."""
+        """Add an upload, whose file is already in its place."""
         self._insert(UPLOADS, id=key, name=name, bytes=size)
 
     def add_job(self, kind: str, printer: str | None, params: Row, owner: str | None = None) -> str:
-        """Note a job that waits; return its key."""
+        """Add a waiting job; return its key."""
         return self._insert(JOBS, owner=owner, kind=kind, printer=printer, params=json.dumps(params), state="queued")
 
     def end_job(self, key: str, state: str, *, error: str | None = None, result: Row | None = None) -> bool:
-        """Note how a job ended; return False where it had ended before. Its messages come into the ``result``."""
+        """Record how a job ended; return False if it had ended before. Its messages go into the ``result``."""
         if messages := messages_of([error, result]):
             result = {**(result or {}), "messages": messages}
         values = {
@@ -159,7 +159,7 @@ class Store:
             return link.execute(sql.update(JOBS).where(open_job).values(**values)).rowcount == 1
 
     def rename_printer(self, key: str, name: str) -> None:
-        """Give a printer another name. Raises `InputError` for none, and for that of another printer."""
+        """Rename a printer. Raises `InputError` for an empty name, and for another printer's name."""
         if not name:
             raise InputError(say("the-printer"), wanted=say("name"), came=say("none"), todo=say("type-one"))
         with self._naming:
@@ -175,7 +175,7 @@ class Store:
             raise InputError(name, wanted=say("name-own"), came=say("another-printer"), todo=say("add-word-number"))
 
     def forget(self, kind: str, key: str) -> None:
-        """Take a printer with its jobs, an upload or a job out of the database."""
+        """Remove a printer with its jobs, an upload or a job from the database."""
         table = {"printer": PRINTERS, "upload": UPLOADS, "job": JOBS}[kind]
         with self._engine.begin() as link:
             if kind == "printer":
@@ -183,7 +183,7 @@ class Store:
             link.execute(sql.delete(table).where(table.c.id == key))
 
     def remove_upload(self, key: str) -> None:
-        """Take an upload out of the database, and remove its file."""
+        """Remove an upload from the database, and its file."""
         self.forget("upload", key)
         self.path("upload", key).unlink(missing_ok=True)
 
@@ -218,11 +218,11 @@ class Store:
         return self._rows(sql.select(UPLOADS).where(self._mine(UPLOADS)).order_by(UPLOADS.c.created_s))
 
     def jobs_of(self, upload: str) -> list[str]:
-        """Return the jobs that an upload was given to."""
+        """Return the jobs that use an upload."""
         return [row["id"] for row in self._rows(sql.select(JOBS.c.id).where(JOBS.c.params.contains(f'"{upload}"')))]
 
     def forgotten(self, before_s: float, *, kept: tuple[str, ...]) -> tuple[list[str], list[str]]:
-        """Return the jobs of other kinds than ``kept`` that ended before a time, and the uploads from before it."""
+        """Return the jobs that ended before a time, except the kinds ``kept``, and the uploads from before it."""
         old = JOBS.c.state.in_(DONE) & JOBS.c.kind.not_in(kept) & (JOBS.c.ended_s < before_s)
         jobs, uploads = sql.select(JOBS.c.id).where(old), sql.select(UPLOADS.c.id).where(UPLOADS.c.created_s < before_s)
         return [row["id"] for row in self._rows(jobs)], [row["id"] for row in self._rows(uploads)]
@@ -248,16 +248,16 @@ class Store:
 
 
 class NotThereError(InputError):
-    """What was asked for is not in the studio."""
+    """The requested item is not in the studio."""
 
 
 def bytes_in(*paths: Path) -> int:
-    """Return what files, and all in folders, take of the disk; what two names share counts once."""
+    """Return the disk space of files and of folders' contents; a file with two names counts once."""
     return sum(sizes_in(*paths).values())
 
 
 def sizes_in(*paths: Path, but: Container[Path] = ()) -> dict[tuple[int, int], int]:
-    """Return the sizes of files, and of all in folders, by what tells a file from others; ``but`` is left out."""
+    """Return the sizes of files and of folders' contents, by each file's identity; ``but`` is left out."""
     seen: dict[tuple[int, int], int] = {}
     for path in paths:
         for place in [path] if path.is_file() else _files_in(path, but):
@@ -287,21 +287,21 @@ def _read(row: Row) -> Row:
 
 
 def _settle(link: Any, _: Any) -> None:
-    """Let readers and a writer work side by side, and let nothing be lost but what a power cut took."""
+    """Let readers and a writer work side by side; only a power cut may lose the last writes."""
     for line in ("PRAGMA journal_mode=WAL", "PRAGMA synchronous=NORMAL", "PRAGMA busy_timeout=10000"):
         link.execute(line)
 
 
-# What one user may take of a studio that several use: bytes on its disk, and jobs that wait.
+# Limits of one user in a studio that several use: bytes on its disk, and waiting jobs.
 #
-# Only users have these bounds. Who sees everything has the studio's own.
+# Only users have these limits. A device that sees everything has the studio's own.
 
-SHARE = 0.5  # of the studio's bytes, for one user
-MOST_WAITING = 100  # jobs of one user
+SHARE = 0.5  # share of the studio's bytes for one user
+MOST_WAITING = 100  # most waiting jobs of one user
 
 
 def check_bytes(store: Store, most_bytes: int, more_bytes: int = 0) -> None:
-    """Raise `InputError` where ``more_bytes`` are too many for the store, of ``most_bytes`` in all, or for its user."""
+    """Raise `InputError` if ``more_bytes`` would exceed the store's ``most_bytes``, or its user's share."""
     held, own = store.held()
     if held + more_bytes > most_bytes:
         raise InputError(
@@ -316,7 +316,7 @@ def check_bytes(store: Store, most_bytes: int, more_bytes: int = 0) -> None:
 
 
 def check_jobs(store: Store) -> None:
-    """Raise `InputError` where a user has as many jobs waiting as one may have."""
+    """Raise `InputError` if a user has too many waiting jobs."""
     if store.owner is None:
         return
     mine = sum(job["owner"] == store.owner for job in store.jobs(waiting=True))
@@ -326,5 +326,5 @@ def check_jobs(store: Store) -> None:
 
 
 def most_of(store: Store, most_bytes: int) -> int:
-    """Return how many of the studio's bytes are for whoever sees this store."""
+    """Return how many of the studio's bytes this store's user may take."""
     return most_bytes if store.owner is None else int(SHARE * most_bytes)

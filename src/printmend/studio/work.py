@@ -1,8 +1,8 @@
-"""What the worker processes do: one function for each kind of job, over the functions that the command line calls.
+"""The worker processes' jobs: one function for each kind of job, over the functions that the command line calls.
 
-A job has a folder of its own. It says there how far it is (`progress.json`), leaves its files there, and returns a
-small table: numbers, words and the names of the files that may be fetched. Everything is written beside and renamed, so
-a job that was killed is simply run again.
+A job has its own folder. There it reports its progress (`progress.json`) and leaves its files. It returns a small
+table: numbers, words and the names of the files that may be fetched. Each file is written under a temporary name and
+renamed, so a killed job can simply run again.
 """
 
 import contextlib
@@ -30,13 +30,13 @@ TOWER, TOWER_TABLE = "tower.gcode", "tower.csv"
 COARSE, WANTED, MENDED = "coarse.bin", "printed.bin", "mended.bin"
 THUMB, PHOTO, SEEN = "thumb.svg", "photo-{}.jpg", "seen.jpg"
 _SMALL_PART = "G28\nG90\nM83\nG1 Z0.2 F3000\nG1 X60 Y60\nG1 X110 Y60 E2\nG2 X110 Y100 I0 J20 E3\nG1 X60 Y95 E2\n"
-_NICENESS = 5  # of a worker, below the server and the browser of the same computer
-_PLAY_DPI = 300.0  # of the scan that one plays with
-_SEEN_PX = 1800  # of a scan as it is shown
+_NICENESS = 5  # gives a worker a lower priority than the server and the browser of the same computer
+_PLAY_DPI = 300.0  # resolution of the play screen's scan
+_SEEN_PX = 1800  # longer side of a scan as it is shown
 
 
 class Job:
-    """One job: where it works, and whom it tells how far it is."""
+    """One job: its folders and parameters, and its progress reports."""
 
     def __init__(self, folder: Path, data: Path, params: Params, pictures: Path | None = None) -> None:
         self.folder, self.data, self.params, self._pictures = folder, data, params, pictures or folder
@@ -46,7 +46,7 @@ class Job:
             place.mkdir(parents=True, exist_ok=True)
 
     def tell(self, share: float, step: str, *, now: bool = True) -> None:
-        """Say that ``share`` 0–1 is done and what comes next; with ``now`` false only if that was a while ago."""
+        """Report that ``share`` 0–1 is done and what comes next; if not ``now``, only if the last report is old."""
         if not now and time.time() - self._told_s < 0.2:
             return
         self._told_s = time.time()
@@ -55,26 +55,26 @@ class Job:
         told = {"share": round(share, 3), "step": step, "left_s": left_s, "files": self.files}
         beside = self.folder / f"{PROGRESS}.new"
         beside.write_text(json.dumps(told), encoding="utf-8")
-        os.replace(beside, self.folder / PROGRESS)  # worth nothing after a power cut: no fsync
+        os.replace(beside, self.folder / PROGRESS)  # no fsync: it is worthless after a power cut
 
     def file(self, name: str) -> Path:
-        """Return where a file goes that may be fetched, now that it is there or at the job's end."""
+        """Return the path for a file that may be fetched as soon as it exists."""
         if name not in self.files:
             self.files.append(name)
         return self.folder / name
 
     def picture(self, name: str) -> Path:
-        """Return where a picture goes, which may be fetched from now on as a `file` and may be lost."""
+        """Return the path for a picture, which may be fetched like a `file` but may be lost."""
         self.file(name)
         return self._pictures / name
 
     @property
     def given(self) -> Path:
-        """Where uploads lie under the names that they came with, apart from what the job itself writes."""
+        """The folder of uploads under their original names, apart from the job's own files."""
         return self.folder / "given"
 
     def said(self, error: PrintmendError) -> str:
-        """Return what an error says, without the folders of this studio."""
+        """Return an error's message without the folders of this studio."""
         words = error.message
         for place in (self.given, self.folder, self._pictures, self.data):
             words = words.replace(f"{place}{os.sep}", "")
@@ -86,7 +86,7 @@ class Job:
         return self.data / "printers" / self.params["printer"]
 
     def upload(self, key: str) -> Path:
-        """Return an uploaded file. Raises `InputError` where it is gone."""
+        """Return the path of an upload. Raises `InputError` if it is gone."""
         path = self.data / "uploads" / key
         if not path.is_file():
             raise InputError(key, wanted=say("upload-studio"), came=say("none"), todo=say("drop-file-again"))
@@ -94,20 +94,20 @@ class Job:
 
 
 def begin() -> None:
-    """Begin a worker: Ctrl-C in the terminal is the server's to handle, and whoever looks at the page comes first."""
+    """Initialise a worker: it ignores Ctrl-C, which the server handles, and lowers its priority below the page's."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(_NICENESS)
-    with contextlib.suppress(Exception):  # a pool whose workers cannot begin is lost; a job says what is wrong
+    with contextlib.suppress(Exception):  # an error here would break the pool; a job will report it
         rehearse()
 
 
 def rehearsed() -> None:
-    """Do nothing: a worker that has begun is ready for a job."""
+    """Do nothing: a worker that has started is ready for a job."""
 
 
 def rehearse() -> None:
-    """Mend a small part, so that nobody waits while the first job's libraries and kernels are loaded."""
+    """Mend a small part, so that libraries and kernels are loaded before the first job."""
     from printmend.corruption import Corruption, Drive, EccentricBore, Play
     from printmend.model import exact_model, write_model
     from printmend.printer import read_printer
@@ -124,7 +124,7 @@ def rehearse() -> None:
 
 
 def run(kind: str, folder: str, data: str, params: Params, pictures: str | None = None) -> dict[str, Any]:
-    """Run one job; return its result, or ``error`` in one line. Its ``pictures`` may have a folder of their own."""
+    """Run one job; return its result, or ``error`` in one line. ``pictures`` may be a separate folder."""
     job = Job(Path(folder), Path(data), params, None if pictures is None else Path(pictures))
     try:
         result = KINDS[kind](job)
@@ -136,18 +136,18 @@ def run(kind: str, folder: str, data: str, params: Params, pictures: str | None 
 
 
 def _give_back() -> None:
-    """Return memory that is free to the system, where its C library does so only when asked (glibc)."""
+    """Return free memory to the system, which glibc does only on request."""
     with contextlib.suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
 
 
 def may_force(error: PrintmendError) -> bool:
-    """Say whether mending goes on all the same where somebody who knows better says so."""
+    """Return whether the user may override this error and mend anyway."""
     return "--force" in error.todo
 
 
 def read_progress(folder: Path) -> dict[str, Any]:
-    """Return what a job last said of itself."""
+    """Return a job's last progress report."""
     try:
         return dict(json.loads((folder / PROGRESS).read_text(encoding="utf-8")))
     except (OSError, ValueError):
@@ -155,7 +155,7 @@ def read_progress(folder: Path) -> dict[str, Any]:
 
 
 def _mend(job: Job) -> dict[str, Any]:
-    """Mend one file, show it in three dimensions, and predict what it comes to."""
+    """Mend one file, show it in three dimensions, and predict its errors."""
     from printmend.mend import mend_gcode
     from printmend.mend.filament import printed_in
     from printmend.mend.mend import check_gcode
@@ -203,7 +203,7 @@ def _mend(job: Job) -> dict[str, Any]:
 
 
 def _draw(job: Job, path: Path, model: Any) -> tuple[Any, Any]:
-    """Draw a part as it is printed, a large one coarsely first; return its `Drawing` and its `Scene`."""
+    """Draw a part as printed, a large one coarsely first; return its `Drawing` and its `Scene`."""
     from printmend.studio.scene import as_printed, coarse, lay_points, read_motion, write_thumb, write_wanted
 
     motion, aligned = read_motion(path, model.printer), _is_of_shape(model)
@@ -218,7 +218,7 @@ def _draw(job: Job, path: Path, model: Any) -> tuple[Any, Any]:
 
 
 def _is_of_shape(model: Any) -> bool:
-    """Say whether a part is drawn at its best place, as the prediction's figures are: nobody knows where it lies."""
+    """Return whether to draw a part at its best fit, because its place is unknown; the prediction does the same."""
     from printmend.promise.belief import parse_belief
 
     known = parse_belief(model)
@@ -226,7 +226,7 @@ def _is_of_shape(model: Any) -> bool:
 
 
 def _paces(path: Path, scene: Any, duration: Any) -> dict[str, Any]:
-    """Return how long a print takes before and after, going by the slicer where it says so, and the busiest seconds."""
+    """Return the times before and after mending, by the slicer's time if stated, and the busiest seconds' moves."""
     from printmend.gcode.container import open_gcode
     from printmend.studio.scene import slicer_s
 
@@ -238,7 +238,7 @@ def _paces(path: Path, scene: Any, duration: Any) -> dict[str, Any]:
 
 
 def _model(path: Path) -> Any:
-    """Return a printer's model, read once for many parts."""
+    """Return a printer's model; it is cached until its file changes."""
     stat = path.stat()
     return _read_model(path, stat.st_mtime_ns, stat.st_size, stat.st_ino)
 
@@ -251,7 +251,7 @@ def _read_model(path: Path, *version: int) -> Any:
 
 
 def _named(job: Job, upload: str, name: str) -> Path:
-    """Return an upload under the name that it came with: messages name it, and it says what kind of file it is."""
+    """Return an upload under its original name, which messages use and which shows the kind of file."""
     place = job.given / name
     place.parent.mkdir(exist_ok=True)
     if not place.exists():
@@ -260,7 +260,7 @@ def _named(job: Job, upload: str, name: str) -> Path:
 
 
 def _scans(job: Job) -> list[Path]:
-    """Return the uploaded scans or photos under their own names, two of one name counted; and show them, smaller."""
+    """Return the uploaded scans or photos under their own names, equal ones numbered; also write smaller copies."""
     from printmend.studio.scene import write_photo
 
     names = [one["name"] for one in job.params["scans"]]
@@ -307,8 +307,8 @@ def _measure(job: Job) -> dict[str, Any]:
     }  # fmt: skip
 
 
-_NEIGHBOURS = 12  # of a mark, whose median says where it should lie
-_ODD_RATIO = 8.0  # times the usual distance from there: further off a mark is odd
+_NEIGHBOURS = 12  # neighbours of a mark, whose median error it should have
+_ODD_RATIO = 8.0  # a mark is odd if it differs from this median by more than this multiple of the usual
 
 
 def _odd(marks_mm: np.ndarray, off_mm: np.ndarray) -> list[int]:
@@ -325,13 +325,13 @@ def _odd(marks_mm: np.ndarray, off_mm: np.ndarray) -> list[int]:
 
 
 def _plain(values: np.ndarray, digits: int) -> list[Any]:
-    """Return rounded numbers, None where there is none."""
+    """Return rounded numbers, with None for NaN."""
     rounded = np.round(values, digits)
     return np.where(np.isfinite(rounded), rounded.astype(object), np.array(None)).tolist()
 
 
 def _learn(job: Job) -> dict[str, Any]:
-    """Learn a machine from a measurement, or from a table of one's own; keep it as the printer's model."""
+    """Learn a machine from a measurement, or from the user's own table; store it as the printer's model."""
     from dataclasses import replace
 
     from printmend.measure import read_plan, read_trace
@@ -349,7 +349,7 @@ def _learn(job: Job) -> dict[str, Any]:
     else:
         trace = read_trace(job.data / "jobs" / job.params["measurement"] / "trace.csv", printer)
         plan = read_plan(job.printer_folder / PLAN)
-        if trace.origin is not None and trace.origin != plan.origin:  # its dots had other numbers
+        if trace.origin is not None and trace.origin != plan.origin:  # its marks had other numbers
             raise InputError(
                 say("measurement-3"), wanted=say("present-test-print"), came=say("test-print-before"),
                 todo=say("measure-present"),
@@ -359,7 +359,7 @@ def _learn(job: Job) -> dict[str, Any]:
         measured[rows[[mark for mark in job.params["exclude"] if mark < len(rows)]]] = np.nan
         trace = replace(trace, measured_mm=measured)
     filament, is_known = job.params.get("filament"), (job.printer_folder / MODEL).is_file()
-    if is_known and (trace.z_measured_mm is not None or "part" in job.params):  # what was known before stays
+    if is_known and (trace.z_measured_mm is not None or "part" in job.params):  # keep the earlier knowledge
         old = read_model(job.printer_folder / MODEL)
         model = update_in(old, trace, filament, rng=np.random.default_rng(0)).model
     else:
@@ -377,7 +377,7 @@ def _check_print(job: Job) -> dict[str, Any]:
 
     model = read_model(job.printer_folder / MODEL)
     mend_gcode(job.printer_folder / PROBE, model, job.file("check.mended.gcode"), force=True)
-    return {"digest": model.digest}  # its dots, which tell, are printed standing: no prediction of lines counts
+    return {"digest": model.digest}  # its dots are printed at rest, so a prediction of lines does not matter
 
 
 def _verify(job: Job) -> dict[str, Any]:
@@ -432,9 +432,9 @@ def mended_name(name: str) -> str:
     return mended_path(Path(name)).name
 
 
-# Long: the whole way from a broken printer to a mended part, one step after the other.
+# Long: all steps from a broken printer to a mended part.
 def _play(job: Job) -> dict[str, Any]:
-    """Break a printer that exists only here, scan its test print, learn, and mend a part that nobody learned from."""
+    """Break a virtual printer, scan its test print, learn from it, and mend a part that was not learned from."""
     from dataclasses import replace
 
     from printmend.learn.learned import learn_model
@@ -457,7 +457,7 @@ def _play(job: Job) -> dict[str, Any]:
     twin, truth = (
         Twin.of(replace(broken, screw=None), printer),
         Twin.of(broken, printer).homed(),
-    )  # a flat print: no screw
+    )  # without the screw, which a flat print does not show
     part = job.folder / "part.gcode"
     with replacing(part, "wb") as file:
         file.write(plate_gcode(printer))
@@ -479,7 +479,7 @@ def _play(job: Job) -> dict[str, Any]:
     measurement = measure_scans(scans, plan)
     job.tell(0.5, "learn")
     model = learn_model(measurement.trace, printer)
-    if broken.screw is not None:  # which no flat print shows
+    if broken.screw is not None:  # no flat print shows the screw
         job.tell(0.75, "tower")
         rng = np.random.default_rng(seed)
         model = update(model, tower_trace(broken, printer, rng), rng=rng).model
@@ -491,7 +491,7 @@ def _play(job: Job) -> dict[str, Any]:
         job.file(mended_name(part.name))
     except RefusedError as error:
         refused = str(error)
-    if refused is None and tap.seen:  # of a printer found healthy nothing is planned
+    if refused is None and tap.seen:  # nothing was planned if the printer was found healthy
         scene = as_mended(scene, drawing, truth, tap, aligned=True, along=along)
         write_mended(job.picture(MENDED), scene)
     after = scene.raw_error_mm if scene.mended_error_mm is None else scene.mended_error_mm
@@ -510,7 +510,7 @@ def _true(truth: Any) -> dict[str, Any]:
 
 
 def _write_seen(path: Path, image: np.ndarray) -> float:
-    """Write an image small enough to be shown; return by how much it was made smaller."""
+    """Write a smaller copy of an image for the page; return its scale."""
     import cv2
 
     factor = min(1.0, _SEEN_PX / max(image.shape[:2]))
