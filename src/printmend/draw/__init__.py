@@ -1,4 +1,4 @@
-"""Pictures. Every `draw_…` function takes matplotlib Axes and returns them; matplotlib is imported nowhere else."""
+"""Draw pictures. Every `draw_…` function takes and returns matplotlib Axes; matplotlib is imported nowhere else."""
 
 from printmend.draw.body import PrintedLayer, draw_above, draw_alike
 from printmend.draw.figure import comparison, new_figure, save

@@ -1,6 +1,6 @@
-"""Whole bodies from above: the paper's Fig. 5.
+"""Draw whole bodies from above, as in the paper's Fig. 5.
 
-Their paths are beads, coloured by how far each point is from where it belongs.
+Paths are drawn as beads, coloured by each point's distance from its wanted place.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ from matplotlib.path import Path
 from printmend.draw.figure import ERROR_COLOURS, draw_scale_bar, fit_view, plain, points_per_unit
 from printmend.path import frozen
 
-BEAD_MM = 0.4  # width of a drawn bead, as of an ordinary nozzle
+BEAD_MM = 0.4  # width of a drawn bead: an ordinary nozzle's
 _RUN = 6  # segments that share a colour
 
 
@@ -49,7 +49,7 @@ def runs(points: np.ndarray, extruding: np.ndarray, error: np.ndarray) -> tuple[
 
 
 def add_beads(axes: Axes, lines: list, colours: np.ndarray, *, bead_mm: float, order: int) -> None:
-    """Add polylines as beads: a dark edge below, a lighter ridge above, so that neighbours can be told apart."""
+    """Add polylines as beads: a dark edge below, a lighter ridge above, so that neighbours look separate."""
     width = bead_mm * points_per_unit(axes)
     paths = [Path(line) for line in lines]
     for share, light, above in ((1.0, 0.72, 0.0), (0.62, 1.0, 0.5)):
@@ -76,7 +76,7 @@ def draw_above(
 
 
 def draw_alike(layers: Sequence[PrintedLayer], *, colours: Normalize) -> list[Callable[[Axes], Axes]]:
-    """Return what draws each layer from above, all at one scale."""
+    """Return a function for each layer that draws it from above, all at one scale."""
     view_mm = above_view(layers)
     return [partial(draw_above, layers=[one], colours=colours, view_mm=view_mm) for one in layers]
 

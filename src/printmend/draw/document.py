@@ -1,6 +1,6 @@
-"""A document as blocks, written as PDF in A4 (`printmend.report.page` writes the same blocks as HTML).
+"""Write a document's blocks as a PDF in A4 (`printmend.report.page` writes the same blocks as HTML).
 
-Each function that draws or writes takes ``tell``: it puts a message into the reader's language.
+Each function that draws or writes takes ``tell``, which translates a message into the reader's language.
 """
 
 import io
@@ -16,12 +16,12 @@ from matplotlib.figure import Figure
 from printmend.files import replacing
 from printmend.messages import Tell, say
 
-_DPI = 200  # of a picture in a PDF
-_FONT, _BOLD = "DejaVuSans", "DejaVuSans-Bold"  # matplotlib brings them; they have all of our signs
+_DPI = 200  # resolution of a picture in a PDF
+_FONT, _BOLD = "DejaVuSans", "DejaVuSans-Bold"  # matplotlib includes them; they have all our characters
 _INK, _SOFT, _LINE, _CARD = "#22303a", "#57534e", "#d6d3d1", "#fafaf9"
 _MARGIN_MM, _GAP_MM = 16.0, 3.0
-_HIGHEST_MM = 66.0  # a row of pictures: three and their captions fill a page
-_HEADED_MM = 85.0  # a heading stands on a page only with this much room for what follows
+_HIGHEST_MM = 66.0  # largest height of a row of pictures: three rows and their captions fill a page
+_HEADED_MM = 85.0  # a heading goes to the next page unless so much room follows it
 
 
 def svg(figure: Figure, *, dpi: int = 100) -> str:
@@ -42,7 +42,7 @@ class Words:
 
 @dataclass(frozen=True)
 class Items:
-    """A list of sentences; a capital at the beginning and the full stop are set where they lack."""
+    """A list of sentences; a missing initial capital or full stop is added."""
 
     texts: Sequence[str]
 
@@ -62,14 +62,14 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Strip:
-    """The few numbers that matter, each with its words, side by side."""
+    """The most important numbers, each with its words, side by side."""
 
     numbers: Sequence[tuple[str, str]]
 
 
 @dataclass(frozen=True)
 class Card:
-    """A box with a stripe in ``colour``: a title, what stands in a mark beside it, and lines (name, text)."""
+    """A box with a stripe in ``colour``: a title, the text of a mark beside it, and lines (name, text)."""
 
     title: str
     mark: str
@@ -79,7 +79,7 @@ class Card:
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
-    """Figures side by side, as wide as the page, of one height, and under them their caption."""
+    """Figures side by side, with one height, together as wide as the page; their caption is below."""
 
     figures: Sequence[Figure]
     caption: str
@@ -96,7 +96,7 @@ def sentence(text: str) -> str:
 def write_pdf(path: Path, title: str, blocks: Sequence[Block], *, foot: str, tell: Tell = str) -> None:
     """Write blocks as a PDF in A4, ``foot`` and the page's number at the bottom; equal blocks give equal bytes.
 
-    What belongs together (a picture and its caption, a heading and what follows) stays on one page.
+    A picture and its caption, and a heading and its next block, stay on one page.
     """
     from reportlab.lib.pagesizes import A4
     from reportlab.lib.units import mm

@@ -1,4 +1,4 @@
-"""Pictures of drives, of errors and of a printer's history. No pyplot, the Agg canvas, one palette."""
+"""Draw drives, errors and a printer's history, without pyplot, on the Agg canvas, with one palette."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ from printmend.units import TURN_RAD
 
 INK = "#22303a"
 PALETTE = ("#0b7285", "#e8590c", "#5f3dc4", "#2b8a3e", "#c2255c", "#868e96", "#1864ab")
-# Calm where the print is right, hot where it is wrong; the lightness grows to the middle and falls again.
+# Cool colours mean small errors, hot colours large ones; the lightness grows to the middle and falls again.
 ERROR_COLOURS = LinearSegmentedColormap.from_list("error", ["#0b7285", "#3bc9b0", "#ffd43b", "#f76707", "#a61e4d"])
-# Of two parts: its lower half is for what is left after mending, which would else look all the same.
+# The lower half of these colours is for the small errors after mending, which would otherwise all look the same.
 FINE_COLOURS = LinearSegmentedColormap.from_list(
     "error in two parts",
     [(0, "#1c3f6e"), (0.5, "#0b7285"), (0.625, "#3bc9b0"), (0.75, "#ffd43b"), (0.875, "#f76707"), (1, "#a61e4d")],
@@ -62,7 +62,7 @@ def comparison(
 
 
 def plain(axes: Axes) -> Axes:
-    """Take the frame and the ticks off a picture that has a scale bar."""
+    """Remove the frame and the ticks from a picture with a scale bar."""
     axes.set_xticks([])
     axes.set_yticks([])
     for spine in axes.spines.values():
@@ -88,7 +88,7 @@ def points_per_unit(axes: Axes) -> float:
 
 
 def draw_scale_bar(axes: Axes) -> Axes:
-    """Draw a bar of a round length [mm] in the lower left corner, its length beside it: above it lies what is drawn."""
+    """Draw a bar with a round length [mm] and its label in the lower left corner, below the drawing."""
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     length = max(size for size in (0.1, 0.5, 1, 2, 5, 10, 20, 50, 100) if size <= (x1 - x0) / 4 or size == 0.1)
     left, low = x0 + 0.04 * (x1 - x0), y0 + 0.03 * (y1 - y0)
@@ -107,7 +107,7 @@ def draw_scale_bar(axes: Axes) -> Axes:
 
 
 def quiet(axes: Axes) -> Axes:
-    """Take away the lines above and to the right, and keep the numbers small; return the axes."""
+    """Remove the lines above and to the right, and make the numbers small; return the axes."""
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     axes.tick_params(colors=INK, labelsize=8)
@@ -115,17 +115,17 @@ def quiet(axes: Axes) -> Axes:
 
 
 def save(figure: Figure, path: Path, *, dpi: int = 150) -> Path:
-    """Write a PNG; the file appears when it is whole. Equal figures give equal bytes."""
+    """Write a PNG; the file appears when it is complete. Equal figures give equal bytes."""
     with replacing(path, "wb") as file:
         figure.savefig(file, format="png", dpi=dpi, metadata={"Software": None})
     return Path(path)
 
 
-# One motor's drive as learned: its error along the axis, its play, and the pulley that it has.
+# Draw one motor's learned drive: its error along the axis, its play, and its pulley.
 
 WAYS = (say("moving-forwards"), say("moving-backwards"))
 ENLARGED = (1, 2, 5, 10, 20, 50, 100, 200)
-LEAST_UNROUND_MM = 0.02  # a pulley as round as this is drawn as it is, not enlarged into a star
+LEAST_UNROUND_MM = 0.02  # deviations of a rounder pulley are not enlarged: it would look like a star
 LEAST_SPAN_MM = 0.05  # a healthy axis should not look wild
 
 
@@ -140,10 +140,10 @@ def draw_fit(
     mm_per_turn: float,
     tell: Tell = str,
 ) -> Axes:
-    """Draw the learned error [2, N] over the motor's position [N], one colour a direction, over the measured points.
+    """Draw the learned error [2, N] over the motor's position [N], a colour for each direction, with measured points.
 
-    ``band_mm`` [2, N] is half the width in which 95 of 100 measured points should lie; ``points`` are the positions
-    [M], errors [M] and directions [M] (0 forwards, 1 backwards) of the measured ones.
+    ``band_mm`` [2, N] is the half-width of the band that should contain 95 % of the measured points. ``points`` are
+    their positions [M], errors [M] and directions [M] (0 forwards, 1 backwards).
     """
     place, off, side = points
     for turn in np.arange(np.ceil(motor_mm[0] / mm_per_turn), np.floor(motor_mm[-1] / mm_per_turn) + 1):
@@ -157,7 +157,7 @@ def draw_fit(
         axes.plot(motor_mm, error_mm[way], color=colour, linewidth=1.4, label=tell(WAYS[way]), zorder=4)
     low, high = float(error_mm.min()), float(error_mm.max())
     room = 0.15 * (high - low) + 2 * float(np.median(band_mm)) + LEAST_SPAN_MM / 2
-    axes.set_ylim(low - room, high + room + 0.12 * (high - low + 2 * room))  # above, the legend
+    axes.set_ylim(low - room, high + room + 0.12 * (high - low + 2 * room))  # with room for the legend above
     axes.set_xlim(motor_mm[0], motor_mm[-1])
     axes.set_xlabel(tell(say("draw-position-turns", name)), fontsize=8)
     axes.set_ylabel(tell(say("draw-printed-commanded")), fontsize=8)
@@ -183,7 +183,7 @@ def draw_play(
 
 
 def draw_hull(axes: Axes, outline_mm: np.ndarray, *, radius_mm: float, name: str, tell: Tell = str) -> Axes:
-    """Draw a pulley's hull [N, 2] over the round one, about the shaft; small differences are enlarged."""
+    """Draw a pulley's hull [N, 2] over a round one, about the shaft; small differences are enlarged."""
     reach = np.hypot(*outline_mm.T)
     most = float(np.abs(reach - radius_mm).max())
     factor = max((k for k in ENLARGED if k * most <= 0.35 * radius_mm), default=1) if most > LEAST_UNROUND_MM else 1
@@ -206,7 +206,7 @@ def draw_hull(axes: Axes, outline_mm: np.ndarray, *, radius_mm: float, name: str
     return axes
 
 
-# Pictures of errors: over the bed and a part's layers, along its lines, and on a circle.
+# Draw errors: over the bed and a part's layers, along its lines, and on a circle.
 
 
 def draw_errors(
@@ -252,9 +252,9 @@ def draw_coloured(
     axes: Axes, lines_mm: Sequence[np.ndarray], error_mm: np.ndarray, *, corners_mm: tuple[np.ndarray, np.ndarray],
     worst_mm: float, title: str, fine_mm: float | None = None, tell: Tell = str,
 ) -> Axes:  # fmt: skip
-    """Draw lines [K] of [N, 2] in the colour of their errors [K], up to ``worst_mm``, and a colour bar below them.
+    """Draw lines [K] of [N, 2], coloured by their errors [K] up to ``worst_mm``, with a colour bar below.
 
-    Errors up to ``fine_mm`` get half of the colours, so that they do not look all the same.
+    Errors up to ``fine_mm`` get half of the colours, so that they do not all look the same.
     """
     fit_view(axes, *corners_mm, margin=0.04)
     norm = Normalize(0.0, worst_mm) if fine_mm is None else TwoSlopeNorm(fine_mm, 0.0, worst_mm)
@@ -281,7 +281,7 @@ def draw_coloured(
 
 _DIVISIONS_MM = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 _RINGS = 3  # divisions drawn to either side of the circle
-_RING = 0.11  # of the radius: how wide a division is drawn
+_RING = 0.11  # drawn width of a division, as a share of the radius
 _PALE = "#dee2e6"
 _WAYS = (say("clockwise"), say("counter-clockwise"))
 
@@ -290,8 +290,8 @@ def draw_circle_test(
     axes: Axes, angle_rad: np.ndarray, off_mm: tuple[np.ndarray, np.ndarray], *, radius_mm: float,
     tell: Tell = str,
 ) -> Axes:  # fmt: skip
-    """Draw how far outside of a circle a machine runs at ``angle_rad`` [N], ``off_mm`` [N] clockwise and
-    counter-clockwise; the distance between two grey rings is one division, of a round size."""
+    """Draw how far outside a circle a machine runs at ``angle_rad`` [N]: ``off_mm`` [N] clockwise and [N]
+    counter-clockwise. Two grey rings are one division apart, which is a round size."""
     most = max(float(np.abs(run).max()) for run in off_mm)
     division = next((size for size in _DIVISIONS_MM if most <= _RINGS * size), _DIVISIONS_MM[-1])
     around = np.linspace(0, TURN_RAD, 361)
@@ -319,14 +319,14 @@ def draw_circle_test(
     return plain(axes)
 
 
-# Faults over time: what was measured with its range, the trend, and the size that matters.
+# Draw faults over time: measured sizes with their ranges, the trend, and the sizes that matter.
 
 
 @dataclass(frozen=True, eq=False)
 class Wear:
-    """One fault over time: ``time_s`` [K] since 1970, ``size`` and ``sd`` [K] in ``unit``; the ``line`` of its trend as
-    two (time, size), each of the ``levels`` that matter with what it means, when the first was ``passed_s``, and the
-    range of time ``reached_s`` in which the last will be; None where not known."""
+    """One fault over time: ``time_s`` [K] since 1970, ``size`` and ``sd`` [K] in ``unit``; its trend's ``line`` as two
+    (time, size); the ``levels`` that matter with their meanings; the time ``passed_s`` of passing the first level, and
+    the range of times ``reached_s`` of reaching the last. None if not known."""
 
     title: str
     unit: str
@@ -340,7 +340,7 @@ class Wear:
 
 
 def draw_wear(axes: Axes, wear: Wear, colour: str, tell: Tell = str) -> Axes:
-    """Draw one fault over time; ``tell`` puts the words into a language."""
+    """Draw one fault over time; ``tell`` translates the words."""
     when = [_date(one) for one in wear.time_s]
     measured = tell(say("wear-measured"))
     axes.errorbar(when, wear.size, yerr=2 * np.asarray(wear.sd), fmt="o", color=colour, capsize=3, label=measured)
@@ -349,7 +349,7 @@ def draw_wear(axes: Axes, wear: Wear, colour: str, tell: Tell = str) -> Axes:
         axes.plot([_date(first), _date(last)], [low, high], color=colour, linewidth=1.5, label=tell(say("wear-trend")))
     for (level, means), style in zip(wear.levels, ("--", ":"), strict=False):
         axes.axhline(level, color=INK, linewidth=1, linestyle=style)
-        passed = wear.line is None or level <= wear.line[1][1] - 1e-9  # then the trend leaves the right end free
+        passed = wear.line is None or level <= wear.line[1][1] - 1e-9  # the trend then leaves the right end free
         axes.annotate(
             tell(means), (1.0 if passed else 0.0, level), xycoords=("axes fraction", "data"),
             xytext=(-4, -10) if passed else (4, 3), textcoords="offset points", ha="right" if passed else "left",

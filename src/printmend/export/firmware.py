@@ -1,4 +1,4 @@
-"""The part of a machine's fault that a firmware can hold by itself: scale, skew, backlash, LinuxCNC's tables.
+"""Export the part of a machine's fault that a firmware can correct: scale, skew, backlash, LinuxCNC's tables.
 
 | firmware | scale | skew | backlash | table |
 |---|---|---|---|---|
@@ -20,16 +20,16 @@ from printmend.machine import Mechanism, Transmission, print_path
 from printmend.messages import say, together
 from printmend.printer import Printer
 
-LINUXCNC_POINTS = 256  # of a compensation table: LinuxCNC takes no more
-SKEW_SIDE_MM = 100.0  # of the square whose diagonals M852 is told
-_MOVES = 4000  # of the walk on which two laws are compared
-_NEGLIGIBLE = 1e-5  # a gain or a skew nearer to none, 0.01 mm in a metre, is none
+LINUXCNC_POINTS = 256  # LinuxCNC's limit for the points of a compensation table
+SKEW_SIDE_MM = 100.0  # side of the square whose diagonals M852 receives
+_MOVES = 4000  # moves of the walk on which two laws are compared
+_NEGLIGIBLE = 1e-5  # a smaller gain error or skew, 0.01 mm in a metre, counts as none
 
 
 @dataclass(frozen=True)
 class Simple:
-    """The simple part of a fault: per motor the ``gain`` (mm moved a commanded mm) and the mean ``play_mm``, with the
-    frame's stretch in both; the tangent of the frame's skew, x′ = x + skew·y."""
+    """The simple part of a fault: each motor's ``gain`` (mm moved per commanded mm) and mean ``play_mm``, both with the
+    frame's stretch; the tangent of the frame's skew, x′ = x + skew·y."""
 
     gain: tuple[float, float]
     play_mm: tuple[float, float]
@@ -38,10 +38,10 @@ class Simple:
 
 @dataclass(frozen=True)
 class Export:
-    """What to give to a firmware: ``files`` (name, text) and the predicted RMS error over the bed [mm], the part as a
-    whole allowed to shift, without it (``before_mm``) and with it (``after_mm``). ``settings`` says in words what is in
-    the files, ``left_out`` which settings would not help by more than their doubt, and why. ``doubt_mm`` is what the
-    model does not know of the error with these settings, twice its standard deviation."""
+    """Settings for a firmware: ``files`` (name, text), and the predicted RMS error over the bed [mm] without
+    (``before_mm``) and with them (``after_mm``), not counting a shift of the whole part. ``settings`` describes the
+    files in words; ``left_out`` names settings that would not help by more than their uncertainty, and why.
+    ``doubt_mm`` is twice the standard deviation of the error with these settings."""
 
     files: tuple[tuple[str, str], ...]
     before_mm: float
@@ -52,10 +52,10 @@ class Export:
 
 
 def simple_part(mechanism: Mechanism, turns_mm: tuple[float, float] | None = None, *, may_skew: bool = True) -> Simple:
-    """Split scale, constant play and skew off a machine; what is negligible becomes exactly 1 or 0.
+    """Split scale, constant play and skew off a machine; negligible values become exactly 1 or 0.
 
-    ``turns_mm`` are the lengths of both motors' turns as they were learned; without them the printer's count. Where the
-    frame is known to be square, a CoreXY's two scales are no skew: ``may_skew`` is False.
+    ``turns_mm`` are the learned lengths of both motors' turns, by default the printer's. If the frame is known to be
+    square, a CoreXY's two scales are no skew: ``may_skew`` is False.
     """
     printer = mechanism.printer
     gains, plays = [], []
@@ -67,11 +67,11 @@ def simple_part(mechanism: Mechanism, turns_mm: tuple[float, float] | None = Non
         play = float((upper - lower).mean())
         plays.append(play if play > 1e-4 else 0.0)
     middle_mm = np.array(printer.middle_mm)
-    half_mm = 0.4 * np.diag([printer.x.length_mm, printer.y.length_mm])  # of a bent frame the secant counts
+    half_mm = 0.4 * np.diag([printer.x.length_mm, printer.y.length_mm])  # on a bent frame, use the secant
     right, up = (mechanism.frame.apply(middle_mm + e) - mechanism.frame.apply(middle_mm - e) for e in half_mm)
     skew = math.tan(math.atan2(up[0], up[1]) + math.atan2(right[1], right[0]))
     stretch = np.array([right[0] / (2 * half_mm[0, 0]), up[1] / (2 * half_mm[1, 1])])
-    if printer.kinematics == "corexy":  # both motors move both axes: they correct what the axes share
+    if printer.kinematics == "corexy":  # both motors move both axes: only their common stretch can be corrected
         stretch[:] = stretch.mean()
     gains = [1.0 if abs(gain - 1) < _NEGLIGIBLE else float(gain) for gain in np.array(gains) * stretch]
     plays = [float(play) for play in np.array(plays) * stretch]
@@ -80,9 +80,9 @@ def simple_part(mechanism: Mechanism, turns_mm: tuple[float, float] | None = Non
 
 
 def _as_skew(mechanism: Mechanism, simple: Simple) -> Simple:
-    """Return the settings with a CoreXY's two scales told as one and a skew, where that leaves less error.
+    """Replace a CoreXY's two scales by one scale and a skew, if that leaves less error.
 
-    Motors of unlike scales lean both axes alike, a skewed frame leans y alone: a print placed on its bed shows which.
+    Motors with unequal scales lean both axes alike; a skewed frame leans only y. A print whose place is known shows it.
     """
     scale, half = sum(simple.gain) / 2, (simple.gain[0] - simple.gain[1]) / 2
     both = 1.0 if abs(scale - 1) < _NEGLIGIBLE else scale
@@ -129,7 +129,7 @@ def export_klipper(mechanism: Mechanism, simple: Simple | None = None) -> Export
 
 
 def export_marlin(mechanism: Mechanism, simple: Simple | None = None) -> Export:
-    """Return M92, M852 and M425, none for what stays as it is; backlash only where motors are axes."""
+    """Return M92, M852 and M425 for values that change; backlash only if each motor moves one axis."""
     simple, printer = simple or simple_part(mechanism), mechanism.printer
     play = _play_words(printer, simple)
     lines = _steps(printer, simple, "M503")
@@ -144,7 +144,7 @@ def export_marlin(mechanism: Mechanism, simple: Simple | None = None) -> Export:
 
 
 def export_rrf(mechanism: Mechanism, simple: Simple | None = None) -> Export:
-    """Return config.g lines for RepRapFirmware: M92, M556 and M425; backlash only where motors are axes.
+    """Return config.g lines for RepRapFirmware: M92, M556 and M425; backlash only if each motor moves one axis.
 
     M556 is added, x + tan·y, where Marlin subtracts: an acute angle between the axes is negative. M425 spreads the
     backlash over S times itself, ten times by default; S1 takes it up at once.
@@ -166,8 +166,8 @@ def export_rrf(mechanism: Mechanism, simple: Simple | None = None) -> Export:
 def export_linuxcnc(mechanism: Mechanism) -> Export:
     """Return a nominal-forward-reverse compensation file for each joint, and the lines for the INI file.
 
-    LinuxCNC adds nominal − forward (or − reverse) at the nominal position to the motor's command. Writing nominal
-    minus the exact correction there makes that the inverse of the branch, whatever the slope.
+    LinuxCNC adds nominal − forward (or − reverse) at the nominal position to the motor's command. With nominal minus
+    the exact correction in the table, this is the exact inverse of the branch, whatever its slope.
     """
     printer = mechanism.printer
     files, places, trims = [], [], []
@@ -210,7 +210,7 @@ NO_BACKLASH = {
 
 
 def remainder(export: Export) -> str:
-    """Say what the firmware corrects, what remains, and which settings are left out."""
+    """Say which error the firmware corrects, which remains, and which settings are left out."""
     without_mm, with_mm = (np.hypot(each, export.doubt_mm) for each in (export.before_mm, export.after_mm))
     expected_mm = (without_mm, with_mm, export.before_mm, export.after_mm)
     said = say("export-remainder", *(f"{each:.3f}" for each in expected_mm))
@@ -227,7 +227,7 @@ def _undo(printer: Printer, simple: Simple, more: list[str]) -> list[str]:
 
 
 def _steps(printer: Printer, simple: Simple, asked: str) -> list[str]:
-    """Return the steps a millimetre, and what they assume; ``asked`` is the command that shows the printer's own."""
+    """Return the steps per mm, and their assumptions; ``asked`` is the command that shows the printer's own."""
     if not (steps := _steps_words(printer, simple.gain)):
         return []
     healthy = _steps_words(printer, simple.gain, (1.0, 1.0))
@@ -239,7 +239,7 @@ def _steps(printer: Printer, simple: Simple, asked: str) -> list[str]:
 
 
 def _steps_words(printer: Printer, gain: tuple[float, float], new: tuple[float, float] | None = None) -> str:
-    """Return the steps a millimetre of those motors whose gain is not 1, at the gains ``new`` (these without it)."""
+    """Return the steps per mm of the motors whose gain is not 1, at the gains ``new`` (default: ``gain``)."""
     return " ".join(
         f"{letter}{axis.steps_per_turn * axis.microsteps / (axis.mm_per_turn * value):.5f}"
         for letter, axis, old, value in zip("XY", printer.axes[:2], gain, new or gain, strict=True)
@@ -248,7 +248,7 @@ def _steps_words(printer: Printer, gain: tuple[float, float], new: tuple[float, 
 
 
 def _play_words(printer: Printer, simple: Simple) -> str:
-    """Return the backlash of those axes that have any; nothing where motors are no axes."""
+    """Return the backlash of each axis that has any; nothing if a motor moves two axes."""
     if printer.kinematics != "cartesian":
         return ""
     return " ".join(f"{letter}{play:.4f}" for letter, play in zip("XY", simple.play_mm, strict=True) if play)
@@ -261,11 +261,11 @@ def _inverse(table: Transmission, branch: np.ndarray, wanted: np.ndarray) -> np.
 
 
 Drive = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""A firmware: wanted motor positions [N, 2] and directions [N, 2] to commanded ones [N, 2]."""
+"""A firmware: it maps wanted motor positions [N, 2] and directions [N, 2] to commanded positions [N, 2]."""
 
 
 def _simple_drive(mechanism: Mechanism, simple: Simple, *, play: bool) -> Drive:
-    """Return a firmware that knows scale, skew and, with ``play``, constant backlash. All are relative to home."""
+    """Return a firmware that corrects scale, skew and, with ``play``, constant backlash, all relative to home."""
     printer = mechanism.printer
     home = printer.to_motor(np.array(printer.home_mm))
 
@@ -281,16 +281,16 @@ def _simple_drive(mechanism: Mechanism, simple: Simple, *, play: bool) -> Drive:
 
 
 def _export(mechanism: Mechanism, files: tuple[tuple[str, str], ...], drive: Drive) -> Export:
-    """Return files with the errors expected without and with them."""
+    """Return the files with the expected errors without and with them."""
     before = _error_mm(mechanism, lambda motors, direction: motors)
     return Export(files, before, _error_mm(mechanism, drive))
 
 
 def _error_mm(mechanism: Mechanism, drive: Drive) -> float:
-    """Return the RMS error [mm] of a firmware over moves across the bed, the mean shift taken off."""
+    """Return the RMS error [mm] of a firmware over moves across the bed, without the mean shift."""
     printer = mechanism.printer
     low, high = np.array([printer.x.min_mm, printer.y.min_mm]), np.array([printer.x.max_mm, printer.y.max_mm])
-    # A fixed low-discrepancy walk over the middle 80 % of the bed: the figure must not depend on chance.
+    # A fixed low-discrepancy walk over the middle 80 % of the bed makes the figure reproducible.
     steps = np.arange(1, _MOVES + 1)[:, None] * np.array([math.sqrt(2), math.sqrt(3)])
     targets = low + (high - low) * (0.1 + 0.8 * np.mod(steps, 1.0))
     motors = printer.to_motor(targets)

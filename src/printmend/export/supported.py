@@ -1,4 +1,4 @@
-"""Which settings of a firmware a model supports: each must help by more than its own doubt."""
+"""Choose the firmware settings that a model supports: each must help by more than its own uncertainty."""
 
 from dataclasses import dataclass, replace
 
@@ -17,11 +17,11 @@ from printmend.promise.filament import UNTOLD
 from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD
 
 SURE = 0.95  # share of the drawn machines that must have a fault for its setting to be written
-PLAYS = ("play", "wear", "friction", "breathing")  # what makes the play of a motor
+PLAYS = ("play", "wear", "friction", "breathing")  # effects that make a motor's play
 SURE_SIGMAS = 2.0  # standard deviations: the coverage factor k of an expanded uncertainty (JCGM 100, 6.3)
-UNSHOWN_MOST_MM = UNSHOWN_MM * float(np.exp(1.645 * UNSHOWN_SD))  # what 19 of 20 printers' test prints do not show
+UNSHOWN_MOST_MM = UNSHOWN_MM * float(np.exp(1.645 * UNSHOWN_SD))  # in 95 % of printers, test prints miss less than this
 GAIN_MM = 0.001  # a setting that lowers the error over the bed by less is not worth typing
-_PLACES = 400  # of an axis at which two laws are compared
+_PLACES = 400  # places of an axis at which two laws are compared
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class _Setting:
 def export_supported(model: SavedModel, firmware: str) -> Export:
     """Return the firmware settings that help against a model's faults, and those left out.
 
-    Raises `RefusedError` where nothing would help by more than its doubt, or the model does not fit its measurement.
+    Raises `RefusedError` if no setting would help by more than its uncertainty, or if the model does not fit its data.
     """
     if said := refusals(model.document):
         raise RefusedError(
@@ -45,7 +45,7 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
         )
     mechanism, belief = model.mechanism, parse_belief(model)
     make, every = EXPORTS[firmware], _settings(model, belief)
-    if firmware == "linuxcnc":  # one table a joint holds all of it
+    if firmware == "linuxcnc":  # one table per joint holds the whole fault
         export, left_out = make(mechanism), []
         doubt = max(each.doubt_mm for each in every)
         if export.before_mm - export.after_mm < max(GAIN_MM, SURE_SIGMAS * doubt):
@@ -120,7 +120,7 @@ def _without(simple: Simple, name: str) -> Simple:
 
 
 def _alone_mm(model: SavedModel, simple: Simple, name: str) -> float:
-    """Return the error over the bed that one setting stands for [mm]."""
+    """Return the error over the bed that one setting corrects [mm]."""
     what, _, motor = name.partition(" of ")
     reach = _spread_mm(model)
     if what == "skew":
@@ -179,8 +179,8 @@ def _plays_mm(belief: Belief | None, motor: int) -> np.ndarray:
 
 
 def _beside_mm2(belief: Belief | None) -> float:
-    """Return the variance [mm²] over a print of what no setting takes: what comes again and does not act, and what
-    marks scatter beyond their instrument."""
+    """Return the variance [mm²] over a print that no setting corrects: effects that recur but cannot be corrected, and
+    the marks' scatter beyond the instrument's noise."""
     if belief is None:
         return 0.0
     places, rng = drawn_places(belief.scene), np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Does it fit? How large a printed part came out, and which settings of a slicer make it come out right."""
+"""Find out whether a printed part fits: its sizes, and the slicer settings that make it right."""
 
 from printmend.fit.estimate import Estimate, Known, Layer, Outline, Round, estimated, outline_of
 from printmend.fit.setting import SLICERS, Setting, Slicer, settings_for, write_profiles

@@ -1,11 +1,11 @@
-"""How a scanned part came out: its outline and holes, the offset of its walls, and its scale along X and Y.
+"""Estimate how a scanned part came out: its outline and holes, the offset of its walls, and its scale along X and Y.
 
 A wall's place with the normal n stands out by
 
     δ_outline or δ_hole + n·S (p − p₀) + n·(shift, turn, skew) + n·play
 
-where S holds the scales along X and Y. Of one outline alone, a part that is too large looks like one with wide lines;
-what is known of filaments and of scanners beforehand then decides how much of either is likely.
+where S holds the scales along X and Y. By its outline alone, a part that is too large looks like one with wide lines.
+The priors for filaments and scanners then decide how much of either is likely.
 """
 
 from collections.abc import Sequence
@@ -24,14 +24,14 @@ from printmend.metrics.robust import own_share, scale_of, weights_of
 from printmend.path import FLATBED, Instrument
 from printmend.printer import Printer
 
-# Which walls of a layer are its outline and which are holes, and which of these are round.
+# Find which walls of a layer belong to its outline and which to holes, and which holes are round.
 
 BESIDE_MM = 0.45  # distance from a bead's edge at which the air beside it is looked up
 OUTER, NOWHERE = 0, -1
 LEAST_HOLE_MM2 = 1.0  # area of a hole; smaller ones are gaps between beads
-LEAST_PLACES = 5  # of a round hole's wall
-ROUND_MM, ROUND_SHARE = 0.05, 0.01  # by which a round hole's places may lie off a circle, and the share of its radius
-MOST_GAP_RAD = 2.1  # largest part of a round hole's wall that no ray may see: a third
+LEAST_PLACES = 5  # fewest places of a round hole's wall
+ROUND_MM, ROUND_SHARE = 0.05, 0.01  # how far a round hole's places may lie off a circle: mm, and share of the radius
+MOST_GAP_RAD = 2.1  # largest unseen gap in a round hole's wall: a third
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class Round:
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """For each wall place the hole that it belongs to ``group`` [S] (`OUTER`: none, `NOWHERE`: not known), the edge
-    that the file commands ``edge_mm`` [S, 2], how much its wall is bent ``curvature`` [S] 1/mm (round holes: below 0),
-    and the round holes."""
+    """For each wall place: ``group`` [S], its hole (`OUTER`: none, `NOWHERE`: not known); ``edge_mm`` [S, 2], the edge
+    that the file commands; and ``curvature`` [S] 1/mm, its wall's curvature (negative in round holes). Also the round
+    holes."""
 
     group: np.ndarray
     edge_mm: np.ndarray
@@ -57,7 +57,7 @@ class Outline:
 
 
 def outline_of(walls: Walls) -> Outline:
-    """Return which walls of a layer are its outline, and which are holes'."""
+    """Return which walls of a layer belong to its outline, and which to holes."""
     air = np.pad(~walls.plastic, 1, constant_values=True).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(air, connectivity=4)
     edge_mm = walls.commanded_mm[walls.row] + walls.half_mm[:, None] * walls.normal
@@ -76,7 +76,7 @@ def outline_of(walls: Walls) -> Outline:
 
 
 def _round(number: int, edge_mm: np.ndarray) -> Round | None:
-    """Return a hole as a circle through its places [N, 2] (Kåsa 1976), None where it is none."""
+    """Return a hole as a circle through its places [N, 2] (Kåsa 1976), None if it is not round."""
     if len(edge_mm) < LEAST_PLACES:
         return None
     middle = edge_mm.mean(axis=0)
@@ -92,7 +92,7 @@ def _round(number: int, edge_mm: np.ndarray) -> Round | None:
 
 
 def _curvature(edge_mm: np.ndarray, normal: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Return how much walls bend, from their neighbours in the order of motion: 1/R outside, −1/R in a hole."""
+    """Return the curvature of walls from their neighbours in the order of motion: 1/R outside, −1/R in a hole."""
     step, turn = np.diff(edge_mm, axis=0), np.diff(normal, axis=0)
     length2 = (step**2).sum(axis=1)
     near = (length2 < 2.5**2) & (length2 > 1e-6) & (group[1:] == group[:-1])
@@ -104,16 +104,16 @@ def _curvature(edge_mm: np.ndarray, normal: np.ndarray, group: np.ndarray) -> np
 
 
 SHARE_MM = 100.0  # scales, turns and skew are in mm per this distance
-OFFSET_SD_MM, HOLE_SD_MM, SHIFT_SD_MM = 0.3, 0.3, 1.0  # before anything is measured
+OFFSET_SD_MM, HOLE_SD_MM, SHIFT_SD_MM = 0.3, 0.3, 1.0  # prior standard deviations
 TURN_SD_MM, SKEW_SD_MM, PLAY_SD_MM = 1.0, 0.5, 0.1
-# By how much parts in any filament are too large [share], and machines' own scales (`filament.ledger`).
+# Prior of a part's scale error in any filament [share], and standard deviation of machines' scales (`filament.ledger`).
 ANY_MEAN, ANY_SD, MACHINE_SD = -0.004, 0.004, 0.002
-EDGE_SD_MM = 0.008  # by which all edges of a scan may be seen too far out or in
-UPPER_SD_MM = 0.01  # … above the first layer, beside which the foot shows
+EDGE_SD_MM = 0.008  # common error of all edges in a scan, outwards or inwards
+UPPER_SD_MM = 0.01  # the same above the first layer, beside which the foot shows
 LEAST_SIGMA_MM, ROUNDS = 0.004, 12
-LEAST_SHARE = 0.08  # of the places that tells something of its own
+LEAST_SHARE = 0.08  # least share of the places that count as independent
 RANGE = 1.645  # standard deviations of a 90 % range
-# A ray is averaged with its neighbours, over which a bent wall recedes by this times its curvature [mm²].
+# A ray is averaged with its neighbours. Over these, a curved wall recedes by this times its curvature [mm²].
 _BENT_MM2 = float(np.mean(np.square(ACROSS_MM))) / 2
 
 
@@ -127,9 +127,9 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """One scanned layer: which (from 1), its walls, their outline, and how far each place stands out [S] mm.
+    """One scanned layer: its number from 1, its walls, their outline, and how far each place stands out [S] mm.
 
-    ``off_mm`` [N, 2] are the machine's errors at the walls' way-points, None where they are not known.
+    ``off_mm`` [N, 2] are the machine's errors at the walls' way-points, None if not known.
     """
 
     number: int
@@ -141,8 +141,8 @@ class Layer:
 
 @dataclass(frozen=True)
 class Hole:
-    """A round hole as it came out, ``sd_mm`` its standard deviation; ``own_mm`` is how far its wall lies out of the
-    plastic beyond what all holes of its layer do."""
+    """A round hole as it came out, with the standard deviation ``sd_mm``; ``own_mm`` is how far its wall stands out of
+    the plastic beyond all holes of its layer."""
 
     at: Round
     diameter_mm: float
@@ -152,8 +152,8 @@ class Hole:
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """What one layer shows: how far its outline stands out, and its holes' walls into the holes (None: no hole), each
-    with its standard deviation; its round holes; its size along X and Y as commanded and as it came out."""
+    """The estimate of one layer: how far its outline stands out, and its holes' walls into the holes (None: no hole),
+    each with its standard deviation; its round holes; its size along X and Y, as commanded and as printed."""
 
     layer: int
     outline_mm: float
@@ -172,8 +172,8 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What one or two scanned layers of a part show. ``scale`` [2] are the shares by which it is too large along X and
-    Y, ``scale_sd`` [2] their standard deviations; ``is_machine_off`` says that the machine's own are taken off."""
+    """The estimate of a part from one or two scanned layers. ``scale`` [2] are the shares by which it is too large in X
+    and Y, ``scale_sd`` [2] their standard deviations; ``is_machine_off``: the machine's own are already removed."""
 
     sides: tuple[Side, ...]
     scale: tuple[float, float]
@@ -182,17 +182,17 @@ class Estimate:
 
     @property
     def first(self) -> Side | None:
-        """The first layer, None where it was not scanned."""
+        """The first layer, None if it was not scanned."""
         return next((side for side in self.sides if side.layer == 1), None)
 
     @property
     def upper(self) -> Side | None:
-        """A layer above the first, None where none was scanned."""
+        """A layer above the first, None if none was scanned."""
         return next((side for side in self.sides if side.layer > 1), None)
 
     @property
     def foot_mm(self) -> tuple[float, float] | None:
-        """The elephant's foot and its standard deviation, None where not both layers were scanned."""
+        """The elephant's foot and its standard deviation, None unless both layers were scanned."""
         if self.first is None or self.upper is None:
             return None
         sd = float(np.hypot(self.first.outline_sd_mm, self.upper.outline_sd_mm))
@@ -200,8 +200,8 @@ class Estimate:
 
 
 def estimated(layers: Sequence[Layer], printer: Printer, instrument: Instrument | None, known: Known) -> Estimate:
-    """Return what scanned layers show of a part; the machine's errors are taken off where all layers know them. Raises
-    `ScanError` where too few walls were seen."""
+    """Estimate a part from scanned layers. The machine's errors are removed if they are known for all layers. Raises
+    `ScanError` if too few walls were seen."""
     blocks = [_block(layer, printer) for layer in layers]
     is_machine_off = all(layer.off_mm is not None for layer in layers)
     own, shared = blocks[0].own.shape[1], blocks[0].shared.shape[1]
@@ -236,8 +236,8 @@ def estimated(layers: Sequence[Layer], printer: Printer, instrument: Instrument 
 
 @dataclass(frozen=True, eq=False)
 class _Block:
-    """The rows of one layer: which places are ``seen`` [R], their ``group`` [R], what is ``wanted`` [R], and the
-    columns that all layers share and its own."""
+    """The rows of one layer: the places ``seen`` [R], their ``group`` [R], the values to explain ``wanted`` [R], the
+    columns that all layers share, and its own columns."""
 
     seen: np.ndarray
     group: np.ndarray
@@ -272,7 +272,7 @@ def _block(layer: Layer, printer: Printer) -> _Block:
 def _solved(
     columns: np.ndarray, wanted: np.ndarray, mean: np.ndarray, prior: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Return the values [P], their covariance, what is left [R], and its standard deviation; outliers count less."""
+    """Return the values [P], their covariance, the residuals [R] and their standard deviation; outliers count less."""
     inverse = np.linalg.inv(prior)
     weight, sigma, share, values = np.ones(len(wanted)), 0.05, 0.25, mean
     covariance = prior
@@ -315,13 +315,12 @@ def _side(
     )  # fmt: skip
 
 
-# Its many parameters are what one hole takes of its layer.
+# Its many parameters are the layer's values that a hole needs.
 def _hole(
     one: Round, edge_sd: float, hole_mm: float, covariance: np.ndarray, hole: int, scale: np.ndarray,
     left: np.ndarray, sigma: float,
 ) -> Hole:  # fmt: skip
-    """Return a round hole as it came out: what is left of its own places beside all holes counts as far as it is
-    known."""
+    """Return a round hole as it came out, from all holes' offset and the mean residual of its own places."""
     free = max(len(left) * 0.25, 1.0)
     spread = sigma / np.sqrt(free)
     own = float(np.mean(np.clip(left, -3 * sigma, 3 * sigma))) if len(left) else 0.0

@@ -1,8 +1,8 @@
-"""Which settings of each slicer make a part come out right, as numbers to type and as profiles to import.
+"""Find the settings of each slicer that make a part right, as numbers to type and as profiles to import.
 
 Signs differ: PrusaSlicer's XY size compensation moves all walls out of the plastic, OrcaSlicer's hole compensation
-makes holes larger, SuperSlicer's inner one smaller. Here all are out of the plastic; each slicer's names say how its
-own are written.
+makes holes larger, SuperSlicer's inner one smaller. Here all corrections point out of the plastic; each slicer's
+function converts them.
 """
 
 import configparser
@@ -21,16 +21,16 @@ from printmend.fit.estimate import RANGE, Estimate, Side
 from printmend.gcode.sliced import Sliced
 from printmend.messages import say
 
-STEP_MM = 0.01  # in which a length is typed
+STEP_MM = 0.01  # resolution of a typed length
 LEAST_MM, LEAST_SHARE = 0.01, 0.0003  # smaller corrections are not worth typing
-LEAST_FLOW, MOST_FLOW = 0.01, 0.15  # shares: a flow is seldom more wrong, and then not by so little
+LEAST_FLOW, MOST_FLOW = 0.01, 0.15  # shares: a flow error is only assumed between these
 Where = Literal["print", "filament"]
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """Corrections that make a part right: by how much the outline and holes of upper layers must stand out of the
-    plastic, by how much less the first layer must, and by which share the part will shrink."""
+    """Corrections that make a part right: how far the outline and holes of upper layers must move out of the plastic,
+    how much less the first layer must, and the share by which the part will shrink."""
 
     outline_mm: float
     hole_mm: float
@@ -40,8 +40,8 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting: its ``key`` in files, its ``name`` on the slicer's page, the ``value`` to type, and whether that is
-    another than the file was sliced with."""
+    """One setting: its ``key`` in files, its ``name`` on the slicer's page, the ``value`` to type, and whether this
+    differs from the file's value."""
 
     where: Where
     key: str
@@ -52,7 +52,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Slicer:
-    """A slicer: its name, how it writes corrections, and what it can ``hold`` of them."""
+    """A slicer: its name, how it writes corrections, and which of them it can ``hold``."""
 
     name: str
     title: str
@@ -61,9 +61,9 @@ class Slicer:
 
 
 def wanted(estimate: Estimate, file: Sliced) -> Wanted:
-    """Return the corrections that an estimate asks for; what is not surely off what was drawn stays as the file has it.
+    """Return the corrections that an estimate calls for; a value that is not surely wrong stays as in the file.
 
-    An estimate counts from the file's paths, which its own corrections have pushed already.
+    An estimate is relative to the file's paths, which the file's own corrections have already moved.
     """
     first, upper = estimate.first, estimate.upper
     outline, hole, foot = file.outline_mm, file.hole_mm, file.foot_mm
@@ -74,7 +74,7 @@ def wanted(estimate: Estimate, file: Sliced) -> Wanted:
         if first is not None and estimate.foot_mm is not None:
             foot_mm, sd_mm = estimate.foot_mm
             foot = max(foot + _sure(foot_mm - file.foot_mm, sd_mm), 0.0)
-    elif first is not None:  # what stands out there is taken for the foot; what falls short is no foot
+    elif first is not None:  # an outline that stands out counts as the foot; one that falls short does not
         off = _sure(_outline_off_mm(first, file), first.outline_sd_mm)
         foot = max(foot + off, 0.0)
         outline -= off - (foot - file.foot_mm)
@@ -90,12 +90,12 @@ def wanted(estimate: Estimate, file: Sliced) -> Wanted:
 
 
 def _outline_off_mm(side: Side, file: Sliced) -> float:
-    """Return how far outlines came out beyond what was drawn."""
+    """Return how far outlines stand out beyond the drawn part."""
     return file.outward_mm(hole=False, layer=side.layer) + side.outline_mm
 
 
 def _hole_off_mm(side: Side, file: Sliced) -> float:
-    """Return how far walls stand into holes beyond what was drawn."""
+    """Return how far walls stand into holes beyond the drawn part."""
     return file.outward_mm(hole=True, layer=side.layer) + (side.hole_mm or 0.0)
 
 
@@ -108,7 +108,7 @@ def _sure(value_mm: float, sd_mm: float) -> float:
 
 
 def settings_for(slicer: Slicer, corrections: Wanted, file: Sliced) -> tuple[Setting, ...]:
-    """Return the settings of a slicer that hold corrections."""
+    """Return the slicer's settings that contain the corrections."""
     now = Wanted(file.outline_mm, file.hole_mm, file.foot_mm, file.shrinkage)
     before = {key: value for _, key, _, value in slicer.written(now, file)}
     return tuple(
@@ -184,28 +184,28 @@ SLICERS: Mapping[str, Slicer] = {
 
 
 def flow_instead(width_mm: float, came_mm: float, file: Sliced, height_mm: float) -> float | None:
-    """Return the flow multiplier with which lines that came out as wide as this would be as wide as set: a bead is a
-    rectangle with round ends. None where it is no flow that is wrong by so much, or by nothing."""
+    """Return the flow multiplier that turns lines of the width ``came_mm`` into lines of the set width; a bead is a
+    rectangle with round ends. None if the error is too small or too large for a wrong flow."""
     round_mm = height_mm * (1 - math.pi / 4)
     factor = (width_mm - round_mm) / max(came_mm - round_mm, 1e-3)
     return file.flow * factor if LEAST_FLOW < abs(factor - 1) < MOST_FLOW else None
 
 
-# Profiles to import: the settings that a file was sliced with, and the corrections in them.
+# Profiles to import: the settings with which a file was sliced, with the corrections inserted.
 #
-# PrusaSlicer and SuperSlicer take all settings of the file as an INI (*Import Config*, or ``--load``), OrcaSlicer and
-# Bambu Studio a preset as JSON that inherits from the file's own, Cura the file's own profile with other values. A file
-# that does not say its settings gets no profile: an INI without them would reset all others.
+# PrusaSlicer and SuperSlicer import all settings of the file as an INI (*Import Config*, or ``--load``). OrcaSlicer and
+# Bambu Studio import a JSON preset that inherits from the file's own. Cura imports the file's profile with new values.
+# A file that does not state its settings gets no profile: an INI without them would reset all others.
 
-WHOLE = 60  # settings, from which on a file says all of them
-NAME = "fits"  # what is added to a profile's name
+WHOLE = 60  # a file with at least so many settings states all of them
+NAME = "fits"  # suffix of a profile's name
 _INI = ("prusaslicer", "superslicer")
 _JSON = ("orcaslicer", "bambustudio")
 
 
 def write_profiles(folder: Path, settings: Mapping[str, Sequence[Setting]], file: Sliced, numbers: Any) -> list[Path]:
-    """Write ``fit.json`` with all numbers into a folder, and the profile of the slicer that made the file; return what
-    was written."""
+    """Write ``fit.json`` with all numbers, and a profile for the file's slicer, into a folder; return the paths of the
+    written files."""
     folder.mkdir(parents=True, exist_ok=True)
     texts: dict[str, str | bytes] = {"fit.json": json.dumps(numbers, ensure_ascii=False, indent=1) + "\n"}
     mine = settings.get(file.maker, ())
@@ -265,7 +265,7 @@ def _parent(file: Sliced, key: str) -> str:
 
 
 def _cura_profile(mine: Sequence[Setting], containers: Sequence[str]) -> bytes:
-    """Return Cura's profile: the first container is the machine's, the others its extruders'."""
+    """Return Cura's profile: the first container is the machine's, the others belong to its extruders."""
     memory = io.BytesIO()
     with zipfile.ZipFile(memory, "w", zipfile.ZIP_DEFLATED) as archive:
         for number, text in enumerate(containers):

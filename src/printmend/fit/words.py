@@ -1,4 +1,4 @@
-"""The report about a scanned part: its sizes, and the settings for each slicer."""
+"""Report about a scanned part: its sizes, and the settings for each slicer."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -9,8 +9,8 @@ from printmend.fit.setting import SLICERS, Setting, Slicer, Wanted, flow_instead
 from printmend.gcode.sliced import Sliced
 from printmend.messages import say, say_count
 
-MOST_HOLES = 12  # that are said; --json has all
-REPEAT_SD_MM = 0.01  # by which two prints of one wall differ
+MOST_HOLES = 12  # most holes in the report; --json has all
+REPEAT_SD_MM = 0.01  # standard deviation of a wall from print to print
 
 
 def _pm(value_mm: float, sd_mm: float, *, sign: bool = False) -> str:
@@ -39,7 +39,7 @@ def fit_words(
 
 
 def fit_sizes(estimate: Estimate, file: Sliced, corrections: Wanted) -> list[str]:
-    """Return sizes alone: what `measure` says at its end."""
+    """Return only the sizes, for the end of `measure`."""
     own = SLICERS.get(file.maker, SLICERS["orcaslicer"])
     lines: list[str] = [say("fit-title-sizes")]
     return lines + [line for side in estimate.sides for line in _size_lines(side, estimate, file, corrections, own)]

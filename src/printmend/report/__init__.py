@@ -1,1 +1,1 @@
-"""What is known of a printer, or of a part on it, as a document for its owner: pages in HTML and PDF."""
+"""Report about a printer, or about a part on it, to its owner: pages in HTML and PDF."""

@@ -32,7 +32,7 @@ AFTER_WORK = say("after-work")
 
 @dataclass(frozen=True, eq=False)
 class Examination:
-    """A trace's fit with all that its report shows; ``part`` and ``prediction`` where a part was given.
+    """A trace's fit with everything that its report shows; ``part`` and ``prediction`` if a part was given.
 
     ``finer`` is the number of faults too small to show. ``misfit`` holds the findings that the model does not fit.
     ``expected`` is the promise for a mended copy of the test print.
@@ -54,17 +54,17 @@ class Examination:
 
     @property
     def title(self) -> str:
-        """What stands above it."""
+        """The report's title."""
         return say("title-healthy" if self.is_healthy else "title-wrong")
 
     @property
     def is_healthy(self) -> bool:
-        """Whether there is nothing to do. Notes concern the measurement, such as a plate that lay shifted."""
+        """Whether there is nothing to do. Notes do not count: they concern the measurement, say a shifted plate."""
         return not (self.advice or any(not is_one_of(each, [NOTE]) for each in self.misfit))
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """The refusals: why this measurement mends nothing. They come before all findings."""
+        """The refusals: why this measurement cannot mend anything. They come before all findings."""
         return tuple(each for each in self.misfit if is_one_of(each, [REFUSAL]))
 
     @property
@@ -74,7 +74,7 @@ class Examination:
 
     @property
     def gaps(self) -> tuple[str, ...]:
-        """What the trace did not show, a sentence each."""
+        """The things that the trace did not show, a sentence for each."""
         return self.saved.findings[1:]
 
     @property
@@ -143,7 +143,7 @@ def _portrait(saved: SavedModel, fit: Fit, motor: int) -> Portrait:
 
 
 def summary(examination: Examination) -> str:
-    """Say it in a few lines for a terminal."""
+    """Return the report's summary in a few lines for a terminal."""
     rows = [examination.headline, *examination.refused]
     rows += [say("urgent-fault", URGENCY[one.urgency], one.title, one.sure) for one in examination.advice]
     if any(one.urgency in WORK for one in examination.advice):
@@ -162,7 +162,7 @@ def part_said(part: str, prediction: Prediction) -> str:
 
 
 def numbers(examination: Examination) -> list[tuple[str, str]]:
-    """Return the few numbers that matter, each with its words: the expected error after mending comes first."""
+    """Return the most important numbers with their words; the expected error after mending comes first."""
     found: list[tuple[str, str]] = []
     if (prediction := examination.prediction) is not None:
         found.append(before_and_after(prediction, say("number-your-part", examination.part or "")))
@@ -177,7 +177,7 @@ def numbers(examination: Examination) -> list[tuple[str, str]]:
 
 
 def standard_rows(examination: Examination) -> list[tuple[str, ...]]:
-    """Return the table of the metrologist's names and the owner's words, its head first [mm]."""
+    """Return a table of errors [mm] with the names of metrology and words for owners, its head first."""
     x, y = examination.axes
     run = examination.circle
 
@@ -198,7 +198,7 @@ def standard_rows(examination: Examination) -> list[tuple[str, ...]]:
 
 
 def facts(examination: Examination) -> list[str]:
-    """Return where the report comes from."""
+    """Return the report's sources."""
     saved = examination.saved
     return [
         say("fact-measured", saved.printer.name, saved.document["trace"]["measured"], f"{saved.noise_mm:.3f}"),
@@ -208,5 +208,5 @@ def facts(examination: Examination) -> list[str]:
 
 
 def closing(examination: Examination) -> tuple[str, ...]:
-    """Return what the trace did not show, and which print would show it."""
+    """Return the gaps of the trace, and the print that would close them."""
     return (*examination.gaps, *todo(examination.gaps))

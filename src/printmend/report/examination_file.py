@@ -1,4 +1,4 @@
-"""An examination as a file: one self-contained page in HTML, or a PDF of two to four pages in A4."""
+"""Write an examination as a file: one self-contained HTML page, or a PDF with two to four pages in A4."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,12 +24,12 @@ _COLOURS = {"repair": "#c2410c", "soon": "#a16207", "left": "#57534e", "software
 
 
 def write_examination(path: Path, examination: Examination, *, language: str = ENGLISH) -> None:
-    """Write the report in a language, in the format that the name of ``path`` asks for."""
+    """Write the report in a language; the suffix of ``path`` chooses the format."""
     check_name(path)
     tell = tell_in(language)
     blocks = [Words("title", examination.title), *_blocks(examination, tell)]
     if path.suffix.lower() == ".pdf":
-        from printmend.draw.document import write_pdf  # reportlab is heavy, and a page needs none of it
+        from printmend.draw.document import write_pdf  # reportlab is slow to import, and an HTML page does not need it
 
         saved = examination.saved
         model = tell(say("model-digest", saved.digest))

@@ -1,4 +1,4 @@
-"""A document as one self-contained page in HTML: its style and drawings are within it. Readable from 360 pixels on."""
+"""Write a document as one self-contained HTML page with its style and drawings, readable at 360 pixels and more."""
 
 import base64
 import html
@@ -38,11 +38,11 @@ figure.one img { flex: 0 1 560px; } figure.long img { flex: 1 1 100%; }
 @media (max-width: 600px) { figure.long > div { overflow-x: auto; justify-content: start; }
   figure.long img { flex: 0 0 620px; max-width: none; } }
 """
-_WIDE_RATIO = 2.0  # times as wide as high: on a narrow screen it is moved sideways, so that it stays legible
+_WIDE_RATIO = 2.0  # a drawing with a larger ratio of width to height scrolls sideways on narrow screens
 
 
 def page(title: str, blocks: Iterable[Block], *, tell: Tell, language: str) -> str:
-    """Return blocks as a whole page."""
+    """Return a complete page with the blocks."""
     body = "\n".join(_html(block, tell) for block in blocks)
     return f"""<!doctype html>
 <html lang="{language}"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -80,7 +80,7 @@ def _html(block: Block, tell: Tell) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Return words as HTML; what stands in backticks is code."""
+    """Return words as HTML; text in backticks becomes code."""
     return re.sub(r"`(.+?)`", r"<code>\1</code>", html.escape(text))
 
 
@@ -97,7 +97,7 @@ def _table(block: Numbers, words: Tell) -> str:
 
 
 def _picture(block: Pictures, words: Tell) -> str:
-    """Return drawings and their caption; each is an image of its own, for the names inside inline drawings clash."""
+    """Return drawings and their caption; each is a separate image, because names inside inline drawings would clash."""
     images, caption = "", words(block.caption)
     for i, figure in enumerate(block.figures):
         data = base64.b64encode(svg(figure).encode()).decode()

@@ -1,4 +1,4 @@
-"""The prediction as a file: JSON for programs, one self-contained HTML page for people."""
+"""Write a prediction as a file: JSON for programs, one self-contained HTML page for people."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from printmend.draw.document import Block
     from printmend.report.part_view import PartView
 
-_MOST_ROWS = 400  # of the table; the drawing has them all
+_MOST_ROWS = 400  # most rows of the table; the drawing shows all layers
 
 
 def check_report_name(path: Path | None) -> None:
@@ -36,9 +36,9 @@ def write_report(
     path: Path, source: str, model: SavedModel, prediction: Prediction, *, output: Path | None = None,
     language: str = ENGLISH,
 ) -> None:  # fmt: skip
-    """Write the prediction for ``source`` in the format that the name of ``path`` asks for; a page in a language.
+    """Write the prediction for ``source``; the suffix of ``path`` chooses the format. A page is in a language.
 
-    A page shows the part before and after where ``output``, the mended file, is given.
+    A page shows the part before and after mending if ``output``, the mended file, is given.
     """
     check_report_name(path)
     if path.suffix.lower() == ".json":
@@ -115,9 +115,9 @@ def part_rows(prediction: Prediction) -> list[tuple[str, ...]]:
 
 
 def budget_rows(promise: Promise) -> list[tuple[str, ...]]:
-    """Return the uncertainty budget of an expected error after the GUM (JCGM 100:2008), its head first [mm].
+    """Return the uncertainty budget of an expected error by the GUM (JCGM 100:2008) [mm], its head first.
 
-    A row is a cause, the largest first.
+    Each row is a cause, the largest first.
     """
     made = sorted(promise.made_of.items(), key=lambda item: -item[1])
     return [
@@ -139,7 +139,7 @@ def _numbers(prediction: Prediction) -> list[tuple[str, str]]:
 
 
 def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView | None") -> list[str]:
-    """Return what an owner should know before printing, a sentence each."""
+    """Return the sentences that an owner should read before printing."""
     found = [*prediction.advice, *prediction.warnings, *filter(None, [prediction.shift_words])]
     if view is not None:
         axes = (model.printer.x, model.printer.y)
@@ -154,7 +154,7 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
 
 
 def _reach(spans: Iterable[tuple[Axis, float, float]]) -> str:
-    """Return from where to where [mm] something reaches along its axes."""
+    """Return words for the span [mm] along each axis."""
     reaches = (
         say("axis-reach", axis.name.upper(), f"{round(low, 1) + 0.0:.1f}", f"{high:.1f}") for axis, low, high in spans
     )

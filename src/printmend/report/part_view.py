@@ -1,6 +1,6 @@
-"""What an owner checks before printing: does the part stay on the bed, where are seams, how does it look?
+"""Show what an owner checks before printing: whether the part stays on the bed, where seams are, and how it looks.
 
-Both files are read again, and one layer is printed by the model, as it is and mended.
+Both files are read again, and the model prints one layer, as it is and mended.
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,8 @@ from printmend.gcode.read import Moves, read_gcode, straightened
 from printmend.machine import Mechanism
 from printmend.machine.printing import print_from_home
 
-MOST_BYTES = 80_000_000  # of a file that is read again whole
-_PITCH_MM = 0.4  # of path between two places that are drawn
+MOST_BYTES = 80_000_000  # a larger file is not read again
+_PITCH_MM = 0.4  # path length between two drawn places
 _CHORD_MM = 0.002  # how far an arc's chords may lie from it
 _SEAM_MM = 1.5  # a shorter move without plastic amid a path takes up slack
 _BEFORE = 400  # moves printed before a layer, so that its play is engaged
@@ -31,9 +31,9 @@ class DrawnLayer:
 
 @dataclass(frozen=True, eq=False)
 class PartView:
-    """The mended file beside the one it was made from.
+    """The mended file beside its original.
 
-    ``low_mm`` and ``high_mm`` [2] are the corners of all commanded moves. ``layer`` (from 0) is the one drawn;
+    ``low_mm`` and ``high_mm`` [2] are the corners of all commanded moves. ``layer`` (from 0) is the drawn one;
     ``seams_mm`` [K, 2] are the places in it where the nozzle stops while a belt turns back.
     """
 
@@ -49,11 +49,10 @@ class PartView:
 def look_at(
     source: Path, output: Path, mechanism: Mechanism, *, shift_mm: tuple[float, float] = (0.0, 0.0)
 ) -> PartView | None:
-    """Return the view of a mended file; None for one that is too large, or has no layer to show that
-    both files count alike.
+    """Return the view of a mended file; None if it is too large, prints nothing, or counts layers differently.
 
-    ``shift_mm`` is the shift of the whole unmended print that the figures leave out, because its place on the bed is
-    unknown; the drawing leaves it out, too.
+    ``shift_mm`` is the shift of the whole unmended print. The figures leave it out, because the print's place on the
+    bed is unknown; the drawing leaves it out, too.
     """
     if max(source.stat().st_size, output.stat().st_size) > MOST_BYTES:
         return None
@@ -78,7 +77,7 @@ def look_at(
 
 
 def _fullest(moves: Moves, drawn: np.ndarray) -> int:
-    """Return the layer in the part's middle half that has the longest path: it shows most."""
+    """Return the layer with the longest path in the part's middle half: it shows most."""
     length = np.linalg.norm((moves.end_mm - moves.start_mm)[:, :2], axis=1) * drawn
     paths = np.bincount(moves.layer[drawn], weights=length[drawn])
     inner = slice(len(paths) // 4, max(len(paths) - len(paths) // 4, 1))
@@ -96,7 +95,7 @@ class _Walk:
 
 
 def _walked(moves: Moves, layer: int, mechanism: Mechanism) -> _Walk:
-    """Print a layer of a file, and so many moves before it that its play is engaged."""
+    """Print a layer of a file, and enough moves before it that its play is engaged."""
     mine = np.flatnonzero(moves.layer == layer)
     chosen = np.arange(max(mine[0] - _BEFORE, 0), mine[-1] + 1) if len(mine) else mine
     start, end = moves.start_mm[chosen], moves.end_mm[chosen]

@@ -1,4 +1,4 @@
-"""The pictures of a report: drawings side by side, under one caption."""
+"""Make the pictures of a report: drawings side by side, above one caption."""
 
 from collections.abc import Callable, Sequence
 
@@ -24,13 +24,13 @@ from printmend.messages import Tell, say, together
 from printmend.report.examination import Examination
 from printmend.report.part_view import DrawnLayer, PartView
 
-MOST_POINTS = 3000  # of a curve
+MOST_POINTS = 3000  # most points of a curve
 _EVEN_MM = 0.02  # play that varies less along the axis is stated as a number
 _FINEST_MM = 0.005  # half of the colours are for errors of at least this
 
 
 def pictures(examination: Examination, tell: Tell) -> list[Pictures]:
-    """Return what was measured and learned: drawings of each motor, and of the bed."""
+    """Return drawings of the measured and learned errors of each motor, and of the bed."""
     return [*(_motor(one, tell) for one in examination.portraits), _bed(examination, tell)]
 
 
@@ -74,7 +74,7 @@ def part_picture(view: PartView, tell: Tell) -> Pictures:
 
 
 def _motor(one: Portrait, tell: Tell) -> Pictures:
-    """Draw what was learned of a motor. A round pulley and even play get no picture."""
+    """Draw a motor as learned. A round pulley and uniform play get no picture."""
     unround = float(np.abs(np.hypot(*one.outline_mm.T) - one.radius_mm).max())
     figures = [_fit(one, tell)]
     words = [say("picture-motor", one.name)]
