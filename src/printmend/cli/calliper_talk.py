@@ -1,4 +1,4 @@
-"""Ask for distances by callipers, the most informative next, and check every reading at once.
+"""Ask for calliper readings of distances, the most informative one next, and check every reading at once.
 
 A map of the plate shows which dots to measure across.
 """
@@ -25,8 +25,8 @@ from printmend.measure.plan import ProbePlan
 from printmend.messages import Tell, say, together
 
 PX_PER_MM = 8.0
-MARGIN_MM = 12.0  # around the outermost dots
-INK, CHOSEN = (70, 70, 70), (30, 90, 220)  # colours of dots and of distances: blue, green, red
+MARGIN_MM = 12.0  # margin around the outermost dots
+INK, CHOSEN = (70, 70, 70), (30, 90, 220)  # colours of dots and of distances, as (blue, green, red)
 
 
 def draw_map(path: Path, distances: Distances, tell: Tell = str) -> None:
@@ -43,14 +43,14 @@ def draw_map(path: Path, distances: Distances, tell: Tell = str) -> None:
         cv2.circle(picture, pixel(mark), round(diameter / 2 * PX_PER_MM), INK, -1, cv2.LINE_AA)
     for number, (first, second) in enumerate(distances.pairs, start=1):
         cv2.line(picture, pixel(marks[first]), pixel(marks[second]), CHOSEN, 2, cv2.LINE_AA)
-        # not in the middle, where lines cross
+        # off the middle, where lines cross
         at = marks[first] + (0.12 + 0.03 * (number % 4)) * (marks[second] - marks[first])
         cv2.putText(picture, str(number), pixel(at), cv2.FONT_HERSHEY_SIMPLEX, 1.1, CHOSEN, 3, cv2.LINE_AA)
     write_words(picture, tell(say("overlay-bed-front")), (20, height - 20), 32, INK)
     write_image(path, picture, dpi=PX_PER_MM * 25.4)
 
 
-WIDE, TALL = 36, 12  # characters of the picture of the plate
+WIDE, TALL = 36, 12  # size of the plate's picture in characters
 RARE_SHARE = 0.02  # a larger share of a distance is more likely a slip of the hand than the printer's error
 LEAST_DOUBTED_MM = 1.5  # a smaller surprise is accepted: with few distances the prediction is often wrong by this
 ENOUGH_SPREADS = 1.5  # a distance predicted within so many standard deviations of a reading is not worth measuring
@@ -59,10 +59,10 @@ ENOUGH_SPREADS = 1.5  # a distance predicted within so many standard deviations 
 def talk(
     plan: ProbePlan, ask: Callable[[str], str], show: Callable[[str], None], *, picture: Path | None = None
 ) -> tuple[Distances, np.ndarray]:
-    """Ask for distances until they tell enough, or the owner ends it; return them and the readings [K].
+    """Ask for distances until the readings determine enough, or the owner stops; return distances and readings [K].
 
     ``ask`` puts a question and returns the answer (`EOFError` ends), ``show`` prints a message. Every distance is drawn
-    into ``picture``. Raises `TraceError` for a plate too small to be measured so.
+    into ``picture``. Raises `TraceError` for a plate too small for callipers.
     """
     pairs = measurable_pairs(plan)
     first = first_guess(plan, pairs)
@@ -116,10 +116,10 @@ def talk(
 
 
 def _doubt(value: float, wanted: float, fits: float, spread: float, later: bool) -> str:
-    """Say why a reading is doubted, nothing where it is not.
+    """Say why a reading is doubted; return "" if it is not.
 
     ``wanted`` is the commanded distance, ``fits`` the one that the readings so far predict [mm], ``spread`` [mm] its
-    uncertainty from faults. ``later`` says that there are such readings.
+    uncertainty from faults. ``later`` says that there are readings so far.
     """
     off = abs(value - fits)
     unexplained = off > DOUBTED_SIGMAS * np.hypot(spread, READING_SD_MM)
@@ -140,7 +140,7 @@ def _commanded_mm(plan: ProbePlan, pairs: np.ndarray, one: int, inner: bool) -> 
 
 
 def _known(first: Guess, plan: ProbePlan, pairs: np.ndarray, taken: list[tuple[int, float, bool]]) -> Guess:
-    """Return what the readings say of the machine."""
+    """Return the guess about the machine after the readings."""
     guess = first
     for one, value, inner in taken:
         guess = guess.after(one, value - _commanded_mm(plan, pairs, one, inner), inner=inner)
@@ -161,7 +161,7 @@ def _tell_estimates(
 
 
 def _drawn(plan: ProbePlan, pair: np.ndarray) -> str:
-    """Return a picture of the plate in letters, seen from above, home at the lower left on most printers."""
+    """Return a picture of the plate in characters, seen from above; on most printers, home is at the lower left."""
     marks = plan.marks_mm
     low, high = marks.min(axis=0), marks.max(axis=0)
     rows = [["·" if (x + y) % 2 else " " for x in range(WIDE)] for y in range(TALL)]

@@ -1,4 +1,4 @@
-"""`printmend diagnose`: what is wrong with a printer, as a document for its owner."""
+"""`printmend diagnose`: write a document about a printer's faults for its owner."""
 
 from pathlib import Path
 

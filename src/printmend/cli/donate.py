@@ -1,4 +1,4 @@
-"""`printmend donate`: pack what was measured into one file, to give away."""
+"""`printmend donate`: pack measurements into one file, to give away."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`printmend export`: what a firmware can hold of a learned fault."""
+"""`printmend export`: write the part of a learned fault that a firmware can correct."""
 
 from pathlib import Path
 

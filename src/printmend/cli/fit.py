@@ -1,4 +1,4 @@
-"""`printmend fit`: does a printed part fit, and what must its slicer be told?"""
+"""`printmend fit`: check whether a printed part fits, and find the slicer settings that correct it."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`printmend history`: what every measurement said of a printer, and where its wear leads."""
+"""`printmend history`: show a printer's measurements, and the trend of its wear."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`printmend learn`: from a measured print to the fault of the machine."""
+"""`printmend learn`: learn a machine's faults from a measured print."""
 
 import json
 import shlex
@@ -12,7 +12,7 @@ from printmend.cli.terminal import echo
 from printmend.messages import say
 
 
-# Long, with many parameters, because of its options, and because each kind of result is told in its own words.
+# Long, with many parameters, because of its options, and because each kind of result has its own words.
 @click.command(epilog="Example: printmend learn trace.csv --printer ender3 -o printer.mend.json")
 @click.argument("trace", metavar="TRACE.csv", required=False, type=click.Path(path_type=Path))
 @click.option(

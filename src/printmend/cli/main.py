@@ -17,8 +17,8 @@ from printmend.errors import MissingToolError, PrintmendError, reason
 from printmend.extras import lab_command, missing_extra
 from printmend.messages import say
 
-# Who needs it → command → one line of help. The module printmend.cli.NAME holds a click command called `command`; it
-# is imported only when that command runs, so that `printmend --help` stays instant.
+# Heading for its users → command → one line of help. The module printmend.cli.NAME has a click command named `command`.
+# It is imported only when that command runs, so that `printmend --help` stays instant.
 GROUPS: dict[str, dict[str, str]] = {
     "For owners": {
         "demo": "See a printer break, learn and print right again.",
@@ -55,14 +55,14 @@ LAB = ("paper", "body", "bench", "dataset", "figures", "selfrepair", "curiosity"
 
 
 click.Context.formatter_class = HelpFormatter
-PIPE_CLOSED = 141  # as a shell says it of a program that SIGPIPE ended
+PIPE_CLOSED = 141  # a shell's exit code for a program that SIGPIPE ended
 
 
 class LazyGroup(click.Group):
     """A group whose commands are imported when they are called."""
 
     def invoke(self, ctx: click.Context) -> object:
-        """Run a command. If its reader has gone, end it here; click would report an error."""
+        """Run a command. If the reader of its output has gone, end it here; click would report an error."""
         try:
             return super().invoke(ctx)
         except BrokenPipeError:
@@ -106,19 +106,19 @@ def packages() -> list[tuple[str, dict[str, dict[str, str]]]]:
 
 @cache
 def homes() -> dict[str, str]:
-    """Return each command's package; a name that two packages have is the first one's."""
+    """Return each command's package; if two packages share a name, the first one has it."""
     return {
         name: package for package, groups in reversed(packages()) for commands in groups.values() for name in commands
     }
 
 
 def home_of(name: str) -> str | None:
-    """Return a command's package, None where there is no such command; for ours no other package is looked for."""
+    """Return a command's package, None for an unknown command. For our own commands, no other package is searched."""
     return "printmend" if any(name in commands for commands in GROUPS.values()) else homes().get(name)
 
 
 def _speak(ctx: click.Context, option: click.Parameter, language: str | None) -> None:
-    """Choose the language before anything else is read, so that errors of the command line have it, too."""
+    """Choose the language before anything else is read, so that errors in the command line use it, too."""
     terminal = ctx.ensure_object(Terminal)
     terminal.language = language or terminal.language
 
@@ -146,14 +146,14 @@ def group(ctx: click.Context) -> None:
 def main() -> None:
     """Run the command line; turn an error into one line on stderr and its exit code.
 
-    Bad input, and refusals, end with 2 or 3 (`errors.py`), a closed pipe quietly with 141, a fault of the program
-    itself with 1. The environment variable PRINTMEND_TRACEBACK=1 shows where that was.
+    Bad input and refusals end with 2 or 3 (`errors.py`), a closed pipe quietly with 141, and a bug in the program with
+    1. The environment variable PRINTMEND_TRACEBACK=1 shows the traceback of a bug.
     """
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):  # closed, or not a terminal's
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     if not sys.warnoptions:
-        warnings.simplefilter("ignore")  # for programmers; users get errors
+        warnings.simplefilter("ignore")  # warnings are for programmers; users get errors
     signal.signal(signal.SIGTERM, _terminated)
     if sys.stderr is not None and sys.stderr.isatty():
         import logging
@@ -166,7 +166,7 @@ def main() -> None:
             code = group.main(prog_name="printmend", standalone_mode=False, obj=terminal)
         finally:
             if sys.stdout is not None:
-                sys.stdout.flush()  # a full disk shows here at the latest
+                sys.stdout.flush()  # a full disk raises its error here at the latest
         sys.exit(code if isinstance(code, int) else 0)
     except PrintmendError as error:
         _end(terminal.say(error.message), error.exit_code)
@@ -203,11 +203,11 @@ def _end(message: str, code: int) -> NoReturn:
 
 
 def _silence() -> None:
-    """Discard what is still in the buffer, so that the interpreter does not fail on it at its end."""
+    """Discard the buffered output, so that the interpreter does not fail on it at exit."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _terminated(number: int, frame: object) -> NoReturn:
-    """Leave through the blocks that remove temporary files."""
+    """Exit by an exception, so that temporary files are removed on the way."""
     sys.exit(128 + number)

@@ -1,4 +1,4 @@
-"""`printmend man`: a manual page for each command, made of what --help says."""
+"""`printmend man`: make a manual page for each command from its --help."""
 
 import re
 from pathlib import Path
@@ -41,7 +41,7 @@ def command(ctx: click.Context, output: Path) -> None:
 
 def pages(group: click.Command) -> dict[str, str]:
     """Return the text of each page in roff by its name: the program's own, then those of its commands."""
-    assert isinstance(group, click.Group)  # for mypy: the root is one
+    assert isinstance(group, click.Group)  # for mypy: the root is a group
     top = click.Context(group, info_name="printmend")
     names = group.list_commands(top)
     found = {"printmend": _page(top, [f"printmend-{name}" for name in names])}
@@ -81,7 +81,7 @@ def _table(title: str, rows: list[tuple[str, str]]) -> list[str]:
 
 
 def _paragraph(text: str) -> list[str]:
-    """Return a paragraph of a help text; after click's mark \\b its lines stay as they are."""
+    """Return a paragraph of a help text; after click's mark \\b its line breaks stay."""
     if text.lstrip().startswith("\b"):
         rows = text.strip().removeprefix("\b").strip("\n").splitlines()
         return [".nf", *(_text(row) for row in rows), ".fi"]
@@ -94,5 +94,5 @@ def _text(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a text whose backslashes and hyphens `man` shows as they are."""
+    """Escape a text so that `man` shows its backslashes and hyphens unchanged."""
     return text.replace("\\", "\\e").replace("-", "\\-")

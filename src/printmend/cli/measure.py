@@ -1,4 +1,4 @@
-"""`printmend measure`: scans of the probe become a trace; or callipers, for those who have no scanner."""
+"""`printmend measure`: turn scans of the probe into a trace, or calliper readings if there is no scanner."""
 
 import sys
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from printmend.measure.callipers import Distances
     from printmend.printer import Printer
 
-MOST_NAMED = 40  # missing marks that are named one by one
+MOST_NAMED = 40  # most missing marks that are named one by one
 
 
 # Its many parameters are its options.
@@ -141,7 +141,7 @@ def _measure_layer(
 
 
 def _told(notes: Sequence[str]) -> list[str]:
-    """Say the notes of a measurement; return those that ask for something, to be said last, where they are read."""
+    """Print a measurement's notes; return those that ask for something, to be printed last, where they are noticed."""
     from printmend.measure.distance import is_asking
 
     for note in notes:
@@ -187,7 +187,7 @@ def _measure_by_hand(
 
 
 def _say_estimates(distances: "Distances", readings_mm: "np.ndarray", printer: "Printer | None", output: Path) -> None:
-    """Say what was measured by hand, and save the model that follows from it."""
+    """Print the estimates from a measurement by hand, and save the resulting model."""
     from printmend.learn.by_hand import model_by_hand, said_by_hand
     from printmend.model import write_model
 

@@ -78,7 +78,7 @@ def _mend_one(
     source: Path, model_path: Path, filament: str | None, output: Path | None, in_place: bool, overwrite: bool,
     report: Path | None, force: bool, fineness: "Fineness", quiet: bool,
 ) -> None:  # fmt: skip
-    """Mend one file and say what came of it."""
+    """Mend one file and print the outcome."""
     from printmend.cli.terminal import file_progress, output_path, spare
     from printmend.mend import mend_gcode
     from printmend.mend.many import refuse_overwriting
@@ -106,7 +106,7 @@ def _mend_many(
     ctx: click.Context, sources: tuple[Path, ...], model: "SavedModel", output: Path | None, in_place: bool,
     overwrite: bool, force: bool, fineness: "Fineness", jobs: int, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
-    """Mend files and folders and say what came of each."""
+    """Mend files and folders and print the outcome for each."""
     from printmend.diagnosis.advice import work_words
     from printmend.errors import InputError
     from printmend.mend.many import gcode_files, mend_files, mended_path

@@ -19,7 +19,7 @@ def models_folder() -> Path:
 
 
 def models() -> Iterator[tuple[str, Path]]:
-    """Yield the names of the models here and in the user's folder, and their files; the first of a name counts."""
+    """Yield the names of the models here and in the user's folder, and their files; the first with a name counts."""
     seen = set()
     for folder in (Path(), models_folder()):
         for path in sorted(folder.glob(f"*{SUFFIX}")):
@@ -44,12 +44,12 @@ class ModelType(click.ParamType):
 
 
 def read_model_in(path: Path, filament: str | None) -> "SavedModel":
-    """Read a model, as it prints parts in a filament where one is named."""
+    """Read a model; if a filament is named, return the model as it prints in that."""
     from printmend.model import read_model
 
     model = read_model(path)
     if filament is None:
         return model
-    from printmend.mend.filament import printed_in  # and with it all that learns
+    from printmend.mend.filament import printed_in  # imports everything that learns
 
     return printed_in(model, filament)

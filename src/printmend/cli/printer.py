@@ -1,4 +1,4 @@
-"""`printmend printer`: a preset's TOML text, or one's own printer from printer.cfg or a slicer's profile, on stdout."""
+"""`printmend printer`: print a printer's TOML: a preset's, or the user's own from printer.cfg or a slicer's profile."""
 
 from pathlib import Path
 

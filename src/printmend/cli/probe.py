@@ -1,4 +1,4 @@
-"""`printmend probe`: the test print that learning needs, its plan, and the reference sheet."""
+"""`printmend probe`: write the test print that learning needs, its plan, and the reference sheet."""
 
 import re
 from importlib.util import find_spec
@@ -35,7 +35,7 @@ class Glass(click.ParamType):
         return float(found[1]), float(found[2])
 
 
-# Long, and of many parameters, because of its options, and because it says what each thing that it writes is for.
+# Long, with many parameters, because of its options, and because it explains each file that it writes.
 @click.command(epilog="Example: printmend probe --printer ender3 -o probe.gcode")
 @click.option("--printer", "printer_name", metavar="NAME|FILE.toml", help="A preset or your own printer.")
 @click.option("--size", "size_mm", type=Finite(min=30), help="Side of the square of marks in mm [default: the bed]")
@@ -196,7 +196,7 @@ def command(
 
 
 def _unseen(printer: "Printer", plan: "ProbePlan") -> str:
-    """Say where a bed is larger than the sheet, and how to see all of it."""
+    """Say where the bed is larger than the sheet, and how to cover all of it."""
     import numpy as np
 
     from printmend.probe.layout import mark_area_mm
@@ -222,7 +222,7 @@ def _write_first_layer(part: Path, output: Path, printer_name: str | None) -> No
     program = read_gcode(part, printer=printer)
     text = first_layer(program)
     walls = None
-    if find_spec("cv2") is not None:  # else whoever measures it finds out what it shows
+    if find_spec("cv2") is not None:  # otherwise problems only show when it is measured
         from printmend.measure.walls import read_walls
 
         walls = read_walls(program, printer or read_printer(STANDS_IN))

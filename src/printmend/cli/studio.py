@@ -95,7 +95,7 @@ def install_service(ctx: click.Context, only: bool) -> None:
 
 
 def _options(ctx: click.Context) -> list[str]:
-    """Return the options that a command was given, as words."""
+    """Return the options with which a command was called, as words."""
     given = []
     for option in ctx.command.params:
         value = ctx.params.get(str(option.name))

@@ -1,6 +1,6 @@
-"""What a command says and understands in the terminal: language, default options, outputs, progress bars, mistakes.
+"""The commands' common parts in the terminal: language, default options, outputs, progress bars, usage errors.
 
-The language is that of --lang, or of the user's locale. Click has its own messages in English only.
+The language is that of --lang, or of the user's locale. Click's own messages exist in English only.
 """
 
 import contextlib
@@ -29,24 +29,24 @@ if TYPE_CHECKING:
 #
 # [mend] model = "e3-07" jobs = 4
 #
-# A section is a command, a key one of its long options. The user's file is config.toml in the user's folder of
-# printmend, a project's is printmend.toml in the current folder. The command line comes first, then the project, then
-# the user.
+# A section is a command, and a key is one of its long options. The user's file is config.toml in the user's printmend
+# folder; a project's file is printmend.toml in the current folder. The command line overrides the project's values, and
+# these override the user's.
 
 PROJECT = Path("printmend.toml")
 
 
 def user_file() -> Path:
-    """Return where the user's settings are."""
+    """Return the path of the user's settings."""
     return Path(click.get_app_dir("printmend")) / "config.toml"
 
 
 def settings_of(
     names: Callable[[], list[str]], command: Callable[[], click.Command | None], name: str
 ) -> dict[str, Any]:
-    """Return the values that the settings give to the parameters of the command ``name``.
+    """Return the settings' values for the parameters of the command ``name``.
 
-    ``names`` returns all commands. Raises `ConfigError` for a section that is no command, or a key that is no option.
+    ``names`` returns all commands. Raises `ConfigError` for an unknown command's section, or an unknown option's key.
     """
     values: dict[str, Any] = {}
     for path in (user_file(), PROJECT):
@@ -64,7 +64,7 @@ def settings_of(
 
 
 def _section(path: Path, names: Callable[[], list[str]], name: str) -> dict[str, Any]:
-    """Return a section of a settings file; nothing where there is no such file."""
+    """Return a section of a settings file, empty if there is no such file."""
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -80,7 +80,7 @@ def _section(path: Path, names: Callable[[], list[str]], name: str) -> dict[str,
 
 
 def _check(path: Path, place: str, option: click.Option, value: Any) -> None:
-    """Raise `ConfigError` for what the option would refuse, in the file's words; models are looked up when needed."""
+    """Raise `ConfigError` for a value that the option would refuse; models are looked up only when needed."""
     if isinstance(option.type, ModelType | click.Path):
         return
     try:
@@ -116,13 +116,13 @@ class Terminal:
 
 
 def usual_language(environment: Mapping[str, str] = os.environ) -> str:
-    """Return the language of a locale, English where we do not speak it."""
+    """Return the language of the locale, English if we do not have it."""
     names = (environment.get(name) for name in ("LC_ALL", "LC_MESSAGES", "LANG"))
     return GERMAN if next(filter(None, names), "").lower().startswith("de") else ENGLISH
 
 
 def language() -> str:
-    """Return the language that this command speaks."""
+    """Return the language of this command's messages."""
     ctx = click.get_current_context(silent=True)
     terminal = ctx.find_object(Terminal) if ctx is not None else None
     return (terminal or Terminal()).language
@@ -155,7 +155,7 @@ class HelpFormatter(click.HelpFormatter):
 
 
 def _helped(text: str) -> str:
-    """Return a paragraph or a word of --help in the user's language; after click's mark \\b its lines stay lines."""
+    """Return a paragraph or a word of --help in the user's language; after click's mark \\b its line breaks stay."""
     if language() != GERMAN:
         return text
     kind, colon, example = text.partition(": ")
@@ -165,13 +165,13 @@ def _helped(text: str) -> str:
 
 
 def _described(text: str) -> str:
-    """Return an option's line of help in the user's language, and what click adds in brackets."""
+    """Return an option's line of help in the user's language, with click's additions in brackets."""
     told, gap, more = text.partition("  [")
     return _helped(told) + gap + re.sub("default:|required", lambda word: _helped(word[0]), more)
 
 
 class Finite(click.FloatRange):
-    """A range of real numbers, with a decimal point or comma; nan, which no comparison excludes, is none of them."""
+    """A range of real numbers, with a decimal point or comma. It excludes nan, which no comparison would."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         value = value.replace(",", ".") if isinstance(value, str) else value
@@ -189,14 +189,14 @@ class Percent(Finite):
 
 
 def usage_words(error: click.ClickException) -> str:
-    """Return what is wrong with a command line, and where its help is."""
+    """Return words for the error in a command line, and where its help is."""
     ctx = getattr(error, "ctx", None)
     command = "printmend" if ctx is None else " ".join(["printmend", *ctx.command_path.split()[1:]])
     return say("terminal-usage-see-help", _wrong(error), command)
 
 
 def value_words(kind: click.ParamType) -> str:
-    """Return which values a type takes; empty for a type that says so itself."""
+    """Return words for the values that a type takes; empty for a type whose own error names them."""
     if isinstance(kind, click.Choice):
         return say("usage-one-of", ", ".join(map(str, kind.choices)))
     if isinstance(kind, click.IntRange | click.FloatRange):
@@ -228,7 +228,7 @@ def _wrong(error: click.ClickException) -> str:
         return say("usage-wrong-value", hint, told or error.message)
     if isinstance(error, click.BadOptionUsage):
         return say("usage-needs-value", error.option_name)
-    # Of click's other errors only those of our own commands have an id.
+    # Among click's other errors, only those of our own commands have a message id.
     return error.message if isinstance(error.message, Said) else " ".join(error.format_message().rstrip(".").split())
 
 
@@ -238,14 +238,14 @@ def _with_guess(words: str, possibilities: object) -> str:
     return say("usage-guess", words, together(", ", possibilities))
 
 
-# What a command writes and shows: outputs that spare its inputs, progress bars, and the outcome of each file.
+# Protect inputs from being overwritten, show progress bars, and report the outcome of each file.
 
-_LARGE_BYTES = 20_000_000  # below that it is done before a bar could be read
+_LARGE_BYTES = 20_000_000  # smaller files are done before anybody could read a bar
 
 
 def spare(outputs: tuple[Path | None, ...], inputs: tuple[Path | None, ...]) -> None:
-    """Raise `InputError` where an output is one of the inputs, or another output, or has no folder; None and `-` are no
-    files."""
+    """Raise `InputError` if an output is also an input or another output, or if its folder does not exist. None and `-`
+    are no files."""
     wanted = [path for path in outputs if path is not None and str(path) != "-"]
     for i, path in enumerate(wanted):
         check_place(path)
@@ -258,7 +258,7 @@ def spare(outputs: tuple[Path | None, ...], inputs: tuple[Path | None, ...]) -> 
 
 
 def _same(one: Path, other: Path) -> bool:
-    """Say whether two paths are one file."""
+    """Return whether two paths are the same file."""
     try:
         return os.path.samefile(one, other)
     except (OSError, ValueError):
@@ -266,7 +266,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def output_path(source: Path, output: Path | None, *, in_place: bool) -> Path | None:
-    """Return where the mended file goes; None is the standard output."""
+    """Return the path of the mended file; None is the standard output."""
     if in_place:
         if output is not None or str(source) == "-":
             raise click.UsageError(say("terminal-usage-in-place"))
@@ -284,9 +284,9 @@ def output_path(source: Path, output: Path | None, *, in_place: bool) -> Path | 
 
 @contextlib.contextmanager
 def file_progress(source: Path) -> Iterator[Callable[[int], None] | None]:
-    """Yield a function that is told of bytes read, and draws a bar on a terminal; None for small files and pipes.
+    """Yield a function that takes counts of bytes read and draws a bar on a terminal; None for small files and pipes.
 
-    A program that starts this one sets PRINTMEND_PROGRESS=1: it reads `37 %` and so on, a line each, from the standard
+    A program that starts this one can set PRINTMEND_PROGRESS=1. It then reads lines such as `37 %` from the standard
     error.
     """
     size = source.stat().st_size if source.is_file() else 0
@@ -305,13 +305,13 @@ def file_progress(source: Path) -> Iterator[Callable[[int], None] | None]:
 
 
 def _percent_lines(size: int) -> Callable[[int], None]:
-    """Return a progress that says each new percentage in a line."""
+    """Return a progress function that prints each new percentage on a line."""
     read = said = 0
 
     def tick(count: int) -> None:
         nonlocal read, said
         read += count
-        percent = min(100, 100 * read // size)  # what is packed in a container is longer than it
+        percent = min(100, 100 * read // size)  # unpacked text is longer than its container
         if percent > said:
             said = percent
             click.echo(f"{percent} %", err=True)
@@ -321,7 +321,7 @@ def _percent_lines(size: int) -> Callable[[int], None]:
 
 @contextlib.contextmanager
 def progress(what: str, total: int) -> Iterator[Callable[[str], None]]:
-    """Yield a function that advances a bar by one and shows the name it is given; nothing is drawn when piped."""
+    """Yield a function that advances a bar by one and shows a name; nothing is drawn if the output is piped."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -337,7 +337,7 @@ def progress(what: str, total: int) -> Iterator[Callable[[str], None]]:
 
 
 def tell(outcome: "FileOutcome", *, as_json: bool, quiet: bool) -> None:
-    """Say what became of a file, on stderr where it was not mended; ``quiet`` leaves out what went well."""
+    """Print the outcome for a file, on stderr if it was not mended; ``quiet`` omits successes."""
     if as_json:
         click.echo(json.dumps(outcome.json(), ensure_ascii=False))
     elif outcome.code:

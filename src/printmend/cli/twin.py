@@ -1,4 +1,4 @@
-"""`printmend twin`: print G-code on a broken printer that exists only here."""
+"""`printmend twin`: print G-code on a virtual broken printer."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def _show_effects(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
-    """Show the effects that `--corruption` takes by name, and end."""
+    """Show the effects that `--corruption` takes by name, and exit."""
     if not wanted or ctx.resilient_parsing:
         return
     from printmend.corruption.cause import listing
@@ -128,7 +128,7 @@ def _dots(
 def _side(
     program: "Program", twin: "Twin", dpi: float, dirt: str, seed: int, quarter_turns: int, *, is_top: bool
 ) -> "np.ndarray":
-    """Return the scan of a part's first layer, seen from below, or of its last, seen from above."""
+    """Return the scan of a part's first layer from below, or of its last layer from above."""
     import numpy as np
 
     from printmend.twin.beads import print_beads
