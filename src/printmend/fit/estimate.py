@@ -152,8 +152,9 @@ class Hole:
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """The estimate of one layer: how far its outline stands out, and its holes' walls into the holes (None: no hole),
-    each with its standard deviation; its round holes; its size along X and Y, as commanded and as printed."""
+    """The estimate of one layer: how far its outline stands out, and how far its holes' walls stand into the holes
+    (None: no hole), each with its standard deviation. Also its round holes, and its size along X and Y, as commanded
+    and as printed."""
 
     layer: int
     outline_mm: float

@@ -65,7 +65,7 @@ class MachineState:
 def initial_state(printer: Printer | None = None, flavour: Flavour = Flavour.UNKNOWN) -> MachineState:
     """Return the state after power-on: at (0, 0, 0) but not certain of it, absolute, millimetres, no tool.
 
-    Homing goes to ``printer``'s home position, or to the origin where no printer is given.
+    Homing goes to ``printer``'s home position, or to the origin without a printer.
     """
     numbers, counts = record(k.NUMBERS), record(k.COUNTS)
     if printer is not None:

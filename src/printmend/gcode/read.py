@@ -191,8 +191,7 @@ def settle_e(text: np.ndarray, state: MachineState) -> None:
 
 
 def _says_e_first(text: bytes) -> bool:
-    """Return whether all rules agree on nearly all of a text: its last G91, G90, and M82 or M83 stand in this order at
-    its top."""
+    """Return whether all rules agree on nearly all of a text: at its top stand any G91, then G90, then M82 or M83."""
     told, absolute = max(_last_statement(text, b"M82"), _last_statement(text, b"M83")), _last_statement(text, b"G90")
     return text.rfind(b"G91") <= absolute < told < _TOP_SHARE * len(text)
 

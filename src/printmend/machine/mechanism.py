@@ -52,7 +52,7 @@ class BedMap:
 
     @cached_property
     def is_straight(self) -> bool:
-        """Say whether the frame leaves every place where it is."""
+        """Return whether the frame moves no place."""
         return not self.terms.any() and not len(self.waves)
 
     @property
@@ -332,7 +332,7 @@ class GainMechanism:
 
 
 def homed_again(mechanism: Mechanism, by_mm: np.ndarray) -> Mechanism:
-    """Return a machine whose motors [2] homed ``by_mm`` of belt further on than before."""
+    """Return a machine whose motors [2] home ``by_mm`` of belt further on than before."""
 
     def moved(table: Transmission, by: float) -> Transmission:
         lower, upper = table.branches_mm(table.motor_mm + by)

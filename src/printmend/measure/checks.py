@@ -212,7 +212,7 @@ def _measured(trace: Trace) -> np.ndarray:
 
 
 def _everything(trace: Trace) -> np.ndarray:
-    """Return commands and measurements [N, ≥ 4], −`_FARTHEST_MM` where there is none."""
+    """Return commands and measurements [N, ≥ 4], with −`_FARTHEST_MM` for NaN."""
     columns = _side_by_side(trace.commanded_mm, trace.z_mm, trace.layer, trace.normal, _measured(trace))
     return np.nan_to_num(columns, nan=-_FARTHEST_MM).clip(-_FARTHEST_MM, _FARTHEST_MM)
 

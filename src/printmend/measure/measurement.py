@@ -121,7 +121,7 @@ def joined(places: Sequence[np.ndarray], readings: Sequence[Reading], plan: Prob
 
 
 def mean_of(stack: np.ndarray) -> np.ndarray:
-    """Return the mean over the first axis, without NaN; NaN where there is nothing else."""
+    """Return the mean over the first axis, ignoring NaN; NaN where all are NaN."""
     known = np.isfinite(stack)
     count = known.sum(axis=0)
     return np.where(count > 0, np.where(known, stack, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)

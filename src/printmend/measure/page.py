@@ -94,7 +94,7 @@ def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.
     """Read an image of something ``tall_mm`` high: a scan, or a photo or scan of it on the sheet of tags.
 
     A whole sheet of white paper around it on a darker ground serves instead of the tags. ``dpi`` overrides what the
-    file says. Raises `ScanError` for what is no image, and for a photo without tags or paper.
+    file says. Raises `ScanError` for a file that is no image, and for a photo without tags or paper.
     """
     image, stated = read_image(path)
     tags = find_tags(image)

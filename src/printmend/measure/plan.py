@@ -25,7 +25,7 @@ _DIGITS = 8  # hexadecimal digits of a plan's identity
 
 @dataclass(frozen=True, eq=False)
 class ProbePlan:
-    """Where the nozzle went and where it left marks.
+    """The nozzle's path, and the marks that it left.
 
     ``mm_per_turn`` is how much belt each motor's pulley moves in a turn. ``waypoints_mm`` [N, 2] are all commanded
     way-points since homing, the first the home position. For each mark: ``rows`` [M] is its way-point; ``site`` [M, 2]
@@ -34,8 +34,8 @@ class ProbePlan:
     each axis had moved that way since its reversal.
     With a ``pen`` the large dots are drawn as small circles: they form the code, and are not measured.
     A bed larger than a sheet of paper is printed sheet after sheet: ``starts`` are the way-points at which each begins
-    anew at home, and where sheets overlap, the same ``site`` has a mark on each. Before the dots, way-points 3 to
-    ``net`` may draw a thin net that joins them: strokes, each from one way-point to the next.
+    anew at home. If sheets overlap, the same ``site`` has a mark on each. Before the dots, way-points 3 to ``net`` may
+    draw a thin net that joins them: strokes, each from one way-point to the next.
     If ``moving`` is not 0, the way-points from it on are not dots but the corners of lines printed at the speed of
     parts. They show how far a moving head strays.
     ``pitch_mm`` and ``angle_rad`` give the lattice: mark = origin + pitch·R(angle)·site.

@@ -32,9 +32,9 @@ THICK_MM, THICK_SD_MM = 0.4, 0.4  # thickness of rulers, printed or of steel, an
 
 @dataclass(frozen=True, eq=False)
 class Ruler:
-    """A ruler in a picture: its direction [2] there, the share ``excess`` by which the picture's millimetre is too
-    large, the number of ``lines`` over ``length_mm``, the ``corners_mm`` [4, 2] of its lines (image mm, y down), and
-    the standard deviation ``sd`` of its length, as a share."""
+    """A ruler in a picture: its direction [2] there, and the share ``excess`` by which the picture's millimetre is too
+    large. It has a number of ``lines`` over ``length_mm``, with the ``corners_mm`` [4, 2] (image mm, y down). ``sd`` is
+    the standard deviation of its length, as a share."""
 
     along: np.ndarray
     excess: float

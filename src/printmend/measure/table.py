@@ -390,7 +390,7 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
     wide = np.median(np.abs(y)) / max(float(np.median(np.abs(x))), 1e-9)  # shuffled rows have no slope, but their width
     for factor, unit in ((MM_PER_INCH, say("inches")), (10.0, say("centimetres"))):
         for column, ratio in (("measured", slope * factor), ("commanded", slope / factor)):
-            # a commanded table in inches spans a few units only, hence no lower limit on its spread
+            # a commanded table in inches spans only a few units, so its spread has no lower limit
             if 0.63 < ratio < 1.58 and wide < 3 * abs(slope) and (spread > 4.0 or column == "commanded"):
                 raise TraceError(
                     path,

@@ -98,7 +98,7 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
 
 
 def _is_sloped(moves: Moves) -> bool:
-    """Say whether any extruding move rises or falls, as those of a spiral vase do."""
+    """Return whether any extruding move rises or falls, as in a spiral vase."""
     return bool((moves.start_mm[moves.extruding, 2] != moves.end_mm[moves.extruding, 2]).any())
 
 

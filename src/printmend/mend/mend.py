@@ -228,7 +228,7 @@ def _bed_words(bed_mm: Corners) -> str:
 
 
 def _has_other_bed(said: Described, printer: Printer) -> bool:
-    """Say whether a file is for a bed that cannot be the printer's."""
+    """Return whether a file is for a bed that cannot be the printer's."""
     if said.bed_mm is None:
         return False
     off_mm = float(np.abs(np.subtract(_bed_mm(printer), said.bed_mm)).max())
@@ -237,7 +237,7 @@ def _has_other_bed(said: Described, printer: Printer) -> bool:
 
 
 def _is_within(said: Described, printer: Printer) -> bool:
-    """Say whether the bed that a file is for fits on the printer's, as a slicer's default bed mostly does."""
+    """Return whether a file's bed fits on the printer's bed, as a slicer's default bed mostly does."""
     if said.bed_mm is None:
         return False
     (low, high), (own_low, own_high) = said.bed_mm, _bed_mm(printer)

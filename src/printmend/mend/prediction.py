@@ -116,7 +116,7 @@ class Prediction:
 
     @property
     def is_better(self) -> bool:
-        """Say whether mending surely gains more than the resolution of the numbers in the file."""
+        """Return whether mending surely gains more than the resolution of the file's numbers."""
         if self.gain_mm is not None and self.heights is None:
             is_gain = float(np.median(self.gain_mm)) > _LEAST_GAIN_MM
             return is_gain and float(np.quantile(self.gain_mm, self.most_worse_share)) > 0.0
@@ -141,7 +141,7 @@ class Prediction:
 
     @property
     def is_untouched(self) -> bool:
-        """Say whether the model has nothing to mend here: it puts every line where it belongs."""
+        """Return whether there is nothing to mend here: the model prints every line at its place."""
         known_mm = max(self.before.planning_rms_mm, self.heights[0].rms_mm if self.heights else 0.0)
         if self.path is not None:  # a pure shift is no error of the shape, but mending would correct it
             known_mm = max(known_mm, float(np.abs(self.path.off_mm).max(initial=0.0)))
@@ -149,7 +149,7 @@ class Prediction:
 
     @property
     def shift_words(self) -> str:
-        """One sentence about the shift of the whole print; empty where it lies at its place."""
+        """One sentence about the shift of the whole print; empty without a shift."""
         x_mm, y_mm = self.shift_mm
         if math.hypot(x_mm, y_mm) < _SHIFT_MM or self.is_untouched:
             return ""
@@ -279,7 +279,7 @@ def _shift(path: PathPlaces | None) -> tuple[float, float]:
 
 
 def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
-    """Return a prediction with the model's advice, and its uncertainty where it has drawn machines."""
+    """Return a prediction with the model's advice, and with its uncertainty if the model has drawn machines."""
     belief, prediction = parse_belief(model), replace(prediction, advice=work_words(model.document))
     if belief is None or prediction.path is None:
         return prediction

@@ -312,8 +312,7 @@ LEAST_NOISE_MM = 0.005  # least noise of a measurement
 
 
 def refitted(model: SavedModel, motors: Sequence[str]) -> SavedModel:
-    """Return a model that refuses to mend until it is measured again, because the belts or pulleys of ``motors`` were
-    worked on."""
+    """Return a model that refuses to mend until it is measured again, after work on belts or pulleys of ``motors``."""
     names = model.printer.motors
     if unknown := [name for name in motors if name.lower() not in names]:
         raise InputError(

@@ -186,9 +186,9 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A file as it was read, and points along it: its ``motion``; ``points_mm`` [N, 3] with their places ``at`` [N] in
-    the file; ``bead_end`` [N] marks ends of beads, ``keep`` [N] the shown points. The shown points [P] have a
-    ``record``, ``joined`` and ``layer``. Points are ``pitch_mm`` apart; every ``every``-th layer is shown."""
+    """A file's ``motion``, and points along it: ``points_mm`` [N, 3] with their places ``at`` [N] in the file.
+    ``bead_end`` [N] marks ends of beads, ``keep`` [N] the shown points. The shown points [P] have a ``record``,
+    ``joined`` and ``layer``. Points are ``pitch_mm`` apart; every ``every``-th layer is shown."""
 
     motion: Motion
     points_mm: np.ndarray

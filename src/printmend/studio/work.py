@@ -381,7 +381,7 @@ def _check_print(job: Job) -> dict[str, Any]:
 
 
 def _verify(job: Job) -> dict[str, Any]:
-    """Measure a mended check print and compare it with what was promised."""
+    """Measure a mended check print and compare it with the promise."""
     from printmend.measure import read_plan, read_trace
     from printmend.measure.distance import is_asking
     from printmend.measure.measurement import measure_scans
@@ -523,7 +523,7 @@ def _write_seen(path: Path, image: np.ndarray) -> float:
 
 
 def _fit(job: Job) -> dict[str, Any]:
-    """Say whether a part fits."""
+    """Check whether a part fits."""
     from printmend.studio.fits import fit
 
     return fit(job, _named(job, job.params["upload"], job.params["name"]), _scans(job))
