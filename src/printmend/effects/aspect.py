@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual
+from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, Numbers, amount
 from printmend.messages import say
@@ -19,9 +19,7 @@ class Aspect(Usual):
     """
 
     name = "aspect"
-    of = Of.MACHINE
     acts = Acts.FRAME
-    fate = STAYS
     keys = Numbers(("percent",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
+from printmend.effects.effect import Of, Places, Scene, Term, Usual
 from printmend.effects.prior import size_mm
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Told
 from printmend.messages import say
@@ -15,8 +15,6 @@ class Bead(Usual):
 
     name = "bead"
     of = Of.MATERIAL
-    acts = Acts.NOT
-    fate = STAYS
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.walls:

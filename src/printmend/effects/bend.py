@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, Numbers, along_motor_mm, motor_name
 from printmend.messages import say
@@ -14,9 +14,7 @@ class Bend(Usual):
     """Square and cube of the place along one belt."""
 
     name = "bend"
-    of = Of.MACHINE
     acts = Acts.DRIVE
-    fate = STAYS
     keys = Numbers(("square_mm", "cube_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import AXES, LEAST_SHOWN_MM, Fault, Found, Numbers
 from printmend.messages import say
@@ -16,9 +16,7 @@ class Bent(Usual):
     """Second- and third-order terms of both places, for x and for y."""
 
     name = "bent"
-    of = Of.MACHINE
     acts = Acts.FRAME
-    fate = STAYS
     keys = Numbers(tuple(f"{axis}_{'x' * p + 'y' * q}_mm" for axis in AXES for p, q in POWERS))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

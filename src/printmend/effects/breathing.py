@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.pulley import first, harmonic_faults, is_loose
@@ -24,9 +24,7 @@ class Breathing(Usual):
     """A Fourier series of one motor's play."""
 
     name = "breathing"
-    of = Of.MACHINE
     acts = Acts.DRIVE
-    fate = STAYS
     needs = ("play", "friction")
     keys = Waves(tuple(range(1, 17)))
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives, share_of
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Told, Whole
 from printmend.messages import say
@@ -20,7 +20,6 @@ class Carriage(Usual):
 
     name = "carriage"
     of = Of.INSTRUMENT
-    acts = Acts.NOT
     fate = GONE
     keys = Whole()
 

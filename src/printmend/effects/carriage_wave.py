@@ -4,19 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import (
-    GONE,
-    Acts,
-    Of,
-    Places,
-    Scene,
-    Term,
-    Usual,
-    along,
-    finer_periods,
-    periods_mm,
-    waves,
-)
+from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along, finer_periods, periods_mm, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told, Waves
 from printmend.messages import say
@@ -29,7 +17,6 @@ class CarriageWave(Usual):
 
     name = "carriage_wave"
     of = Of.INSTRUMENT
-    acts = Acts.NOT
     fate = GONE
     most = 2
     keys = Waves(shape=("period_mm",))

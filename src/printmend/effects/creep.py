@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, Usual, about, carrier
+from printmend.effects.effect import Fate, Of, Places, Scene, Term, Usual, about, carrier
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
@@ -17,7 +17,6 @@ class Creep(Usual):
 
     name = "creep"
     of = Of.SESSION
-    acts = Acts.NOT
     fate = Fate(anew=0.3, stays=0.4)
     keys = Numbers(shape=("after_share",))
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
 from printmend.effects.uneven import COUNT, LENGTHS_MM, mirrored, spectrum
 from printmend.effects.words import LEAST_SHOWN_MM, PLACES, Care, Fault, Found, Whole
@@ -15,9 +15,7 @@ class Crooked(Usual):
     """Cosines over the measured span of one bed axis, which push along the other."""
 
     name = "crooked"
-    of = Of.MACHINE
     acts = Acts.WAVE
-    fate = STAYS
     keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:

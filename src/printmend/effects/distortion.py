@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.crooked import plane_waves
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along, drawn_places
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, drawn_places
 from printmend.effects.prior import alternatives
 from printmend.effects.uneven import mirrored, spectrum
 from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Whole
@@ -19,9 +19,7 @@ class Distortion(Usual):
     """Products of cosines over the measured spans of both bed axes, which push along one of them."""
 
     name = "distortion"
-    of = Of.MACHINE
     acts = Acts.WAVE
-    fate = STAYS
     keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, Usual, carrier
+from printmend.effects.effect import Fate, Of, Places, Scene, Term, Usual, carrier
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say
@@ -15,7 +15,6 @@ class Drift(Usual):
 
     name = "drift"
     of = Of.SESSION
-    acts = Acts.NOT
     fate = Fate(anew=0.3, stays=0.4)
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -201,9 +201,12 @@ class Effect(Protocol):
 
 
 class Usual:
-    """The usual answers of an effect: homing removes its error at home, each place has at most one term, and its shape
-    needs no refinement."""
+    """The usual answers of an effect: it is of the machine, nothing holds it, and it stays. Homing removes its error at
+    home, each place has at most one term, and its shape needs no refinement."""
 
+    of = Of.MACHINE
+    acts = Acts.NOT
+    fate = STAYS
     from_home = True
     most = 1
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
+from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.pulley import LEAST_EFFECT_MM, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Fault, Found, Waves, amount, motor_name
@@ -17,9 +17,7 @@ class Elastic(Usual):
     """Odd harmonics of one motor's turn that grow along the belt."""
 
     name = "elastic"
-    of = Of.MACHINE
     acts = Acts.DRIVE
-    fate = STAYS
     keys = Waves((1, 3, 5))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, Numbers, amount, motor_name, those_of
@@ -15,9 +15,7 @@ class Friction(Usual):
     """Play that changes along one belt, evenly and with the square."""
 
     name = "friction"
-    of = Of.MACHINE
     acts = Acts.DRIVE
-    fate = STAYS
     keys = Numbers(("size_mm", "square_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, about, along
+from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, about, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Numbers, Told
 from printmend.messages import say, together
@@ -20,7 +20,6 @@ class Halves(Usual):
 
     name = "halves"
     of = Of.INSTRUMENT
-    acts = Acts.NOT
     fate = GONE
     keys = Numbers(("x_mm", "y_mm"), ("at_mm",))
 

@@ -4,19 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import (
-    STAYS,
-    Acts,
-    Of,
-    Places,
-    Scene,
-    Term,
-    Usual,
-    finer_periods,
-    onto_bed,
-    periods_mm,
-    waves,
-)
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, finer_periods, onto_bed, periods_mm, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.pulley import LEAST_EFFECT_MM
 from printmend.effects.teeth import TOOTH_MM
@@ -32,9 +20,7 @@ class Idler(Usual):
     """A wave of another length than the motor's turn."""
 
     name = "idler"
-    of = Of.MACHINE
     acts = Acts.DRIVE
-    fate = STAYS
     most = 2
     keys = Waves(shape=("period_mm",))
 

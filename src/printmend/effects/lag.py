@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told
 from printmend.messages import say
@@ -14,9 +14,6 @@ class Lag(Usual):
     """Play of one bed axis of a CoreXY; on other printers it is the belt's."""
 
     name = "lag"
-    of = Of.MACHINE
-    acts = Acts.NOT
-    fate = STAYS
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2 * scene.corexy):

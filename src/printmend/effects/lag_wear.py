@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import Of, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told
 from printmend.messages import say
@@ -14,9 +14,7 @@ class LagWear(Usual):
     """Play of one bed axis of a CoreXY that grows with the length printed; on other printers it is the belt's."""
 
     name = "lag_wear"
-    of = Of.SESSION
-    acts = Acts.NOT
-    fate = STAYS
+    of = Of.SESSION  # that stays, as `Wear`
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2 * scene.corexy):

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from printmend.effects.effect import MOST_LAYERS, OTHERWISE, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import MOST_LAYERS, OTHERWISE, Of, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Whole
 
@@ -14,7 +14,6 @@ class Layer(Usual):
 
     name = "layer"
     of = Of.SESSION
-    acts = Acts.NOT
     fate = OTHERWISE
     keys = Whole()
 

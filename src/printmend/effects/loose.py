@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual
+from printmend.effects.effect import Places, Scene, Term, Usual
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told
 from printmend.messages import say
@@ -14,9 +14,6 @@ class Loose(Usual):
     """Play that is round: the head is behind by half of it, along the last move."""
 
     name = "loose"
-    of = Of.MACHINE
-    acts = Acts.NOT
-    fate = STAYS
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if all(high > low for low, high in scene.bed_span_mm):  # along one line it is the same as play

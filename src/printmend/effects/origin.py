@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from printmend.effects.effect import ALWAYS, GONE, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import ALWAYS, GONE, Of, Places, Scene, Term, Usual, along
 from printmend.effects.words import Numbers
 
 FAR_MM = 30.0  # how far off an origin may be; the trace's was put near the bed's beforehand
@@ -15,7 +15,6 @@ class Origin(Usual):
 
     name = "origin"
     of = Of.INSTRUMENT
-    acts = Acts.NOT
     fate = GONE
     keys = Numbers(("x_mm", "y_mm"))
 

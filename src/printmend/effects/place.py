@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives, share_of
 from printmend.effects.switch import spread_mm
 from printmend.effects.words import Fault, Found, amount, motor_name
@@ -15,10 +15,8 @@ class Place(Usual):
     """A shift of one belt."""
 
     name = "place"
-    of = Of.MACHINE
     acts = Acts.DRIVE
     from_home = False
-    fate = STAYS
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.placed:  # a measurement without a place has an origin of its own

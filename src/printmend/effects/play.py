@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import PLACES, Fault, Found, along_motor_mm, amount, motor_name, those_of
 from printmend.messages import say
@@ -14,9 +14,7 @@ class Play(Usual):
     """Play that is the same everywhere."""
 
     name = "play"
-    of = Of.MACHINE
     acts = Acts.DRIVE
-    fate = STAYS
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.prior import NEAR_SHARE, alternatives, turning_share
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Waves, amount, motor_name, those_of
 from printmend.messages import say
@@ -31,9 +31,7 @@ class Pulley(Usual):
     all."""
 
     name = "pulley"
-    of = Of.MACHINE
     acts = Acts.DRIVE
-    fate = STAYS
     keys = Waves(tuple(range(1, 33)))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along, onto_bed
+from printmend.effects.effect import SCALE_MM, Places, Scene, Term, Usual, along, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
@@ -16,9 +16,6 @@ class Racking(Usual):
     """Play that changes along the other axis, in mm per 100 mm: of a belt (0, 1), or of a CoreXY's bed axis (2, 3)."""
 
     name = "racking"
-    of = Of.MACHINE
-    acts = Acts.NOT
-    fate = STAYS
     keys = Numbers(("size_mm", "across_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -4,19 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import (
-    STAYS,
-    Acts,
-    Of,
-    Places,
-    Scene,
-    Term,
-    Usual,
-    along,
-    finer_periods,
-    periods_mm,
-    waves,
-)
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, finer_periods, periods_mm, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, Waves, is_first, those_of
 from printmend.messages import say, together
@@ -28,9 +16,7 @@ class Rail(Usual):
     """A wave along one bed axis, across it; on a CoreXY along it, too."""
 
     name = "rail"
-    of = Of.MACHINE
     acts = Acts.WAVE
-    fate = STAYS
     most = 2
     keys = Waves(shape=("period_mm",))
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Fate, Of, Places, Scene, Term, Usual
+from printmend.effects.effect import SCALE_MM, Fate, Of, Places, Scene, Term, Usual
 from printmend.effects.prior import share_of
 from printmend.effects.words import Numbers
 
@@ -16,7 +16,6 @@ class Resized(Usual):
 
     name = "resized"
     of = Of.SESSION
-    acts = Acts.NOT
     fate = Fate(anew=0.5)
     keys = Numbers(("percent",))
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.uneven import cosines, spectrum
 from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Whole, along_motor_mm, motor_name
@@ -18,9 +18,7 @@ class Rub(Usual):
     """Cosines of one motor's play over the measured span."""
 
     name = "rub"
-    of = Of.MACHINE
     acts = Acts.DRIVE
-    fate = STAYS
     keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.teeth import TOOTH_MM
 from printmend.effects.words import Fault, Found, Numbers, amount, motor_name
@@ -15,9 +15,7 @@ class Scale(Usual):
     """An error that grows evenly along one belt, in mm per 100 mm."""
 
     name = "scale"
-    of = Of.MACHINE
     acts = Acts.DRIVE
-    fate = STAYS
     keys = Numbers(("percent",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told
 from printmend.messages import say
@@ -15,7 +15,6 @@ class Shift(Usual):
 
     name = "shift"
     of = Of.INSTRUMENT
-    acts = Acts.NOT
     fate = GONE
     keys = Numbers(("x_mm", "y_mm"))
 

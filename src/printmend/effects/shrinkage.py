@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import ALWAYS, SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import ALWAYS, SCALE_MM, Of, Places, Scene, Term, Usual, along
 from printmend.effects.words import Found, Numbers, Told
 
 
@@ -18,9 +18,7 @@ class Shrinkage(Usual):
     name = "shrinkage"
     keys = Numbers(("percent",))
     of = Of.MATERIAL
-    acts = Acts.NOT
     from_home = False
-    fate = STAYS
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.shrinkage_sd is not None:  # every plastic shrinks

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, Numbers, amount, is_first, those_of
 from printmend.messages import say
@@ -14,9 +14,7 @@ class Skew(Usual):
     """A lean of one bed axis against the other, in mm per 100 mm: of Y (0), or of X (1)."""
 
     name = "skew"
-    of = Of.MACHINE
     acts = Acts.FRAME
-    fate = STAYS
     keys = Numbers(("angle_deg",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, Usual, about, onto_bed
+from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, about, onto_bed
 from printmend.effects.prior import shared
 from printmend.effects.step import APART, breaks
 from printmend.effects.words import Found, Numbers, Told, motor_name
@@ -18,7 +18,6 @@ class Skip(Usual):
 
     name = "skip"
     of = Of.SESSION
-    acts = Acts.NOT
     fate = GONE
     most = 12
     keys = Numbers(shape=("at_share",))

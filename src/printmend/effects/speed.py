@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say
@@ -16,9 +16,6 @@ class Speed(Usual):
     """Play that grows with the length of the last move, to its whole size at 10 mm."""
 
     name = "speed"
-    of = Of.MACHINE
-    acts = Acts.NOT
-    fate = STAYS
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, about, onto_bed
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, about, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import SOON_MM, Care, Fault, Found, Numbers, amount, motor_name
 from printmend.messages import say
@@ -16,9 +16,7 @@ WIDTH_MM = 4.0  # that is tried first: others are looked for about it
 class AtOnePlace(Usual):
     """An effect at one place of one belt, with a width and a size; the ids of its messages."""
 
-    of = Of.MACHINE
     acts = Acts.DRIVE
-    fate = STAYS
     keys = Numbers(shape=("at_mm", "width_mm"))
     name: str
     words: str

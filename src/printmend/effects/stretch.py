@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from printmend.effects.effect import ALWAYS, GONE, Acts, Effect, Of, Places, Scene, Term, Usual
+from printmend.effects.effect import ALWAYS, GONE, Effect, Of, Places, Scene, Term, Usual
 from printmend.effects.words import Given
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ class Stretch(Usual):
 
     name = "stretch"
     of = Of.INSTRUMENT
-    acts = Acts.NOT
     fate = GONE
     keys = Percents()
 

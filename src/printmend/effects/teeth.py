@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.prior import alternatives, each_share, share_of, size_mm
 from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_name
 from printmend.messages import say
@@ -30,9 +30,7 @@ class Teeth(Usual):
     """A wave of one belt tooth, or of a half to four full steps."""
 
     name = "teeth"
-    of = Of.MACHINE
     acts = Acts.DRIVE
-    fate = STAYS
     most = 2
     keys = Waves(shape=("period_mm",))
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import SCALE_MM, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
@@ -15,9 +15,6 @@ class Tilt(Usual):
     """A shift across one bed axis with its way, and how it grows along that axis, in mm per 100 mm."""
 
     name = "tilt"
-    of = Of.MACHINE
-    acts = Acts.NOT
-    fate = STAYS
     keys = Numbers(("size_mm", "grow_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

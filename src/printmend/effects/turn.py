@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import FAR_MM, GONE, SCALE_MM, Acts, Of, Places, Scene, Term, Usual
+from printmend.effects.effect import FAR_MM, GONE, SCALE_MM, Of, Places, Scene, Term, Usual
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told
 from printmend.messages import say
@@ -17,7 +17,6 @@ class Turn(Usual):
 
     name = "turn"
     of = Of.INSTRUMENT
-    acts = Acts.NOT
     fate = GONE
     keys = Numbers(("angle_deg",))
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed, waves
+from printmend.effects.effect import SCALE_MM, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.words import Found, Told, Waves, carrier_name, span_mm
 from printmend.messages import say
@@ -14,9 +14,6 @@ class TwoMotors(Usual):
     """Harmonics of the turn that change along the other bed axis."""
 
     name = "two_motors"
-    of = Of.MACHINE
-    acts = Acts.NOT
-    fate = STAYS
     keys = Waves((1, 2, 3))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

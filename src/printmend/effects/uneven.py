@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, held, onto_bed
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, held, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, Whole, along_motor_mm, motor_name
 from printmend.messages import say
@@ -18,9 +18,7 @@ class Uneven(Usual):
     """Cosines over the span that was seen, with a smooth process's spectrum of one length (Solin & Särkkä 2020)."""
 
     name = "uneven"
-    of = Of.MACHINE
     acts = Acts.DRIVE
-    fate = STAYS
     keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:

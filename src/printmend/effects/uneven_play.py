@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, about, onto_bed
+from printmend.effects.effect import Places, Scene, Term, Usual, about, onto_bed
 from printmend.effects.halves import borders_mm
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told, carrier_name
@@ -16,9 +16,6 @@ class UnevenPlay(Usual):
     `Rub` and `Friction` have it."""
 
     name = "uneven_play"
-    of = Of.MACHINE
-    acts = Acts.NOT
-    fate = STAYS
     keys = Numbers(shape=("axis", "at_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

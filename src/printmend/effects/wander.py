@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import OTHERWISE, Acts, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import OTHERWISE, Of, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
 from printmend.effects.uneven import LENGTHS_MM, spectrum
 from printmend.effects.words import Found, Told, Whole
@@ -18,7 +18,6 @@ class Wander(Usual):
 
     name = "wander"
     of = Of.SESSION
-    acts = Acts.NOT
     fate = OTHERWISE
     keys = Whole()
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import ANEW, SCALE_MM, Acts, Of, Places, Scene, Term, Usual, about, along
+from printmend.effects.effect import ANEW, SCALE_MM, Of, Places, Scene, Term, Usual, about, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
@@ -17,7 +17,6 @@ class Warmth(Usual):
 
     name = "warmth"
     of = Of.SESSION
-    acts = Acts.NOT
     fate = ANEW
     keys = Numbers(("grow_x_mm", "grow_y_mm", "move_x_mm", "move_y_mm"), ("after_share",))
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say, together
@@ -18,7 +18,6 @@ class Wear(Usual):
     name = "wear"
     of = Of.SESSION  # that stays: a print is mended for the play with which the last one ended
     acts = Acts.DRIVE
-    fate = STAYS
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):

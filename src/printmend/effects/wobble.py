@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, Usual, along, waves
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.pulley import wave_sizes
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Waves, amount, is_first, those_of
@@ -20,9 +20,7 @@ class Wobble(Usual):
     """A Fourier series of the screw's turn along one bed axis."""
 
     name = "wobble"
-    of = Of.MACHINE
     acts = Acts.SCREW
-    fate = STAYS
     keys = Waves((1, 2))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
