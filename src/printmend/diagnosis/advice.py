@@ -1,6 +1,5 @@
 """Advice for an owner: what a fault means, what to repair, what the software corrects, and what to print next."""
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,10 +9,9 @@ import numpy as np
 from printmend.diagnosis.named import HEALTHY_SD_MM, too_low
 from printmend.effects import EFFECTS
 from printmend.effects.wobble import LEAST_TURNS, turns_of
-from printmend.effects.words import SOON_MM, Care, fault_of
-from printmend.effects.words import Fault as NamedFault
+from printmend.effects.words import REPAIR_MM, SOON_MM, Care, Fault, fault_of
 from printmend.infer.fit import Fit
-from printmend.messages import is_one_of, parts_of, say, together, within
+from printmend.messages import is_one_of, say, together, within
 from printmend.model.model import REFITTED, said_of
 
 # The gaps of a trace: what it did not show of a motor, and the print that would.
@@ -114,8 +112,6 @@ def _crosses(own_mm: np.ndarray, other_mm: np.ndarray) -> bool:
 
 
 CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations from 0 at which a fault is certain, or very likely
-REPAIR_MM = 0.5  # effect on a print above which a part should be replaced
-SPAN_MM = 100.0  # size of the print whose error is stated, for faults that grow with it
 LEAST_ADVICE_MM = 0.01  # a fault with a smaller effect gets no paragraph
 URGENCY = {  # the most urgent first
     "repair": say("urgency-repair"), "soon": say("urgency-soon"), "left": say("urgency-left"),
@@ -145,24 +141,21 @@ class Advice:
     software: str
 
 
-def advise(fault: NamedFault, *, corexy: bool = False, rails: bool = False) -> Advice:
+def advise(fault: Fault, *, corexy: bool = False, rails: bool = False) -> Advice:
     """Return the advice for one fault; ``rails`` says that the rails or the head of a CoreXY seem to have play, which
     the model tells as its belts'."""
     where = say("motor", fault.part.upper()) if corexy and fault.part != "frame" else fault.part.upper()
-    size = abs(fault.value)
     kind = fault.kind.rstrip("0123456789.").removesuffix("-")  # harmonic-2 is a harmonic
-    title, meaning, effect, repair, software = _said(kind, where, fault, size)
-    if rails and kind == "play":
-        repair = say("look-rails-head-first-play-may")
-    nothing = is_one_of(repair, _NOTHING)
-    urgency = (
-        "software" if nothing else "repair" if effect >= REPAIR_MM else "soon" if effect >= SOON_MM else "software"
-    )
+    care = _care_of(kind, fault, where)
+    repair = say("look-rails-head-first-play-may") if rails and kind == "play" else care.repair
+    urgency, software = "software", care.software
+    if care.effect_mm >= SOON_MM and not is_one_of(repair, _NOTHING):
+        urgency = "repair" if care.effect_mm >= REPAIR_MM else "soon"
     if urgency == "software" and not is_one_of(repair, (*_NOTHING, "nothing-replace", "nothing-tighten")):
         repair = say("nothing-while-small", within(repair))
     if not fault.is_mended:
         urgency, software = urgency if urgency in WORK else "left", say("printmend-leaves-phase")
-    return Advice(title, meaning, _sure(fault), effect, urgency, repair, software)
+    return Advice(care.title, care.meaning, _sure(fault), care.effect_mm, urgency, repair, software)
 
 
 # Kinds of fault of a motor whose repair moves neither belt nor pulley; after any other the motor may stand elsewhere.
@@ -187,249 +180,33 @@ def work_words(document: Mapping[str, Any]) -> tuple[str, ...]:
     return (say("if-work-done-measure-again", together(", ", [name.upper() for name in motors]), options),)
 
 
-def _said(kind: str, where: str, fault: NamedFault, size: float) -> "Said":
-    """Return what is said of a kind here, or else by the effect whose kind it is."""
-    if kind not in _SAY:
-        for effect in EFFECTS.values():
-            care: Care | None = effect.advice(fault, where) if hasattr(effect, "advice") else None
-            if care is not None:
-                return care.title, care.meaning, care.effect_mm, care.repair, care.software
-    return _SAY.get(kind, _other)(where, fault, size)
+def _care_of(kind: str, fault: Fault, where: str) -> Care:
+    """Return what the effect says whose kind of fault it is, or what is said of a screw's lift."""
+    for effect in EFFECTS.values():
+        if hasattr(effect, "advice") and kind in getattr(effect, "kinds", (effect.name,)):
+            return effect.advice(fault, where)
+    size = abs(fault.value)
+    said = f"{size:.2f}"
+    if kind == "lead":  # mm in 100 mm
+        title = say("prints-come-out-too", say("tall" if fault.value > 0 else "low"))
+        return Care(title, say("mm-100-mm-height", said), size, say("nothing-repair-correct-z-steps-per"))
+    if kind == "periodic":
+        meaning = say("layers-too-thick-too-thin-turns", said)
+        return Care(say("z-screw-lifts-unevenly"), meaning, size, say("clean-grease-z-screw-replace-if"))
+    if kind == "backlash":
+        meaning = say("after-each-z-hop-nozzle-mm", said)
+        return Care(say("z-nut-has-play"), meaning, size, say("replace-z-nut-fit-one-spring"))
+    effect_mm = size if fault.unit == "mm" else 0.0
+    return Care(together(": ", [where, fault.kind]), fault.words, effect_mm, say("have-a-look"))
 
 
-def _sure(fault: NamedFault) -> str:
+def _sure(fault: Fault) -> str:
     """Return how sure a fault is, and its range (two standard deviations)."""
     if fault.sd <= 0:
         return say("seen-size-estimate-without-error-bar")
-    sigmas = abs(fault.value) / fault.sd
+    size = abs(fault.value)
+    sigmas = size / fault.sd
     word = say("certain" if sigmas >= CERTAIN_SIGMAS else "very-likely" if sigmas >= LIKELY_SIGMAS else "likely")
-    low, high = sorted((abs(fault.value) - 2 * fault.sd, abs(fault.value) + 2 * fault.sd))
     digits = 3 if fault.sd < 0.01 else 2
-    first, last = f"{max(low, 0):.{digits}f}", f"{high:.{digits}f}"
+    first, last = f"{max(size - 2 * fault.sd, 0):.{digits}f}", f"{size + 2 * fault.sd:.{digits}f}"
     return say("sure-of", word, last, fault.unit) if first == last else say("between", word, first, last, fault.unit)
-
-
-Said = tuple[str, str, float, str, str]
-
-
-def _carries() -> str:
-    return say("printmend-carries-all")
-
-
-def _scale(where: str, fault: NamedFault, size: float) -> Said:
-    effect = size / 100 * SPAN_MM
-    word = say("large" if fault.value > 0 else "small")
-    repair = (
-        say("look-pulley-s-size-number-teeth") if size > 2 else
-        say("nothing-repair-correct-steps-per-millimetre")
-    )  # fmt: skip
-    return (
-        say("prints-too", where, f"{size:.2f}", word),
-        say("every-100-mm-along-come-out", where, f"{effect:.2f}", say("long" if fault.value > 0 else "short")),
-        effect, repair, say("firmware-can-hold-printmend"),
-    )  # fmt: skip
-
-
-def _harmonic(where: str, fault: NamedFault, size: float) -> Said:
-    k = int(fault.kind.split("-")[1])
-    effect = size / k
-    if k == 1:
-        title = say("pulley-off-centre", where)
-        meaning = say("pulley-wobbles", f"{size:.2f}", f"{effect:.2f}")
-        repair = say("replace-pulley-if-new-one-wobbles")
-    else:
-        shape = say({2: "shape-oval", 3: "shape-three-cornered", 4: "shape-four-cornered"}.get(k, "shape-uneven"))
-        title = say("pulley", where, shape)
-        meaning = say("pulley-out-of-round", f"{size:.2f}", k, f"{effect:.2f}")
-        repair = say("replace-pulley-worn-squeezed-badly-made")
-    if effect < SOON_MM:
-        repair = say("nothing-replace")
-    return title, meaning, effect, repair, _carries()
-
-
-def _play(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        say("belt-has-play", where),
-        say("after-each-change-direction-stands-still", where, f"{size:.2f}"),
-        size,
-        say("tighten-belt-then-look-pulley-s") if size >= SOON_MM else say("nothing-tighten"),
-        say("printmend-carries-takes-slack-up-each"),
-    )
-
-
-def _loose(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        say("belt-loose-uneven-pulley", where),
-        say("after-each-change-direction-stands-still-2", where, f"{size:.2f}"),
-        size,
-        say("tighten-belt-pulley-pulls-tight-lets"),
-        say("printmend-carries"),
-    )
-
-
-def _by_angle(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        say("pulley-loose-shaft", where),
-        say("after-each-change-direction-stands-still-3", where, f"{size:.2f}"),
-        size,
-        say("tighten-grub-screw-flat-motor-s"),
-        say("printmend-carries-while-stays-loose-screw"),
-    )
-
-
-def _friction(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        say("runs-stiffly-belt-stretches", where),
-        say("after-change-direction-lags-mm-more", where, f"{size:.2f}"),
-        size,
-        say("clean-oil-guides-look-wheel-bearing"),
-        say("printmend-carries"),
-    )
-
-
-_IDLER = ("fault-elastic-or-idler", "fault-idler", "fault-idler-of-teeth", "fault-idler-or-pulley")  # messages
-
-
-def _elastic(where: str, fault: NamedFault, size: float) -> Said:
-    if any(part.id in _IDLER for part in parts_of(fault.words)):
-        return (
-            say("belt-stretches-idler-wobbles", where),
-            say("pulley-s-error-changes-along-belt"),
-            size, say("tighten-belt-unless-tight-look-whether"), _carries(),
-        )  # fmt: skip
-    return (
-        say("belt-stretches", where),
-        say("pulley-s-error-felt-near-motor"),
-        size, say("tighten-belt-unless-tight"), _carries(),
-    )  # fmt: skip
-
-
-def _drift(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        say("stretches-unevenly-along-bed", where),
-        say("scale-changes-along-up-mm", where, f"{size:.2f}"),
-        size, say("look-along-belt-guide-bend-place"), _carries(),
-    )  # fmt: skip
-
-
-def _warp(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        say("runs-unevenly-along-way", where),
-        say("along-print-swings-up-mm-same", where, f"{size:.2f}"),
-        size,
-        say("look-along-belt-worn-stretched-stretch")
-        if size >= SOON_MM else say("nothing-replace"),
-        _carries(),
-    )  # fmt: skip
-
-
-def _period(where: str, fault: NamedFault, size: float) -> Said:
-    length = fault.kind.removeprefix("period-")
-    return (
-        say("swings-every-mm", where, length),
-        say("lines-swing-mm-either-side-again", f"{size:.2f}"),
-        size,
-        say("clean-idlers-look-them-wobbles-pulley") if size >= SOON_MM
-        else say("nothing-replace"),
-        _carries(),
-    )  # fmt: skip
-
-
-def _offset(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        say("shifted", where),
-        say("everything-lies-mm-one-side-shapes", f"{size:.2f}"),
-        0.0, say("nothing-repair"), say("printmend-firmware-s-home-offset-carries"),
-    )  # fmt: skip
-
-
-def _skew(where: str, fault: NamedFault, size: float) -> Said:
-    effect = SPAN_MM * math.tan(math.radians(size))
-    return (
-        say("frame-not-square"),
-        say("right-angles-come-out-off-mm", f"{size:.2f}", f"{effect:.2f}"),
-        effect,
-        say("loosen-frame-square-tighten") if effect >= SOON_MM else say("nothing-repair"),
-        say("firmware-can-hold-printmend-export-printmend"),
-    )
-
-
-def _axes(where: str, fault: NamedFault, size: float) -> Said:
-    effect = size / 100 * SPAN_MM
-    return (
-        say("x-prints-larger" if fault.value > 0 else "x-prints-smaller", f"{size:.2f}"),
-        say("squares-come-out-rectangles-whichever-motor", f"{effect:.2f}"), effect,
-        say("look-whether-belts-run-along-guides") if effect >= SOON_MM
-        else say("nothing-repair"), _carries(),
-    )  # fmt: skip
-
-
-def _bow(where: str, fault: NamedFault, size: float) -> Said:
-    return _guides(say("guides-bent"), say("straight-lines-bow-up-mm-bed", f"{size:.2f}"), size)
-
-
-def _wavy(where: str, fault: NamedFault, size: float) -> Said:
-    return _guides(say("guides-wavy"), say("straight-lines-snake-up-mm", f"{size:.2f}"), size)
-
-
-def _guides(title: str, meaning: str, size: float) -> Said:
-    repair = say("look-along-rods-rails-replace-bent") if size >= SOON_MM else say("nothing-replace")
-    return title, meaning, size, repair, _carries()
-
-
-def _jump(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        say("lost-place-during-print", where),
-        say("from-one-point-everything-lies-mm", f"{size:.2f}"),
-        max(size, REPAIR_MM),
-        say("tighten-belt-oil-guides-print-slower"),
-        say("software-cannot-carry-nobody-knows-when"),
-    )
-
-
-def _lead(where: str, fault: NamedFault, size: float) -> Said:
-    effect = size / 100 * SPAN_MM
-    return (
-        say("prints-come-out-too", say("tall" if fault.value > 0 else "low")),
-        say("mm-100-mm-height", f"{effect:.2f}"), effect,
-        say("nothing-repair-correct-z-steps-per"), _carries(),
-    )  # fmt: skip
-
-
-def _uneven(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        say("z-screw-lifts-unevenly"), say("layers-too-thick-too-thin-turns", f"{size:.2f}"), size,
-        say("clean-grease-z-screw-replace-if"), _carries(),
-    )  # fmt: skip
-
-
-def _backlash(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        say("z-nut-has-play"), say("after-each-z-hop-nozzle-mm", f"{size:.2f}"), size,
-        say("replace-z-nut-fit-one-spring"), _carries(),
-    )  # fmt: skip
-
-
-def _wobble(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        say("z-screw-bent"), say("pushes-layers-aside-mm-pattern-repeats", f"{size:.2f}"),
-        size, say("roll-z-screw-flat-table-replace"), _carries(),
-    )  # fmt: skip
-
-
-def _other(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        together(": ", [where, fault.kind]),
-        fault.words,
-        size if fault.unit == "mm" else 0.0,
-        say("have-a-look"),
-        _carries(),
-    )
-
-
-_SAY = {
-    "scale": _scale, "harmonic": _harmonic, "play": _play, "loose-belt": _loose, "play-by-angle": _by_angle,
-    "friction": _friction, "elastic": _elastic, "drift": _drift, "warp": _warp, "offset": _offset,
-    "period": _period, "skew": _skew, "axes": _axes, "bow": _bow, "wavy": _wavy, "jump": _jump, "jumps": _jump,
-    "lead": _lead, "periodic": _uneven, "backlash": _backlash, "wobble": _wobble,
-}  # fmt: skip

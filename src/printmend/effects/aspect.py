@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Fault, Found, Numbers, amount
+from printmend.effects.words import Care, Fault, Found, Numbers, amount, where_seen
 from printmend.messages import say
 
 SHARES = np.array([0.5, -0.5])  # of it that X and Y have
@@ -19,6 +19,7 @@ class Aspect(Usual):
     """
 
     name = "aspect"
+    kinds = ("axes",)
     acts = Acts.FRAME
     keys = Numbers(("percent",))
 
@@ -33,3 +34,11 @@ class Aspect(Usual):
         percent, sd = found.size(lambda sizes: float(sizes[0]))  # mm in 100 mm
         words = say("x-larger-than-y" if percent > 0 else "x-smaller-than-y", amount(abs(percent), sd, "%"))
         yield Fault("frame", "axes", percent, sd, "%", words)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return how far squares come out as rectangles, and where to look."""
+        percent = abs(fault.value)  # mm in 100 mm
+        title = say("x-prints-larger" if fault.value > 0 else "x-prints-smaller", f"{percent:.2f}")
+        meaning = say("squares-come-out-rectangles-whichever-motor", f"{percent:.2f}")
+        repair = where_seen(percent, say("look-whether-belts-run-along-guides"), say("nothing-repair"))
+        return Care(title, meaning, percent, repair)

@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives
-from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, Numbers, along_motor_mm, motor_name
+from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Numbers, along_motor_mm, motor_name
 from printmend.messages import say
 
 
@@ -14,6 +14,7 @@ class Bend(Usual):
     """Square and cube of the place along one belt."""
 
     name = "bend"
+    kinds = ("drift",)
     acts = Acts.DRIVE
     keys = Numbers(("square_mm", "cube_mm"))
 
@@ -40,3 +41,12 @@ class Bend(Usual):
         if size >= LEAST_SHOWN_MM:
             words = say("fault-bend", f"{size:.2f}")
             yield Fault(motor_name(scene, found.where), "drift", size, sd, "mm", words)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return by how much the scale changes along the axis, and where to look for the cause."""
+        size_mm = abs(fault.value)
+        title, meaning = (
+            say("stretches-unevenly-along-bed", where),
+            say("scale-changes-along-up-mm", where, f"{size_mm:.2f}"),
+        )
+        return Care(title, meaning, size_mm, say("look-along-belt-guide-bend-place"))

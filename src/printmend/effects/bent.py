@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
-from printmend.effects.words import AXES, LEAST_SHOWN_MM, Fault, Found, Numbers
+from printmend.effects.words import AXES, LEAST_SHOWN_MM, Care, Fault, Found, Numbers, where_seen
 from printmend.messages import say
 
 POWERS = ((2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
@@ -16,6 +16,7 @@ class Bent(Usual):
     """Second- and third-order terms of both places, for x and for y."""
 
     name = "bent"
+    kinds = ("bow",)
     acts = Acts.FRAME
     keys = Numbers(tuple(f"{axis}_{'x' * p + 'y' * q}_mm" for axis in AXES for p, q in POWERS))
 
@@ -38,3 +39,9 @@ class Bent(Usual):
         if size >= LEAST_SHOWN_MM:
             words = say("fault-bent", f"{size:.2f}")
             yield Fault("frame", "bow", size, sd, "mm", words)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return how far straight lines bow, and which part may be bent."""
+        size_mm = abs(fault.value)
+        repair = where_seen(size_mm, say("look-along-rods-rails-replace-bent"))
+        return Care(say("guides-bent"), say("straight-lines-bow-up-mm-bed", f"{size_mm:.2f}"), size_mm, repair)

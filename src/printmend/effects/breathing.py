@@ -8,7 +8,7 @@ from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed,
 from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.pulley import first, harmonic_faults, is_loose
-from printmend.effects.words import Fault, Found, Waves, amount, motor_name, those_of
+from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_name, those_of
 from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 17.0)
@@ -24,6 +24,7 @@ class Breathing(Usual):
     """A Fourier series of one motor's play."""
 
     name = "breathing"
+    kinds = ("loose-belt", "play-by-angle")
     acts = Acts.DRIVE
     needs = ("play", "friction")
     keys = Waves(tuple(range(1, 17)))
@@ -47,3 +48,14 @@ class Breathing(Usual):
         words = say(message, amount(mean, sd), f"{least:.2f}", f"{most:.2f}")
         yield Fault(motor_name(scene, found.where), kind, mean, sd, "mm", words)
         yield from harmonic_faults(found, beside, scene)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return what stands still at a change of direction, and whether the belt or the pulley's screw is loose."""
+        size_mm = abs(fault.value)
+        if fault.kind == "loose-belt":
+            meaning = say("after-each-change-direction-stands-still-2", where, f"{size_mm:.2f}")
+            repair = say("tighten-belt-pulley-pulls-tight-lets")
+            return Care(say("belt-loose-uneven-pulley", where), meaning, size_mm, repair, say("printmend-carries"))
+        meaning = say("after-each-change-direction-stands-still-3", where, f"{size_mm:.2f}")
+        repair, carries = say("tighten-grub-screw-flat-motor-s"), say("printmend-carries-while-stays-loose-screw")
+        return Care(say("pulley-loose-shaft", where), meaning, size_mm, repair, carries)

@@ -41,12 +41,10 @@ class Crooked(Usual):
             words = say("fault-crooked", *names, f"{size:.2f}", f"{most:.0f}")
             yield Fault("frame", "crooked", size, sd, "mm", words)
 
-    def advice(self, fault: Fault, where: str) -> Care | None:
+    def advice(self, fault: Fault, where: str) -> Care:
         """Return the meaning and the repair of a crooked guide."""
-        if fault.kind != "crooked":
-            return None
-        title, meaning = say("guide-crooked-or-dented"), say("head-pushed-aside-mm", f"{fault.value:.2f}")
-        return Care(title, meaning, fault.value, say("feel-along-guides"))
+        title, meaning = say("guide-crooked-or-dented"), say("head-pushed-aside-mm", f"{abs(fault.value):.2f}")
+        return Care(title, meaning, abs(fault.value), say("feel-along-guides"))
 
 
 def plane_waves(rates: np.ndarray, phase_rad: np.ndarray, axis: int, sizes_mm: np.ndarray) -> np.ndarray:

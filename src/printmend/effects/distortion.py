@@ -48,9 +48,7 @@ class Distortion(Usual):
             words = say("fault-distortion", "XY"[found.where], f"{size:.2f}")
             yield Fault("frame", "distortion", size, sd, "mm", words)
 
-    def advice(self, fault: Fault, where: str) -> Care | None:
+    def advice(self, fault: Fault, where: str) -> Care:
         """Return the meaning and the repair of a distortion."""
-        if fault.kind != "distortion":
-            return None
-        title, meaning = say("bed-distorted"), say("prints-off-here-and-there", f"{fault.value:.2f}")
-        return Care(title, meaning, fault.value, say("look-loose-frame-bed-head"))
+        title, meaning = say("bed-distorted"), say("prints-off-here-and-there", f"{abs(fault.value):.2f}")
+        return Care(title, meaning, abs(fault.value), say("look-loose-frame-bed-head"))

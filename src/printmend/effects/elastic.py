@@ -7,10 +7,11 @@ import numpy as np
 from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.pulley import LEAST_EFFECT_MM, wave_sizes
-from printmend.effects.words import NAMED_SIGMAS, Fault, Found, Waves, amount, motor_name
-from printmend.messages import say
+from printmend.effects.words import NAMED_SIGMAS, Care, Fault, Found, Waves, amount, motor_name
+from printmend.messages import parts_of, say
 
 HARMONICS = np.array([1.0, 3.0, 5.0])
+ELSE_IDLER = "fault-elastic-or-idler"  # message
 
 
 class Elastic(Usual):
@@ -47,5 +48,14 @@ class Elastic(Usual):
         if size < LEAST_EFFECT_MM:
             return
         alone = not (sizes > NAMED_SIGMAS * sds)[1:].any()
-        words = say("fault-elastic-or-idler" if alone else "fault-elastic", amount(size, sd))
+        words = say(ELSE_IDLER if alone else "fault-elastic", amount(size, sd))
         yield Fault(motor_name(scene, found.where), "elastic", size, sd, "mm", words)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return where along the belt the pulley's error changes, and what else may look so."""
+        size_mm = abs(fault.value)
+        if any(part.id == ELSE_IDLER for part in parts_of(fault.words)):
+            title, meaning = say("belt-stretches-idler-wobbles", where), say("pulley-s-error-changes-along-belt")
+            return Care(title, meaning, size_mm, say("tighten-belt-unless-tight-look-whether"))
+        title, meaning = say("belt-stretches", where), say("pulley-s-error-felt-near-motor")
+        return Care(title, meaning, size_mm, say("tighten-belt-unless-tight"))

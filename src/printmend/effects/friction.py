@@ -7,7 +7,7 @@ import numpy as np
 from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Fault, Found, Numbers, amount, motor_name, those_of
+from printmend.effects.words import Care, Fault, Found, Numbers, amount, motor_name, those_of
 from printmend.messages import say
 
 
@@ -34,3 +34,12 @@ class Friction(Usual):
         mean, sd, least, most = play_mm(beside, found.where, scene)
         words = say("fault-friction", amount(mean, sd), f"{least:.2f}", f"{most:.2f}")
         yield Fault(motor_name(scene, found.where), "friction", mean, sd, "mm", words)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return how far an axis lags behind, and what makes it run easily."""
+        size_mm = abs(fault.value)
+        title, meaning = (
+            say("runs-stiffly-belt-stretches", where),
+            say("after-change-direction-lags-mm-more", where, f"{size_mm:.2f}"),
+        )
+        return Care(title, meaning, size_mm, say("clean-oil-guides-look-wheel-bearing"), say("printmend-carries"))

@@ -8,7 +8,7 @@ from printmend.effects.effect import Acts, Places, Scene, Term, Usual, finer_per
 from printmend.effects.prior import alternatives
 from printmend.effects.pulley import LEAST_EFFECT_MM
 from printmend.effects.teeth import TOOTH_MM
-from printmend.effects.words import Fault, Found, Waves, amount, motor_name
+from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_name, where_seen
 from printmend.messages import say
 
 SHORTEST_MM, LONGEST_MM = 12.0, 150.0  # of a period: no idler is smaller, no bed shows larger ones
@@ -20,6 +20,7 @@ class Idler(Usual):
     """A wave of another length than the motor's turn."""
 
     name = "idler"
+    kinds = ("period",)
     acts = Acts.DRIVE
     most = 2
     keys = Waves(shape=("period_mm",))
@@ -53,6 +54,15 @@ class Idler(Usual):
         if toothed:
             words = say("fault-idler-of-teeth", f"{period_mm:.1f}", teeth, amount(size, sd))
         yield Fault(motor_name(scene, found.where), f"period-{period_mm:.1f}", size, sd, "mm", words)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return how far lines swing and how often, and which part may wobble."""
+        size_mm, period_mm = abs(fault.value), fault.kind.removeprefix("period-")
+        title, meaning = (
+            say("swings-every-mm", where, period_mm),
+            say("lines-swing-mm-either-side-again", f"{size_mm:.2f}"),
+        )
+        return Care(title, meaning, size_mm, where_seen(size_mm, say("clean-idlers-look-them-wobbles-pulley")))
 
 
 def _is_another(period_mm: float, turn_mm: float) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives, share_of
 from printmend.effects.switch import spread_mm
-from printmend.effects.words import Fault, Found, amount, motor_name
+from printmend.effects.words import Care, Fault, Found, amount, motor_name
 from printmend.messages import say
 
 
@@ -15,6 +15,7 @@ class Place(Usual):
     """A shift of one belt."""
 
     name = "place"
+    kinds = ("offset",)
     acts = Acts.DRIVE
     from_home = False
 
@@ -35,6 +36,13 @@ class Place(Usual):
             value, sd = found.size(lambda sizes: float(sizes[0]))
             words = say("fault-shifted", amount(value, sd))
             yield Fault(motor_name(scene, found.where), "offset", value, sd, "mm", words)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return how far the whole print is shifted, which spoils no shape."""
+        meaning = say("everything-lies-mm-one-side-shapes", f"{abs(fault.value):.2f}")
+        return Care(
+            say("shifted", where), meaning, 0.0, say("nothing-repair"), say("printmend-firmware-s-home-offset-carries")
+        )
 
 
 def _share(home_sd_mm: float, switch_sd_mm: float) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives
-from printmend.effects.words import PLACES, Fault, Found, along_motor_mm, amount, motor_name, those_of
+from printmend.effects.words import PLACES, Care, Fault, Found, along_motor_mm, amount, motor_name, those_of, where_seen
 from printmend.messages import say
 
 
@@ -28,6 +28,13 @@ class Play(Usual):
             mean, sd, *_ = play_mm(beside, found.where, scene)
             words = say("fault-play", amount(mean, sd))
             yield Fault(motor_name(scene, found.where), "play", mean, sd, "mm", words)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return what stands still at a change of direction, and what to tighten."""
+        size_mm = abs(fault.value)
+        meaning = say("after-each-change-direction-stands-still", where, f"{size_mm:.2f}")
+        repair = where_seen(size_mm, say("tighten-belt-then-look-pulley-s"), say("nothing-tighten"))
+        return Care(say("belt-has-play", where), meaning, size_mm, repair, say("printmend-carries-takes-slack-up-each"))
 
 
 def play_mm(beside: Sequence[Found], motor: int, scene: Scene) -> tuple[float, float, float, float]:

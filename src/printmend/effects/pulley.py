@@ -6,7 +6,18 @@ import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.prior import NEAR_SHARE, alternatives, turning_share
-from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Waves, amount, motor_name, those_of
+from printmend.effects.words import (
+    LEAST,
+    NAMED_SIGMAS,
+    Care,
+    Fault,
+    Found,
+    Waves,
+    amount,
+    motor_name,
+    those_of,
+    where_seen,
+)
 from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 33.0)  # number of harmonics: corners need so many
@@ -31,6 +42,7 @@ class Pulley(Usual):
     all."""
 
     name = "pulley"
+    kinds = ("harmonic",)
     acts = Acts.DRIVE
     keys = Waves(tuple(range(1, 33)))
 
@@ -48,6 +60,19 @@ class Pulley(Usual):
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         """The largest harmonics c_k; those of a loose belt's play are twice the pulley's odd ones."""
         yield from harmonic_faults(found, beside, scene)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return how far a pulley moves the lines from side to side, and whether a new one pays."""
+        order, size_mm = int(fault.kind.removeprefix("harmonic-")), abs(fault.value)
+        moves_mm = size_mm / order
+        if order == 1:
+            title, repair = say("pulley-off-centre", where), say("replace-pulley-if-new-one-wobbles")
+            meaning = say("pulley-wobbles", f"{size_mm:.2f}", f"{moves_mm:.2f}")
+        else:
+            title = say("pulley", where, say(_SHAPES.get(order, "shape-uneven")))
+            repair = say("replace-pulley-worn-squeezed-badly-made")
+            meaning = say("pulley-out-of-round", f"{size_mm:.2f}", order, f"{moves_mm:.2f}")
+        return Care(title, meaning, moves_mm, where_seen(moves_mm, repair))
 
 
 def first(harmonics: np.ndarray, shape: tuple[float, ...]) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, finer_periods, periods_mm, waves
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Fault, Found, Waves, is_first, those_of
+from printmend.effects.words import Care, Fault, Found, Waves, is_first, those_of, where_seen
 from printmend.messages import say, together
 
 SHORTEST_MM, LONGEST_MM = 25.0, 300.0
@@ -16,6 +16,7 @@ class Rail(Usual):
     """A wave along one bed axis, across it; on a CoreXY along it, too."""
 
     name = "rail"
+    kinds = ("wavy",)
     acts = Acts.WAVE
     most = 2
     keys = Waves(shape=("period_mm",))
@@ -45,6 +46,12 @@ class Rail(Usual):
             lengths = together(" / ", [f"{each.shape[0]:.0f}" for each in rails])
             words = say("fault-wavy", f"{size:.2f}", lengths)
             yield Fault("frame", "wavy", size, sd, "mm", words)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return how far straight lines snake, and which part may be bent."""
+        size_mm = abs(fault.value)
+        repair = where_seen(size_mm, say("look-along-rods-rails-replace-bent"))
+        return Care(say("guides-wavy"), say("straight-lines-snake-up-mm", f"{size_mm:.2f}"), size_mm, repair)
 
 
 def _largest_mm(sizes: np.ndarray) -> float:

@@ -37,9 +37,10 @@ class Rub(Usual):
             words = say("fault-rub", f"{size:.2f}")
             yield Fault(motor_name(scene, found.where), "rub", size, sd, "mm", words)
 
-    def advice(self, fault: Fault, where: str) -> Care | None:
+    def advice(self, fault: Fault, where: str) -> Care:
         """Return the meaning and the repair of lost motion that varies along the axis."""
-        if fault.kind != "rub":
-            return None
-        title, meaning = say("axis-binds-or-rubs", where), say("lost-motion-changes-along-axis", f"{fault.value:.2f}")
-        return Care(title, meaning, fault.value, say("move-by-hand-feel-where-binds"))
+        title, meaning = (
+            say("axis-binds-or-rubs", where),
+            say("lost-motion-changes-along-axis", f"{abs(fault.value):.2f}"),
+        )
+        return Care(title, meaning, abs(fault.value), say("move-by-hand-feel-where-binds"))

@@ -7,8 +7,10 @@ import numpy as np
 from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.teeth import TOOTH_MM
-from printmend.effects.words import Fault, Found, Numbers, amount, motor_name
+from printmend.effects.words import Care, Fault, Found, Numbers, amount, motor_name
 from printmend.messages import say
+
+WRONG_PERCENT = 2.0  # more than that is no tolerance: it is another pulley
 
 
 class Scale(Usual):
@@ -37,3 +39,14 @@ class Scale(Usual):
         way = say("large" if percent > 0 else "small")
         words = say("fault-scale", size, way, said, f"{radius:.{digits}f}")
         yield Fault(motor_name(scene, found.where), "scale", percent, sd, "%", words)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return how much too large or too small it prints, and whether the pulley may be a wrong one."""
+        percent, is_large = abs(fault.value), fault.value > 0  # mm in 100 mm
+        size = f"{percent:.2f}"
+        title = say("prints-too", where, size, say("large" if is_large else "small"))
+        meaning = say("every-100-mm-along-come-out", where, size, say("long" if is_large else "short"))
+        repair = say("nothing-repair-correct-steps-per-millimetre")
+        if percent > WRONG_PERCENT:
+            repair = say("look-pulley-s-size-number-teeth")
+        return Care(title, meaning, percent, repair, say("firmware-can-hold-printmend"))

@@ -1,12 +1,13 @@
 """Axes that are not square (physics.md eq. 14)."""
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
-from printmend.effects.words import Fault, Found, Numbers, amount, is_first, those_of
+from printmend.effects.words import Care, Fault, Found, Numbers, amount, is_first, those_of, where_seen
 from printmend.messages import say
 
 
@@ -39,3 +40,12 @@ class Skew(Usual):
             drawn = np.sum([factor * each.draws_mm[0] for each, factor in leans], axis=0)
             sd = float(np.degrees(np.std(drawn[drawn != 0])) / SCALE_MM)
             yield Fault("frame", "skew", value, sd, "°", say("fault-skew", amount(value, sd, "°")))
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return how far right angles come out off, and whether the frame needs squaring."""
+        angle_deg = abs(fault.value)
+        leans_mm = SCALE_MM * math.tan(math.radians(angle_deg))
+        meaning = say("right-angles-come-out-off-mm", f"{angle_deg:.2f}", f"{leans_mm:.2f}")
+        repair = where_seen(leans_mm, say("loosen-frame-square-tighten"), say("nothing-repair"))
+        carries = say("firmware-can-hold-printmend-export-printmend")
+        return Care(say("frame-not-square"), meaning, leans_mm, repair, carries)

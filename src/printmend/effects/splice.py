@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, about, onto_bed
 from printmend.effects.prior import alternatives
-from printmend.effects.words import SOON_MM, Care, Fault, Found, Numbers, amount, motor_name
+from printmend.effects.words import Care, Fault, Found, Numbers, amount, motor_name, where_seen
 from printmend.messages import say
 
 STEP_MM = 5.0  # distance of the places that are tried
@@ -30,13 +30,11 @@ class AtOnePlace(Usual):
         words = say(self.words, f"{at:.0f}", amount(size, sd))
         yield Fault(motor_name(scene, found.where), self.name, size, sd, "mm", words)
 
-    def advice(self, fault: Fault, where: str) -> Care | None:
+    def advice(self, fault: Fault, where: str) -> Care:
         """Return its meaning; if it is large, advise a new belt."""
-        if fault.kind != self.name:
-            return None
         size_mm = abs(fault.value)
-        repair = say(self.replace) if size_mm >= SOON_MM else say("nothing-replace")
-        return Care(say(self.title, where), say(self.meaning, where, f"{size_mm:.2f}"), size_mm, repair)
+        title, meaning = say(self.title, where), say(self.meaning, where, f"{size_mm:.2f}")
+        return Care(title, meaning, size_mm, where_seen(size_mm, say(self.replace)))
 
 
 class Splice(AtOnePlace):

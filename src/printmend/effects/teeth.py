@@ -30,6 +30,7 @@ class Teeth(Usual):
     """A wave of one belt tooth, or of a half to four full steps."""
 
     name = "teeth"
+    kinds = ("teeth", "ripple")
     acts = Acts.DRIVE
     most = 2
     keys = Waves(shape=("period_mm",))
@@ -58,15 +59,13 @@ class Teeth(Usual):
         words = say(name or "fault-ripple-teeth", amount(size, sd), f"{period_mm:g}")
         yield Fault(motor_name(scene, found.where), kind, size, sd, "mm", words)
 
-    def advice(self, fault: Fault, where: str) -> Care | None:
+    def advice(self, fault: Fault, where: str) -> Care:
         """Return a ripple's effect on walls, and what helps."""
         size_mm = abs(fault.value)
         if fault.kind == "teeth":
             meaning = say("walls-show-fine-lines-every-mm", f"{TOOTH_MM:g}", f"{size_mm:.3f}")
             repair = say("nothing-repair-walls-look-good-else-4")
             return Care(say("belt-ripples-tooth-tooth", where), meaning, size_mm, repair)
-        if fault.kind.partition("-")[0] != "ripple":
-            return None
         _, _, count = fault.kind.partition("-")
         title, todo = SAID.get(float(count or 1), DETENT)
         meaning = say("walls-show-very-fine-lines-mm", f"{size_mm:.3f}")

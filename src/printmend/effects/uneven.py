@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, held, onto_bed
 from printmend.effects.prior import alternatives
-from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, Whole, along_motor_mm, motor_name
+from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Whole, along_motor_mm, motor_name, where_seen
 from printmend.messages import say
 
 COUNT = 40  # cosines: over 200 mm the shortest is 10 mm long
@@ -18,6 +18,7 @@ class Uneven(Usual):
     """Cosines over the span that was seen, with a smooth process's spectrum of one length (Solin & Särkkä 2020)."""
 
     name = "uneven"
+    kinds = ("warp",)
     acts = Acts.DRIVE
     keys = Whole()
 
@@ -36,6 +37,15 @@ class Uneven(Usual):
         if size >= LEAST_SHOWN_MM:
             words = say("fault-uneven", f"{size:.2f}")
             yield Fault(motor_name(scene, found.where), "warp", size, sd, "mm", words)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return how far lines swing, and which part may be worn."""
+        size_mm = abs(fault.value)
+        title, meaning = (
+            say("runs-unevenly-along-way", where),
+            say("along-print-swings-up-mm-same", where, f"{size_mm:.2f}"),
+        )
+        return Care(title, meaning, size_mm, where_seen(size_mm, say("look-along-belt-worn-stretched-stretch")))
 
 
 def cosines(place_mm: np.ndarray, span_mm: tuple[float, ...], count: int) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.pulley import wave_sizes
-from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Waves, amount, is_first, those_of
+from printmend.effects.words import LEAST, NAMED_SIGMAS, Care, Fault, Found, Waves, amount, is_first, those_of
 from printmend.messages import say, together
 
 HARMONICS = np.array([1.0, 2.0])
@@ -44,6 +44,12 @@ class Wobble(Usual):
         for k in named:
             said = say("z-pushes-aside", together(" / ", words)) if k == named[0] else ""
             yield Fault("z", f"wobble-{k + 1}", float(size_mm[k]), float(sd_mm[k]), "mm", said)
+
+    def advice(self, fault: Fault, where: str) -> Care:
+        """Return how far a bent screw pushes layers aside, and how to find the bend."""
+        size_mm = abs(fault.value)
+        meaning = say("pushes-layers-aside-mm-pattern-repeats", f"{size_mm:.2f}")
+        return Care(say("z-screw-bent"), meaning, size_mm, say("roll-z-screw-flat-table-replace"))
 
 
 def turns_of(scene: Scene) -> float:

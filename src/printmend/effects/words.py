@@ -158,8 +158,9 @@ NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its stand
 LEAST = {"mm": 0.002, "%": 0.005, "°": 0.001}  # … and than this in its unit: smaller faults move no print
 BELOW_SIGMAS, BELOW_SHARE = 2.0, 0.0228  # this share of a normal law lies so far below its median
 LEAST_SHOWN_MM = 0.005  # a fault whose size is said with two decimals would be said to be 0.00 below this
-SOON_MM = 0.1  # effect on a print above which a part should be looked at
-CARRIES = say("printmend-carries-all")
+SOON_MM = 0.1  # effect on a print above which a part should be looked at …
+REPAIR_MM = 0.5  # … and above which it should be replaced
+CARRIES, NOTHING = say("printmend-carries-all"), say("nothing-replace")  # what software does and an owner need not
 PLACES = 201  # places along an axis at which the size of an effect is looked at
 
 
@@ -229,6 +230,11 @@ class Care:
     effect_mm: float
     repair: str
     software: str = CARRIES
+
+
+def where_seen(effect_mm: float, repair: str, otherwise: str = NOTHING) -> str:
+    """Return the repair of a fault that moves a print so far, or what is said where a print hardly shows it."""
+    return repair if effect_mm >= SOON_MM else otherwise
 
 
 @dataclass(frozen=True, eq=False)
