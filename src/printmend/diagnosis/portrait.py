@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.diagnosis.named import gathered
-from printmend.effects import Acts, Places, Scene, columns_of
-from printmend.effects.effect import SCALE_MM
+from printmend.effects import Acts, Scene, columns_of
+from printmend.effects.effect import SCALE_MM, belt_places
 from printmend.effects.elastic import HARMONICS as ELASTIC
 from printmend.effects.pulley import is_loose, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Found
@@ -101,11 +101,7 @@ def _scale_percent(acts: Sequence[Found]) -> float:
 
 def _columns(found: Found, motor: int, motor_mm: np.ndarray, side: np.ndarray | float, scene: Scene) -> np.ndarray:
     """Return where an effect puts a belt [N, P] beyond a healthy one, at motor positions on one side of the play."""
-    count = len(motor_mm)
-    at, sides, none = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros((count, 2))
-    at[:, motor], sides[:, motor] = motor_mm, side
-    places = Places(at, sides, none, none, none, np.ones(count), np.zeros(count), none)
-    moved = columns_of(found.effect, places, found.where, found.shape, scene)
+    moved = columns_of(found.effect, belt_places(motor, motor_mm, side), found.where, found.shape, scene)
     return np.asarray(scene.printer.to_motor(np.moveaxis(moved, 1, 2))[..., motor])
 
 

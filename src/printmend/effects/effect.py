@@ -244,6 +244,21 @@ def held(places_mm: np.ndarray, span_mm: tuple[float, ...]) -> np.ndarray:
     return np.clip(places_mm, low, high)
 
 
+def at_places(**known: np.ndarray) -> Places:
+    """Return places [N] of which only this is known: all else is 0, and none is of a wall."""
+    count = len(next(iter(known.values())))
+    two, one = np.zeros((count, 2)), np.zeros(count)
+    unknown = {"motor_mm": two, "side": two, "bed_mm": two, "ways": two, "turned": two, "normal": two}
+    return Places(**{**unknown, "done": one, "move_mm": one, **known})
+
+
+def belt_places(motor: int, motor_mm: np.ndarray, side: np.ndarray | float) -> Places:
+    """Return places [N] of one motor's belt on a side of its play, at the end of a print."""
+    at, sides = np.zeros((2, len(motor_mm), 2))
+    at[:, motor], sides[:, motor] = motor_mm, side
+    return at_places(motor_mm=at, side=sides, done=np.ones(len(at)))
+
+
 @lru_cache(maxsize=16)
 def home_of(scene: Scene) -> Places:
     """Return the place [1] at which the end stops leave the machine, each belt engaged as its motor came."""

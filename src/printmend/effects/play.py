@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, belt_places, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import PLACES, Care, Fault, Found, along_motor_mm, amount, motor_name, those_of, where_seen
 from printmend.messages import say
@@ -39,10 +39,7 @@ class Play(Usual):
 
 def play_mm(beside: Sequence[Found], motor: int, scene: Scene) -> tuple[float, float, float, float]:
     """Return the mean play of one motor over the measured span, its standard deviation, and the least and the most."""
-    at = np.zeros((PLACES, 2))
-    at[:, motor] = along_motor_mm(scene, motor)
-    side, none = np.ones((PLACES, 2)), np.zeros((PLACES, 2))
-    places = Places(at, side, none, none, none, np.ones(PLACES), np.zeros(PLACES), none)
+    places = belt_places(motor, along_motor_mm(scene, motor), 1.0)
     whole, drawn = np.zeros(PLACES), np.zeros(1)
     for name in ("play", "wear", "friction", "breathing", "rub"):
         for each in those_of(name, beside, motor):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
-from printmend.effects.effect import MOST_LAYERS
+from printmend.effects.effect import MOST_LAYERS, at_places, belt_places
 from printmend.errors import ConfigError
 from printmend.machine import Frame, Mechanism, ScrewDrive, Transmission, share_behind, z_grid_mm
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
@@ -41,6 +41,10 @@ class Sized:
         effect = EFFECTS[self.effect]
         return effect.of is Of.MACHINE and effect.acts is not Acts.NOT and effect.from_home
 
+    def moved_mm(self, places: Places, scene: Scene) -> np.ndarray:
+        """Return how far it moves places [N, 2] on the bed; what homing removes is not taken off."""
+        return np.asarray(EFFECTS[self.effect].columns(places, self.where, self.shape, scene) @ self.sizes_mm)
+
     def of(self, **changed: Any) -> "Sized":
         """Return this effect with another shape, or other sizes."""
         return replace(self, **changed)
@@ -71,12 +75,9 @@ def _belt_mm(scene: Scene, motor: int, parts: Sequence[Sized], motor_mm: np.ndar
     moved = np.zeros(len(motor_mm))
     for first in range(0, len(motor_mm), ROWS):
         at = motor_mm[first : first + ROWS]
-        motors, none, done = np.zeros((len(at), 2)), np.zeros((len(at), 2)), np.ones(len(at))  # as the print ended
-        motors[:, motor] = at
-        places = Places(motors, np.full((len(at), 2), side), none, none, none, done, np.zeros(len(at)), none)
+        places = belt_places(motor, at, side)
         for part in parts:
-            on_bed = EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm
-            moved[first : first + ROWS] += scene.printer.to_motor(on_bed)[:, motor]
+            moved[first : first + ROWS] += scene.printer.to_motor(part.moved_mm(places, scene))[:, motor]
     return moved
 
 
@@ -88,11 +89,8 @@ def frame_of(scene: Scene, parts: Sequence[Sized]) -> Frame:
     if held:
         x, y = (np.linspace(axis.min_mm, axis.max_mm, GRID) for axis in scene.printer.axes[:2])
         bed = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        none = np.zeros_like(bed)
-        places = Places(none, none, bed, none, none, np.zeros(len(bed)), np.zeros(len(bed)), none)
-        moved = sum(
-            EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm for part in held
-        )
+        places = at_places(bed_mm=bed)
+        moved = sum(part.moved_mm(places, scene) for part in held)
         coefficients = np.linalg.lstsq(Frame().terms(bed), np.asarray(moved), rcond=None)[0].T
         coefficients[np.abs(coefficients) < TINY_MM] = 0.0
     return Frame(coefficients, waves=few_waves(np.vstack([np.zeros((0, WAVE_FIELDS)), *waves])))
@@ -146,11 +144,8 @@ def _pushing(mechanism: Mechanism, parts: list[Sized]) -> ScrewDrive | None:
 
 def pushed_mm(scene: Scene, parts: Sequence[Sized], z_mm: np.ndarray) -> np.ndarray:
     """Return how far effects of the Z screw push the nozzle [N, 2] at heights [N]."""
-    none = np.zeros((len(z_mm), 2))
-    places = Places(none, none, none, none, none, none[:, 0], none[:, 0], none, z_mm)
-    return none + sum(
-        EFFECTS[each.effect].columns(places, each.where, each.shape, scene) @ each.sizes_mm for each in parts
-    )
+    places = at_places(z_mm=z_mm)
+    return sum((each.moved_mm(places, scene) for each in parts), np.zeros((len(z_mm), 2)))
 
 
 def _beside(table: Transmission, printer: Printer, motor: int, parts: list[Sized]) -> Transmission:

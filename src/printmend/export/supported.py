@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Places
-from printmend.effects.effect import SCALE_MM, drawn_places
+from printmend.effects import EFFECTS, Acts
+from printmend.effects.effect import SCALE_MM, belt_places, drawn_places
 from printmend.errors import RefusedError
 from printmend.export.firmware import EXPORTS, NO_BACKLASH, Export, Simple, simple_part
 from printmend.infer.machine import DRAWS
@@ -167,10 +167,7 @@ def _plays_mm(belief: Belief | None, motor: int) -> np.ndarray:
     plays = np.zeros(DRAWS)
     if belief is None:
         return plays
-    at, side = np.zeros((_PLACES, 2)), np.ones((_PLACES, 2))
-    at[:, motor] = np.linspace(*belief.scene.motor_span_mm[motor], _PLACES)
-    none = np.zeros((_PLACES, 2))
-    places = Places(at, side, none, none, none, np.ones(_PLACES), np.zeros(_PLACES), none)
+    places = belt_places(motor, np.linspace(*belief.scene.motor_span_mm[motor], _PLACES), 1.0)
     for effect in PLAYS:
         for part in belief.of(effect, motor):
             moved = EFFECTS[effect].columns(places, motor, part.shape, belief.scene).mean(axis=0)  # [2, P]

@@ -14,7 +14,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.breathing import HARMONICS as BREATHS
-from printmend.effects.effect import SCALE_MM
+from printmend.effects.effect import SCALE_MM, belt_places
 from printmend.effects.elastic import HARMONICS as STRETCHES
 from printmend.effects.homing import shifted, waves_of
 from printmend.effects.prior import happens_share, wear_share
@@ -233,12 +233,10 @@ def rebased(part: Part, scene: Scene) -> Part:
         return part
     (shape,) = shapes
     low, high = scene.motor_span_mm[part.where]
-    motor, none = np.zeros((GRID, 2)), np.zeros((GRID, 2))
-    motor[:, part.where] = np.linspace(low, high, GRID)
+    motor_mm = np.linspace(low, high, GRID)
 
     def series(shape: tuple[float, ...], side: float) -> np.ndarray:
-        places = Places(motor, np.full((GRID, 2), side), none, none, none, np.zeros(GRID), np.zeros(GRID), none)
-        return np.asarray(effect.columns(places, part.where, shape, scene))
+        return np.asarray(effect.columns(belt_places(part.where, motor_mm, side), part.where, shape, scene))
 
     old, new = series(part.shape, 1.0), series(shape, 1.0)
     if np.array_equal(old, series(part.shape, -1.0)):  # a shift of all is the belt's place

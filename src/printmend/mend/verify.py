@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Of, Places, columns_of
-from printmend.effects.effect import SCALE_MM
+from printmend.effects import EFFECTS, Of, columns_of
+from printmend.effects.effect import SCALE_MM, at_places
 from printmend.errors import TraceError
 from printmend.infer.gram import seen
 from printmend.infer.machine import DRAWS
@@ -217,11 +217,10 @@ def _stretch_percent(found: Renewed) -> float:
     """Return the scale error that may be the instrument's [%]."""
     scene = found.now.scene
     bed = scene.middle_mm + SCALE_MM * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    none, one = np.zeros((3, 2)), np.zeros(3)
-    places = Places(none, none, bed, none, none, one, one, none)
+    places = at_places(bed_mm=bed)
     moved = sum(
         (columns_of(part.effect, places, part.where, part.shape, scene) @ part.mean_mm
-         for part in found.now.parts if part.effect == "stretch"), np.zeros((3, 2)),
+         for part in found.now.parts if part.effect == "stretch"), np.zeros_like(bed),
     )  # fmt: skip
     return float((moved[1, 0] - moved[0, 0] + moved[2, 1] - moved[0, 1]) / 2)
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
-from printmend.effects.effect import FEW_LAYERS, MOST_LAYERS
+from printmend.effects import EFFECTS, Of, Scene, columns_of
+from printmend.effects.effect import FEW_LAYERS, MOST_LAYERS, at_places
 from printmend.errors import ModelError
 from printmend.infer.machine import DRAWS, Part
 from printmend.messages import say
@@ -191,8 +191,7 @@ def _part(row: Any, scene: Scene) -> Part:
 
 def _width_of(part: Part, scene: Scene) -> int:
     """Return how many sizes an effect has at a place and with a shape, −1 where it has no such place or shape."""
-    zero = np.zeros((1, 2))
-    place = Places(zero, zero, zero, zero, zero, np.zeros(1), np.zeros(1), zero)
+    place = at_places(bed_mm=np.zeros((1, 2)))
     try:
         with np.errstate(all="raise", under="ignore"):
             columns = columns_of(part.effect, place, part.where, part.shape, scene)
