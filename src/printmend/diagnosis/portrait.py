@@ -7,7 +7,7 @@ import numpy as np
 
 from printmend.diagnosis.named import gathered
 from printmend.effects import Acts, Scene, columns_of
-from printmend.effects.effect import SCALE_MM, belt_places
+from printmend.effects.effect import belt_places
 from printmend.effects.elastic import HARMONICS as ELASTIC
 from printmend.effects.pulley import is_loose, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Found
@@ -127,7 +127,7 @@ def hull_mm(acts: Sequence[Found], motor: int, scene: Scene) -> np.ndarray:
     not sure is left out: a slope is k times as noisy as the error itself, and would only fray the picture.
     """
     psi = np.arange(ANGLES) * (TURN_RAD / ANGLES)
-    near = (scene.motor_span_mm[motor][0] - scene.motor_middle_mm(motor)) / SCALE_MM
+    near = float(scene.motor_off_middle(motor, scene.motor_span_mm[motor][0]))
     support = np.full(ANGLES, scene.turns_mm[motor] / TURN_RAD * (1.0 + _scale_percent(acts) / 100.0))
     for each in acts:
         share = {"pulley": 1.0, "elastic": near}.get(each.effect, 0.0)

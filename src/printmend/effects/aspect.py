@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Care, Fault, Found, Numbers, amount, where_seen
 from printmend.messages import say
@@ -28,7 +28,7 @@ class Aspect(Usual):
             yield from alternatives(self.name, 0, [()], (1.0,))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return ((places.bed_mm - scene.middle_mm) / SCALE_MM * SHARES)[:, :, None]
+        return (scene.off_middle(places.bed_mm) * SHARES)[:, :, None]
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         percent, sd = found.size(lambda sizes: float(sizes[0]))  # mm in 100 mm

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, held, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Numbers, along_motor_mm, motor_name
 from printmend.messages import say
@@ -23,14 +23,13 @@ class Bend(Usual):
             yield from alternatives(self.name, motor, [scene.motor_span_mm[motor]], (1.0, 0.7))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        x = (places.motor_mm[:, where] - scene.motor_middle_mm(where)) / SCALE_MM
-        low, high = ((end - scene.motor_middle_mm(where)) / SCALE_MM for end in shape)
-        seen = np.clip(x, low, high)  # it continues straight beyond the measured span
+        x = scene.motor_off_middle(where, places.motor_mm[:, where])
+        seen = held(x, scene.motor_off_middle(where, np.array(shape)))  # it continues straight beyond the measured span
         columns = [seen**power + power * seen ** (power - 1) * (x - seen) for power in (2, 3)]
         return onto_bed(scene, where, np.stack(columns, axis=1))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        x = (along_motor_mm(scene, found.where) - scene.motor_middle_mm(found.where)) / SCALE_MM
+        x = scene.motor_off_middle(found.where, along_motor_mm(scene, found.where))
         line = np.stack([np.ones_like(x), x], axis=1)  # of a motor that stood still, a point
 
         def bow_mm(sizes: np.ndarray) -> float:

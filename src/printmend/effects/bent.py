@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, along
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import AXES, LEAST_SHOWN_MM, Care, Fault, Found, Numbers, where_seen
 from printmend.messages import say
@@ -24,17 +24,12 @@ class Bent(Usual):
         yield from alternatives(self.name, 0, [()], tuple(np.tile([1.0 if p + q == 2 else 0.4 for p, q in POWERS], 2)))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        x, y = ((places.bed_mm - scene.middle_mm) / SCALE_MM).T
-        terms = np.stack([x**p * y**q for p, q in POWERS], axis=1)
+        terms = _products(scene.off_middle(places.bed_mm))
         return np.concatenate([along(0, terms), along(1, terms)], axis=2)
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        x, y = (
-            (np.array(each) - middle) / SCALE_MM
-            for each, middle in zip(scene.bed_span_mm, scene.middle_mm, strict=True)
-        )
-        corners = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        terms = np.stack([corners[:, 0] ** p * corners[:, 1] ** q for p, q in POWERS], axis=1)
+        corners = np.stack(np.meshgrid(*scene.bed_span_mm), axis=-1).reshape(-1, 2)
+        terms = _products(scene.off_middle(corners))
         size, sd = found.size(lambda sizes: float(np.hypot(*(sizes.reshape(2, -1) @ terms.T)).max()))
         if size >= LEAST_SHOWN_MM:
             words = say("fault-bent", f"{size:.2f}")
@@ -45,3 +40,9 @@ class Bent(Usual):
         size_mm = abs(fault.value)
         repair = where_seen(size_mm, say("look-along-rods-rails-replace-bent"))
         return Care(say("guides-bent"), say("straight-lines-bow-up-mm-bed", f"{size_mm:.2f}"), size_mm, repair)
+
+
+def _products(off_middle: np.ndarray) -> np.ndarray:
+    """Return xᵖ yᵠ [N, 7] of places [N, 2] for each of `POWERS`."""
+    x, y = off_middle.T
+    return np.stack([x**p * y**q for p, q in POWERS], axis=1)

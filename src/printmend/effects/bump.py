@@ -4,12 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from printmend.effects.effect import Places, Scene, Term, about, onto_bed
+from printmend.effects.effect import Places, Scene, Term, about, about_factor, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.splice import AtOnePlace
 
 SPACING = 2.0  # distance of the places that are tried, in widths
 WIDTHS_MM = (1.0, 2.5)  # of the bell; a wider one is no better than a smooth belt error
+WIDTHS_APART = 0.7  # of the logarithms of two widths
 
 
 class Bump(AtOnePlace):
@@ -26,8 +27,7 @@ class Bump(AtOnePlace):
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
             shapes = [(float(at), width) for width in WIDTHS_MM for at in np.arange(low, high, SPACING * width)]
-            if shapes:
-                yield from alternatives(self.name, motor, shapes, (1.0,))
+            yield from alternatives(self.name, motor, shapes, (1.0,))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         at, width = shape
@@ -37,6 +37,6 @@ class Bump(AtOnePlace):
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         at, width = shape
         for place in about(at, SPACING * width, round_):
-            yield float(place), width
-        for factor in about(0.0, 0.7, round_):
-            yield at, float(width * np.exp(factor))
+            yield place, width
+        for wider in about_factor(width, WIDTHS_APART, round_):
+            yield at, wider

@@ -26,14 +26,11 @@ class CarriageWave(Usual):
             return
         for axis in range(2):
             low, high = scene.bed_span_mm[axis]
-            shapes = [
-                (float(each),) for each in periods_mm(SHORTEST_MM, min(LONGEST_MM, 0.5 * (high - low)), high - low)
-            ]
-            if shapes:
-                yield from alternatives(self.name, axis, shapes, (1.0, 1.0), sd_mm=sd_mm)
+            periods = periods_mm(SHORTEST_MM, min(LONGEST_MM, 0.5 * (high - low)), high - low)
+            yield from alternatives(self.name, axis, [(each,) for each in periods], (1.0, 1.0), sd_mm=sd_mm)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return along(where, waves(places.bed_mm[:, where], shape[0], np.ones(1)))
+        return along(where, waves(places.bed_mm[:, where], shape[0]))
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         return finer_periods(shape[0], round_)

@@ -4,12 +4,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Fate, Of, Places, Scene, Term, Usual, about, carrier
+from printmend.effects.effect import Fate, Of, Places, Scene, Term, Usual, about_factor, carrier
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
 
-TIMES = (0.06, 0.1, 0.16, 0.25, 0.4, 0.7)
+TIMES = (0.06, 0.1, 0.16, 0.25, 0.4, 0.7)  # shares of the print
+APART = 0.5  # of the logarithms of two of them
 
 
 class Creep(Usual):
@@ -29,8 +30,7 @@ class Creep(Usual):
         return carrier(scene, where, course[:, None])
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        for factor in about(0.0, 0.5, round_):
-            yield (float(shape[0] * np.exp(factor)),)
+        yield from ((each,) for each in about_factor(shape[0], APART, round_))
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         crept_mm = found.sizes_mm[0] * (1.0 - np.exp(-1.0 / found.shape[0]))  # a slow one has not settled yet

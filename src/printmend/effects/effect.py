@@ -5,7 +5,7 @@ columns: how far each mark moves on the bed [mm] for one unit of each of its P s
 and the model file read these columns and nothing else.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import lru_cache
@@ -97,6 +97,14 @@ class Scene:
     def motor_middle_mm(self, motor: int) -> float:
         """The position of a motor at the middle of the bed, from which its slopes are counted."""
         return float(self.printer.to_motor(self.middle_mm)[motor])
+
+    def off_middle(self, bed_mm: np.ndarray) -> np.ndarray:
+        """Return how far places on the bed [..., 2] are from its middle, in `SCALE_MM`."""
+        return np.asarray((bed_mm - self.middle_mm) / SCALE_MM)
+
+    def motor_off_middle(self, motor: int, motor_mm: np.ndarray | float) -> np.ndarray:
+        """Return how far positions of a motor [...] are from that at the middle of the bed, in `SCALE_MM`."""
+        return np.asarray((motor_mm - self.motor_middle_mm(motor)) / SCALE_MM)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +222,7 @@ class Usual:
         return iter(())
 
 
-def waves(place_mm: np.ndarray, period_mm: float, harmonics: np.ndarray) -> np.ndarray:
+def waves(place_mm: np.ndarray, period_mm: float, harmonics: Sequence[int] | np.ndarray = (1,)) -> np.ndarray:
     """Return cos kφ and sin kφ [N, 2K] of places, φ a turn each ``period_mm``: first all cosines, then all sines.
 
     They are the powers of cos φ + i sin φ (de Moivre); ``harmonics`` [K] are whole numbers from 1 on.
@@ -238,7 +246,7 @@ def along(axis: int, moved_mm: np.ndarray) -> np.ndarray:
     return out
 
 
-def held(places_mm: np.ndarray, span_mm: tuple[float, ...]) -> np.ndarray:
+def held(places_mm: np.ndarray, span_mm: Sequence[float] | np.ndarray) -> np.ndarray:
     """Return places, those outside of a span moved to its ends, so that the effect stays constant there."""
     low, high = span_mm
     return np.clip(places_mm, low, high)
@@ -333,30 +341,38 @@ def carrier(scene: Scene, where: int, moved_mm: np.ndarray) -> np.ndarray:
 
 
 TIMES_FINER = 4.0  # that a grid about a found shape is
-FINER = np.linspace(-0.5, 0.5, 5)  # places about a found shape, in spacings of its grid
+FINER = np.array([-0.5, -0.25, 0.25, 0.5])  # places about a found shape, in spacings of its grid
 
 
-def about(value: float, spacing: float, round_: int) -> np.ndarray:
+def about(value: float, spacing: float, round_: int) -> list[float]:
     """Return values about one that a grid of this spacing found; each round is four times as fine."""
-    return value + spacing * FINER[FINER != 0] / TIMES_FINER**round_
+    found: list[float] = (value + spacing * FINER / TIMES_FINER**round_).tolist()
+    return found
+
+
+def about_factor(value: float, spacing: float, round_: int) -> list[float]:
+    """Return values about one that a grid found whose logarithms have this spacing."""
+    found: list[float] = (value * np.exp(about(0.0, spacing, round_))).tolist()
+    return found
 
 
 CYCLES = 0.25  # by which two neighbouring periods of a grid differ over the whole span
 FINER_SPAN_MM = 200.0  # a usual span, by which finer periods are spaced
 
 
-def periods_mm(shortest_mm: float, longest_mm: float, span_mm: float) -> np.ndarray:
+def periods_mm(shortest_mm: float, longest_mm: float, span_mm: float) -> list[float]:
     """Return periods of which each differs from the next by a quarter of a wave over a span."""
     if longest_mm <= shortest_mm:
-        return np.zeros(0)
-    return np.asarray(1.0 / np.arange(1.0 / longest_mm, 1.0 / shortest_mm, CYCLES / span_mm))
+        return []
+    found: list[float] = (1.0 / np.arange(1.0 / longest_mm, 1.0 / shortest_mm, CYCLES / span_mm)).tolist()
+    return found
 
 
 def finer_periods(period_mm: float, round_: int) -> Iterator[tuple[float, ...]]:
     """Yield periods about one of a grid of `periods_mm`."""
     for rate in about(1.0 / period_mm, CYCLES / FINER_SPAN_MM, round_):
         if rate > 0:
-            yield (float(1.0 / rate),)
+            yield (1.0 / rate,)
 
 
 # Draw an effect from its prior; draw places over the measured spans, to judge an effect's size on.

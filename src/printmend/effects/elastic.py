@@ -29,9 +29,8 @@ class Elastic(Usual):
             )
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        x = (places.motor_mm[:, where] - scene.motor_middle_mm(where)) / SCALE_MM
-        turn = waves(places.motor_mm[:, where], scene.turns_mm[where], HARMONICS)
-        return onto_bed(scene, where, x[:, None] * turn)
+        x = scene.motor_off_middle(where, places.motor_mm[:, [where]])
+        return onto_bed(scene, where, x * waves(places.motor_mm[:, where], scene.turns_mm[where], HARMONICS))
 
     def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return scene.turns_mm[where] / HARMONICS

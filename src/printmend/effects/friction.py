@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, held, onto_bed
 from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Care, Fault, Found, Numbers, amount, motor_name, those_of
@@ -23,9 +23,8 @@ class Friction(Usual):
             yield from alternatives(self.name, motor, [scene.motor_span_mm[motor]], (1.0, 0.5))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        x = (places.motor_mm[:, where] - scene.motor_middle_mm(where)) / SCALE_MM
-        low, high = ((end - scene.motor_middle_mm(where)) / SCALE_MM for end in shape)
-        seen = np.clip(x, low, high)  # it continues straight beyond the measured span
+        x = scene.motor_off_middle(where, places.motor_mm[:, where])
+        seen = held(x, scene.motor_off_middle(where, np.array(shape)))  # it continues straight beyond the measured span
         return onto_bed(scene, where, 0.5 * places.side[:, [where]] * np.stack([x, seen * (2 * x - seen)], axis=1))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:

@@ -10,6 +10,7 @@ from printmend.effects.words import LEAST_SHOWN_MM, Found, Numbers, Told
 from printmend.messages import say, together
 
 BORDERS = 25  # places of a border that are tried
+APART_MM = 8.0  # distance of two of them on a usual bed
 OTHER_SHARE = 0.1  # a smaller share along the other axis is not reported
 
 SHEETS = say("two-sheets-measured-show-guide-two")
@@ -32,8 +33,7 @@ class Halves(Usual):
         return np.concatenate([along(0, past), along(1, past)], axis=2)
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        for at in about(shape[0], 8.0, round_):
-            yield (float(at),)
+        yield from ((at,) for at in about(shape[0], APART_MM, round_))
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         least_mm = max(LEAST_SHOWN_MM, OTHER_SHARE * float(np.abs(found.sizes_mm).max()))

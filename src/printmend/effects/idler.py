@@ -29,12 +29,11 @@ class Idler(Usual):
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
             periods = periods_mm(SHORTEST_MM, min(LONGEST_MM, 0.5 * (high - low)), high - low)
-            shapes = [(float(each),) for each in periods if _is_another(each, scene.turns_mm[motor])]
-            if shapes:
-                yield from alternatives(self.name, motor, shapes, (1.0, 1.0))
+            shapes = [(each,) for each in periods if _is_another(each, scene.turns_mm[motor])]
+            yield from alternatives(self.name, motor, shapes, (1.0, 1.0))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return onto_bed(scene, where, waves(places.motor_mm[:, where], shape[0], np.ones(1)))
+        return onto_bed(scene, where, waves(places.motor_mm[:, where], shape[0]))
 
     def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return np.array(shape)

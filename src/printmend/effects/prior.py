@@ -79,26 +79,16 @@ def alternatives(
     *profiles: Sequence[float],
     share: float | None = None,
     sd_mm: float | None = None,
+    mild: Sequence[float] | None = None,
     positive: bool = False,
 ) -> Iterator[Term]:
     """Yield a term for each shape, profile and share of the usual size, as alternatives of one another.
 
-    A profile [P] holds the sizes' standard deviations relative to the usual one. ``share`` and ``sd_mm`` are the
-    table's unless given; an effect of another package gives both.
+    A profile [P] holds the sizes' standard deviations relative to the usual one. ``share``, ``sd_mm`` and ``mild``, the
+    shares of the usual size, are the table's unless given; an effect of another package gives the first two.
     """
     sd = size_mm(name) if sd_mm is None else sd_mm
-    sizes = [tuple(factor * sd * each for each in profile) for profile in profiles for factor in mild_shares()]
-    yield from _each(name, where, shapes, sizes, share_of(name) if share is None else share, positive=positive)
-
-
-def shared(name: str, where: int, shapes: Sequence[tuple[float, ...]], factors: Sequence[float]) -> Iterator[Term]:
-    """Yield a term for each shape and share of the usual size of an effect with one size, as alternatives."""
-    yield from _each(name, where, shapes, [(factor * size_mm(name),) for factor in factors], share_of(name))
-
-
-def _each(
-    name: str, where: int, shapes: Sequence[tuple[float, ...]], sizes: Sequence[tuple[float, ...]], chance: float, *,
-    positive: bool = False,
-) -> Iterator[Term]:  # fmt: skip
+    sizes = [tuple(factor * sd * each for each in profile) for profile in profiles for factor in mild or mild_shares()]
+    chance = share_of(name) if share is None else share
     log_odds = math.log(chance / max(1.0 - chance, 1e-6)) - math.log(max(len(shapes), 1) * len(sizes))
-    yield from (Term(name, where, shape, sd_mm, log_odds, positive) for shape in shapes for sd_mm in sizes)
+    yield from (Term(name, where, shape, size, log_odds, positive) for shape in shapes for size in sizes)

@@ -25,10 +25,10 @@ class Racking(Usual):
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         axis = where % 2
         if where < 2:  # the middle is that of the other motor's way, on most printers of the other axis
-            other = (places.motor_mm[:, 1 - axis] - scene.motor_middle_mm(1 - axis)) / SCALE_MM
+            other = scene.motor_off_middle(1 - axis, places.motor_mm[:, 1 - axis])
             lag = onto_bed(scene, axis, (0.5 * places.side[:, axis] * other)[:, None])
         else:
-            other = (places.bed_mm[:, 1 - axis] - scene.middle_mm[1 - axis]) / SCALE_MM
+            other = scene.off_middle(places.bed_mm)[:, 1 - axis]
             lag = along(axis, (0.5 * places.ways[:, axis] * other)[:, None])
         across = along(1 - axis, (0.5 * places.ways[:, axis] * other)[:, None])
         return np.concatenate([lag, across], axis=2)

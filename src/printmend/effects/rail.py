@@ -24,14 +24,12 @@ class Rail(Usual):
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2):
             low, high = scene.bed_span_mm[axis]
-            shapes = [
-                (float(each),) for each in periods_mm(SHORTEST_MM, min(LONGEST_MM, 1.2 * (high - low)), high - low)
-            ]
-            if shapes:
-                yield from alternatives(self.name, axis, shapes, (1.0,) * (4 if scene.corexy else 2))
+            periods = periods_mm(SHORTEST_MM, min(LONGEST_MM, 1.2 * (high - low)), high - low)
+            profile = (1.0,) * (4 if scene.corexy else 2)
+            yield from alternatives(self.name, axis, [(each,) for each in periods], profile)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        turn = waves(places.bed_mm[:, where], shape[0], np.ones(1))
+        turn = waves(places.bed_mm[:, where], shape[0])
         across = along(1 - where, turn)
         return np.concatenate([across, along(where, turn)], axis=2) if scene.corexy else across
 

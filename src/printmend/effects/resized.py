@@ -27,5 +27,4 @@ class Resized(Usual):
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         # where healthy belts would be: beside a scale of the motors, what they really do would stand for all that is
         # wrong with them
-        nominal_mm = np.asarray(scene.printer.from_motor(places.motor_mm))
-        return ((nominal_mm - scene.middle_mm) / SCALE_MM)[:, :, None]
+        return scene.off_middle(scene.printer.from_motor(places.motor_mm))[:, :, None]

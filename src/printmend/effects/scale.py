@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.teeth import TOOTH_MM
 from printmend.effects.words import Care, Fault, Found, Numbers, amount, motor_name
@@ -25,8 +25,7 @@ class Scale(Usual):
             yield from alternatives(self.name, motor, [()], (1.0,))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        x = (places.motor_mm[:, where] - scene.motor_middle_mm(where)) / SCALE_MM
-        return onto_bed(scene, where, x[:, None])
+        return onto_bed(scene, where, scene.motor_off_middle(where, places.motor_mm[:, [where]]))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         percent, sd = found.size(lambda sizes: float(sizes[0]))  # mm in 100 mm

@@ -26,7 +26,7 @@ class Shrinkage(Usual):
                 yield Term(self.name, axis, (), (scene.shrinkage_sd * SCALE_MM,), ALWAYS)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return along(where, (scene.middle_mm[where] - places.bed_mm[:, [where]]) / SCALE_MM)
+        return along(where, -scene.off_middle(places.bed_mm)[:, [where]])
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         return iter(())  # it is reported beside the machine's scale

@@ -24,8 +24,7 @@ class Skew(Usual):
             yield from alternatives(self.name, axis, [()], (1.0,))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        other = (places.bed_mm[:, 1 - where] - scene.middle_mm[1 - where]) / SCALE_MM
-        return along(where, other[:, None])
+        return along(where, scene.off_middle(places.bed_mm)[:, [1 - where]])
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         """Report by how much printed axes lean: what of it the frame does and what a CoreXY's unlike belts do, no

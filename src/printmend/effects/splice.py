@@ -4,13 +4,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, about, onto_bed
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, about, about_factor, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Care, Fault, Found, Numbers, amount, motor_name, where_seen
 from printmend.messages import say
 
 STEP_MM = 5.0  # distance of the places that are tried
 WIDTH_MM = 4.0  # that is tried first: others are looked for about it
+WIDTHS_APART = 1.4  # of the logarithms of two widths
 
 
 class AtOnePlace(Usual):
@@ -50,10 +51,8 @@ class Splice(AtOnePlace):
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
-            at = np.arange(low + STEP_MM, high, STEP_MM)
-            shapes = [(float(place), WIDTH_MM) for place in at]
-            if shapes:
-                yield from alternatives(self.name, motor, shapes, (1.0,))
+            shapes = [(float(at), WIDTH_MM) for at in np.arange(low + STEP_MM, high, STEP_MM)]
+            yield from alternatives(self.name, motor, shapes, (1.0,))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         at, width = shape
@@ -63,6 +62,6 @@ class Splice(AtOnePlace):
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         at, width = shape
         for place in about(at, STEP_MM, round_):
-            yield float(place), width
-        for factor in about(0.0, 1.4, round_):
-            yield at, float(width * np.exp(factor))
+            yield place, width
+        for wider in about_factor(width, WIDTHS_APART, round_):
+            yield at, wider

@@ -45,7 +45,7 @@ class Teeth(Usual):
                 yield from alternatives(self.name, motor, [(period,)], (1.0, 1.0), share=share, sd_mm=sd_mm)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return onto_bed(scene, where, waves(places.motor_mm[:, where], shape[0], np.ones(1)))
+        return onto_bed(scene, where, waves(places.motor_mm[:, where], shape[0]))
 
     def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return np.array(shape)

@@ -22,7 +22,7 @@ class Tilt(Usual):
             yield from alternatives(self.name, axis, [()], (1.0, 1.0))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        place = (places.bed_mm[:, where] - scene.middle_mm[where]) / SCALE_MM
+        place = scene.off_middle(places.bed_mm)[:, where]
         return along(1 - where, 0.5 * places.ways[:, [where]] * np.stack([np.ones(len(place)), place], axis=1))
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:

@@ -25,7 +25,7 @@ class Turn(Usual):
         yield from alternatives(self.name, 0, [()], (1.0,), share=share, sd_mm=sd_mm)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        x, y = ((places.bed_mm - scene.middle_mm) / SCALE_MM).T
+        x, y = scene.off_middle(places.bed_mm).T
         return np.stack([-y, x], axis=1)[:, :, None]
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Places, Scene, Term, Usual, about, onto_bed
-from printmend.effects.halves import borders_mm
+from printmend.effects.halves import APART_MM, borders_mm
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
@@ -31,14 +31,9 @@ class UnevenPlay(Usual):
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         axis, at = shape
-        for place in about(at, 8.0, round_):
-            yield axis, float(place)
+        yield from ((axis, place) for place in about(at, APART_MM, round_))
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        words = say(
-            "mm-more-play-upper-part-model",
-            carrier_name(scene, found.where),
-            f"{found.sizes_mm[0]:+.2f}",
-            "XY"[int(found.shape[0])],
-        )
+        carrier, axis = carrier_name(scene, found.where), "XY"[int(found.shape[0])]
+        words = say("mm-more-play-upper-part-model", carrier, f"{found.sizes_mm[0]:+.2f}", axis)
         yield Told("halves-play", words)

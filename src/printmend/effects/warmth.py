@@ -4,12 +4,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import ANEW, SCALE_MM, Of, Places, Scene, Term, Usual, about, along
+from printmend.effects.effect import ANEW, SCALE_MM, Of, Places, Scene, Term, Usual, about_factor, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
 
 TIMES = (0.1, 0.25, 0.7)  # shares of the print
+APART = 0.9  # of the logarithms of two of them
 
 
 class Warmth(Usual):
@@ -25,13 +26,12 @@ class Warmth(Usual):
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         grown = (1.0 - np.exp(-places.done / shape[0]))[:, None]
-        x, y = ((places.bed_mm - scene.middle_mm) / SCALE_MM).T
+        x, y = scene.off_middle(places.bed_mm).T
         grows = [along(0, x[:, None] * grown), along(1, y[:, None] * grown)]
         return np.concatenate([*grows, along(0, grown), along(1, grown)], axis=2)
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        for factor in about(0.0, 0.9, round_):
-            yield (float(shape[0] * np.exp(factor)),)
+        yield from ((each,) for each in about_factor(shape[0], APART, round_))
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         """The axis that grew or moved most."""
