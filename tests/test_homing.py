@@ -138,7 +138,7 @@ def test_seen_shifts_narrow_the_scatter() -> None:
 
     assert sd_mm(*[(0.004, 0.001), (-0.006, 0.001)] * 4) < 0.3 * sd_mm()
     assert sd_mm(*[(0.2, 0.01), (-0.3, 0.01)] * 4) > 1.2 * sd_mm()
-    aside = scatter_of(Homing(), ((0.8, 0.01),))
+    aside = scatter_of(ENDER3, ((0.8, 0.01),))
     assert aside.weight @ aside.sd_mm < 0.15  # an electrical turn is no wide scatter
 
 

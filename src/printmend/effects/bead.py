@@ -9,6 +9,8 @@ from printmend.effects.prior import size_mm
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Told
 from printmend.messages import say
 
+LOG_ODDS = 7.0  # lines of exactly the width that was set are one case in a thousand
+
 
 class Bead(Usual):
     """A shift along the normal of every wall."""
@@ -18,7 +20,7 @@ class Bead(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.walls:
-            yield Term(self.name, 0, (), (size_mm(self.name),), 7.0)
+            yield Term(self.name, 0, (), (size_mm(self.name),), LOG_ODDS)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return np.asarray(places.normal[:, :, None])

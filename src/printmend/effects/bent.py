@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along_both
 from printmend.effects.prior import alternatives
 from printmend.effects.words import AXES, LEAST_SHOWN_MM, Care, Fault, Found, Numbers, where_seen
 from printmend.messages import say
@@ -24,8 +24,7 @@ class Bent(Usual):
         yield from alternatives(self.name, 0, [()], tuple(np.tile([1.0 if p + q == 2 else 0.4 for p, q in POWERS], 2)))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        terms = _products(scene.off_middle(places.bed_mm))
-        return np.concatenate([along(0, terms), along(1, terms)], axis=2)
+        return along_both(_products(scene.off_middle(places.bed_mm)))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         corners = np.stack(np.meshgrid(*scene.bed_span_mm), axis=-1).reshape(-1, 2)

@@ -27,7 +27,7 @@ class Breathing(Usual):
     kinds = ("loose-belt", "play-by-angle")
     acts = Acts.DRIVE
     needs = ("play", "friction")
-    keys = Waves(tuple(range(1, 17)))
+    keys = Waves(tuple(map(int, HARMONICS)))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         profile = tuple(np.tile(HARMONICS**-2.0, 2))

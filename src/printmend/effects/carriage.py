@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along
-from printmend.effects.prior import alternatives, share_of
+from printmend.effects.prior import alternatives, each_share, share_of
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Told, Whole
 from printmend.messages import say
 
@@ -25,11 +25,11 @@ class Carriage(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.instrument.wave_mm:
-            odds = share_of(self.name) / (1 - share_of(self.name)) / len(COURSES)
+            share = each_share(share_of(self.name), len(COURSES))
             for axis in range(2):
                 for count, ways in COURSES:
                     profile = tuple(np.tile(1.0 / np.arange(1, count + 1), int(ways)))
-                    yield from alternatives(self.name, axis, [(count, ways)], profile, share=odds / (1 + odds))
+                    yield from alternatives(self.name, axis, [(count, ways)], profile, share=share)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         low, high = scene.bed_span_mm[where]

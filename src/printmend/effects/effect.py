@@ -246,6 +246,11 @@ def along(axis: int, moved_mm: np.ndarray) -> np.ndarray:
     return out
 
 
+def along_both(moved_mm: np.ndarray) -> np.ndarray:
+    """Return shifts [N, P] along either bed axis as [N, 2, 2P]: those along x first."""
+    return np.concatenate([along(0, moved_mm), along(1, moved_mm)], axis=2)
+
+
 def held(places_mm: np.ndarray, span_mm: Sequence[float] | np.ndarray) -> np.ndarray:
     """Return places, those outside of a span moved to its ends, so that the effect stays constant there."""
     low, high = span_mm

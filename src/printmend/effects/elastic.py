@@ -19,7 +19,7 @@ class Elastic(Usual):
 
     name = "elastic"
     acts = Acts.DRIVE
-    keys = Waves((1, 3, 5))
+    keys = Waves(tuple(map(int, HARMONICS)))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         profile = tuple(np.tile(HARMONICS**-2.5, 2))

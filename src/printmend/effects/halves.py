@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, about, along
+from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, about, along_both
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Numbers, Told
 from printmend.messages import say, together
@@ -29,8 +29,7 @@ class Halves(Usual):
             yield from alternatives(self.name, axis, [(float(at),) for at in borders_mm(scene, axis)], (1.0, 1.0))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        past = (places.bed_mm[:, where] > shape[0])[:, None] * 1.0
-        return np.concatenate([along(0, past), along(1, past)], axis=2)
+        return along_both((places.bed_mm[:, [where]] > shape[0]) * 1.0)
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         yield from ((at,) for at in about(shape[0], APART_MM, round_))

@@ -4,10 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from printmend.effects.effect import ALWAYS, GONE, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import ALWAYS, FAR_MM, GONE, Of, Places, Scene, Term, Usual, along_both
 from printmend.effects.words import Numbers
-
-FAR_MM = 30.0  # how far off an origin may be; the trace's was put near the bed's beforehand
 
 
 class Origin(Usual):
@@ -20,9 +18,8 @@ class Origin(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if not scene.placed:
-            # even a sheet that looks aligned has an origin of its own
+            # even a sheet that looks aligned has an origin of its own; the trace's was put near the bed's beforehand
             yield Term(self.name, 0, (), (FAR_MM, FAR_MM), ALWAYS)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        one = np.ones((len(places), 1))
-        return np.concatenate([along(0, one), along(1, one)], axis=2)
+        return along_both(np.ones((len(places), 1)))

@@ -34,7 +34,7 @@ def profiles() -> list[np.ndarray]:
 
 LEAST_EFFECT_MM = 0.003  # a smaller wave is not named: no print shows it
 NAMED_HARMONICS = 3  # most harmonics of a pulley that are named: the largest
-_SHAPES = {1: "shape-eccentric", 2: "shape-oval", 3: "shape-three-cornered", 4: "shape-four-cornered"}
+SHAPES = {1: "shape-eccentric", 2: "shape-oval", 3: "shape-three-cornered", 4: "shape-four-cornered"}  # messages
 
 
 class Pulley(Usual):
@@ -44,7 +44,7 @@ class Pulley(Usual):
     name = "pulley"
     kinds = ("harmonic",)
     acts = Acts.DRIVE
-    keys = Waves(tuple(range(1, 33)))
+    keys = Waves(tuple(map(int, HARMONICS)))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
@@ -69,7 +69,7 @@ class Pulley(Usual):
             title, repair = say("pulley-off-centre", where), say("replace-pulley-if-new-one-wobbles")
             meaning = say("pulley-wobbles", f"{size_mm:.2f}", f"{moves_mm:.2f}")
         else:
-            title = say("pulley", where, say(_SHAPES.get(order, "shape-uneven")))
+            title = say("pulley", where, say(SHAPES.get(order, "shape-uneven")))
             repair = say("replace-pulley-worn-squeezed-badly-made")
             meaning = say("pulley-out-of-round", f"{size_mm:.2f}", order, f"{moves_mm:.2f}")
         return Care(title, meaning, moves_mm, where_seen(moves_mm, repair))
@@ -82,7 +82,7 @@ def first(harmonics: np.ndarray, shape: tuple[float, ...]) -> np.ndarray:
 
 def shape_words(order: int) -> str:
     """Return the shape of a pulley whose error comes so many times a turn."""
-    return say(_SHAPES[order]) if order in _SHAPES else say("shape-uneven-times", order)
+    return say(SHAPES[order]) if order in SHAPES else say("shape-uneven-times", order)
 
 
 def wave_sizes(found: Found) -> tuple[np.ndarray, np.ndarray]:

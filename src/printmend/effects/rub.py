@@ -6,12 +6,12 @@ import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives
-from printmend.effects.uneven import cosines, spectrum
+from printmend.effects.uneven import LENGTHS_MM, cosines, spectrum
 from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Whole, along_motor_mm, motor_name
 from printmend.messages import say
 
 COUNT = 24  # cosines: over 200 mm the shortest is 17 mm long
-LENGTHS_MM = (8.0, 16.0, 32.0, 64.0)
+RUB_LENGTHS_MM = LENGTHS_MM[1:]  # that fewer cosines can have
 
 
 class Rub(Usual):
@@ -24,7 +24,7 @@ class Rub(Usual):
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             span = scene.motor_span_mm[motor]
-            yield from alternatives(self.name, motor, [span], *(spectrum(span, each, COUNT) for each in LENGTHS_MM))
+            yield from alternatives(self.name, motor, [span], *(spectrum(span, each, COUNT) for each in RUB_LENGTHS_MM))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         lag = 0.5 * places.side[:, [where]] * cosines(places.motor_mm[:, where], shape, COUNT)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along_both
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told
 from printmend.messages import say
@@ -23,8 +23,7 @@ class Shift(Usual):
             yield from alternatives(self.name, 0, [()], (1.0, 1.0))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        one = np.ones((len(places), 1))
-        return np.concatenate([along(0, one), along(1, one)], axis=2)
+        return along_both(np.ones((len(places), 1)))
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         words = say("everything-lies-mm-where-home-says", *(f"{each:+.2f}" for each in found.sizes_mm))

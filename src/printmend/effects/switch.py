@@ -12,7 +12,7 @@ import numpy as np
 from printmend.effects.effect import Scene
 from printmend.effects.prior import homing_priors
 from printmend.effects.teeth import TOOTH_MM
-from printmend.printer import Homing, Printer
+from printmend.printer import Printer
 
 GRID = np.linspace(-2.0, 2.0, 9)  # of the logarithm of a scatter, in its standard deviations
 STEPS_A_TURN = 4  # full steps of an electrical turn
@@ -28,16 +28,15 @@ class Scatter:
     turn: np.ndarray
 
 
-def scatter_of(homing: Homing, seen_mm: tuple[tuple[float, float], ...] = (), turn_mm: float = 0.8) -> Scatter:
-    """Return the belief about end stops, given the shifts ``seen_mm`` between two homings (size, its standard
-    deviation); ``turn_mm`` is a motor's electrical turn."""
+def scatter_of(printer: Printer, seen_mm: tuple[tuple[float, float], ...] = ()) -> Scatter:
+    """Return the belief about a printer's end stops, given the shifts ``seen_mm`` between two homings (size, its
+    standard deviation)."""
+    homing, turn_mm = printer.homing, float(_turns_mm(printer).mean())
     found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for name, share, sd, log_sd, chance in homing_priors():
         if homing.switch not in (name, "unknown"):
             continue
-        known = homing.scatter_mm is not None
-        grid = np.zeros(1) if known else GRID
-        size_mm = homing.scatter_mm if homing.scatter_mm is not None else sd
+        grid, size_mm = (GRID, sd) if homing.scatter_mm is None else (np.zeros(1), homing.scatter_mm)
         bell = np.exp(-0.5 * grid**2)
         own = bell / bell.sum() * (share if homing.switch == "unknown" else 1.0)
         found.append((own, size_mm * np.exp(log_sd * grid), np.full(len(grid), chance)))
@@ -56,7 +55,7 @@ def scatter_of(homing: Homing, seen_mm: tuple[tuple[float, float], ...] = (), tu
 def drawn_shifts_mm(scene: Scene, count: int, rng: np.random.Generator) -> np.ndarray:
     """Draw each motor's shift [2, D] from the homing of the measured print to the next one."""
     printer = scene.printer
-    scatter = scatter_of(printer.homing, scene.homed_again_mm, float(_turns_mm(printer).mean()))
+    scatter = scatter_of(printer, scene.homed_again_mm)
     which = rng.choice(len(scatter.weight), count, p=scatter.weight)
     axes_mm = math.sqrt(2) * scatter.sd_mm[which] * rng.standard_normal((2, count))
     aside = rng.choice((-1.0, 1.0), (2, count)) * (rng.uniform(size=(2, count)) < scatter.turn[which])
@@ -72,7 +71,7 @@ def homing_mm(
     motor is an electrical turn off; without them both are drawn for the kind of switch.
     """
     if scatter_mm is None or turn_share is None:
-        scatter = scatter_of(printer.homing)
+        scatter = scatter_of(printer)
         which = int(rng.choice(len(scatter.weight), p=scatter.weight))
         scatter_mm = float(scatter.sd_mm[which]) if scatter_mm is None else scatter_mm
         turn_share = float(scatter.turn[which]) if turn_share is None else turn_share
@@ -93,6 +92,6 @@ def _turns_mm(printer: Printer) -> np.ndarray:
 def spread_mm(scene: Scene, homings: int = 2) -> np.ndarray:
     """Return the standard deviation [2] of both motors' shifts from one homing to the next, but for electrical turns;
     with one of ``homings`` that from where the end stops switch in the mean."""
-    scatter = scatter_of(scene.printer.homing, scene.homed_again_mm, float(_turns_mm(scene.printer).mean()))
+    scatter = scatter_of(scene.printer, scene.homed_again_mm)
     sd_mm = math.sqrt(homings * float(scatter.weight @ scatter.sd_mm**2))
     return np.asarray(sd_mm * np.linalg.norm(scene.printer.to_motor(np.eye(2)), axis=0))

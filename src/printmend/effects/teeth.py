@@ -11,8 +11,7 @@ from printmend.messages import say
 
 TOOTH_MM = 2.0  # of a GT2 belt, which printers have: a pulley has a whole number of them
 BACK_SIGMAS = 3.0  # a wave as large as so many standard deviations would turn its motor back
-STEPS = (4.0, 2.0, 1.0, 0.5)  # full steps of a motor's waves: a pair of poles is four
-NAMES = {
+NAMES = {  # messages by full steps of a motor's waves: a pair of poles is four
     4.0: "fault-ripple-poles",
     2.0: "fault-ripple-pairs",
     1.0: "fault-ripple-steps",
@@ -38,7 +37,7 @@ class Teeth(Usual):
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             step = scene.printer.axes[motor].mm_per_step
-            periods = dict.fromkeys([TOOTH_MM, *(count * step for count in STEPS)])
+            periods = dict.fromkeys([TOOTH_MM, *(count * step for count in NAMES)])
             share = each_share(share_of(self.name), len(periods))
             for period in periods:
                 sd_mm = min(size_mm(self.name), period / (2 * np.pi * BACK_SIGMAS))

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import ANEW, SCALE_MM, Of, Places, Scene, Term, Usual, about_factor, along
+from printmend.effects.effect import ANEW, SCALE_MM, Of, Places, Scene, Term, Usual, about_factor, along, along_both
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
@@ -28,7 +28,7 @@ class Warmth(Usual):
         grown = (1.0 - np.exp(-places.done / shape[0]))[:, None]
         x, y = scene.off_middle(places.bed_mm).T
         grows = [along(0, x[:, None] * grown), along(1, y[:, None] * grown)]
-        return np.concatenate([*grows, along(0, grown), along(1, grown)], axis=2)
+        return np.concatenate([*grows, along_both(grown)], axis=2)
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         yield from ((each,) for each in about_factor(shape[0], APART, round_))

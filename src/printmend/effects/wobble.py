@@ -21,7 +21,7 @@ class Wobble(Usual):
 
     name = "wobble"
     acts = Acts.SCREW
-    keys = Waves((1, 2))
+    keys = Waves(tuple(map(int, HARMONICS)))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if turns_of(scene) >= LEAST_TURNS:
