@@ -7,6 +7,7 @@ import pytest
 
 from printmend.errors import TraceError
 from printmend.learn.learned import learn_model
+from printmend.model.model import found_in, refusals
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
@@ -49,6 +50,27 @@ def test_what_is_no_measurement_of_this_print_is_refused(spoil: Spoil, rng: np.r
     with pytest.raises(TraceError) as refused:
         learn_model(Trace(points_mm, spoil(broken().follow(points_mm), rng)), PRINTER, rng=rng)
     assert "\n" not in str(refused.value)
+
+
+def test_one_wrong_cell_is_left_out_and_named(rng: np.random.Generator) -> None:
+    points_mm = zigzag(200)
+    measured_mm = broken().follow(points_mm)
+    measured_mm += rng.normal(0, 0.02, measured_mm.shape)
+    right = learn_model(Trace(points_mm, measured_mm), PRINTER, rng=np.random.default_rng(0))
+    measured_mm[70, 0] += 10.0
+    wrong = learn_model(Trace(points_mm, measured_mm), PRINTER, rng=np.random.default_rng(0))
+    assert wrong.noise_mm == pytest.approx(right.noise_mm, rel=0.1)
+    place = f"({points_mm[70, 0]:g}, {points_mm[70, 1]:g}) is 1"
+    assert any(place in each["words"] for each in found_in(wrong.document))
+    assert not refusals(wrong.document)
+
+
+@pytest.mark.parametrize("first", [0, 5])
+def test_a_table_that_does_not_begin_at_home_says_what_stays_open(first: int, rng: np.random.Generator) -> None:
+    points_mm = zigzag(200)
+    trace = Trace(points_mm[first:], broken().follow(points_mm)[first:], homed=not first)
+    said = [each["words"] for each in found_in(learn_model(trace, PRINTER, rng=rng).document)]
+    assert any("does not begin at home" in words for words in said) == bool(first)
 
 
 def test_a_refusal_counts_the_points(rng: np.random.Generator) -> None:

@@ -25,7 +25,7 @@ from printmend.measure.table import write_trace
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
 from printmend.mend.update import update
-from printmend.model import SavedModel, screw_of, write_model
+from printmend.model import SavedModel, screw_of, with_screw, write_model
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.report.examination import examine, summary
@@ -204,15 +204,38 @@ def test_heights_of_another_machine_are_refused() -> None:
         learned(replace(trace, z_measured_mm=trace.z_measured_mm * 254))
 
 
-@pytest.mark.parametrize("kind", ["none", "mirrored", "shuffled"])
+@pytest.mark.parametrize("kind", ["none", "mirrored", "shuffled", "layers"])
 def test_heights_that_do_not_follow_are_refused(kind: str) -> None:
     trace = measured(SCREW, tower())
     height_mm = trace.z_measured_mm
     assert height_mm is not None
     shuffled = np.random.default_rng(0).permutation(height_mm)
-    nonsense = {"none": np.zeros_like(height_mm), "mirrored": 20 - height_mm, "shuffled": shuffled}[kind]
+    nonsense = {
+        "none": np.zeros_like(height_mm),
+        "mirrored": 20 - height_mm,
+        "shuffled": shuffled,
+        "layers": 5 * height_mm,
+    }[kind]
     with pytest.raises(TraceError, match="follows z_mm"):
         find_lift(replace(trace, z_measured_mm=nonsense), SHORT)
+
+
+@pytest.mark.parametrize("kind", ["a dial gauge", "one place"])
+def test_heights_alone_complete_a_model_and_leave_x_and_y(bent: SavedModel, kind: str) -> None:
+    planar = with_screw(bent, None, findings=bent.findings[:1], details={"z": {}})
+    trace = measured(SCREW, tower(), seed=5)
+    if kind == "one place":
+        trace = replace(trace, commanded_mm=np.full_like(trace.commanded_mm, 100.0), homed=False)
+    else:
+        trace = replace(trace, measured_mm=np.full_like(trace.measured_mm, np.nan))
+    done = update(planar, trace, rng=np.random.default_rng(0))
+    assert errors_mm(done.model, replace(SCREW, wobble_mm=0.0))[0] < 0.06
+    for before, now in zip(planar.mechanism.transmissions, done.model.mechanism.transmissions, strict=True):
+        assert np.array_equal(before.lower_mm, now.lower_mm)
+        assert np.array_equal(before.upper_mm, now.upper_mm)
+    assert "Z lead was 0.000" in done.words
+    with pytest.raises(TraceError, match="at several places"):
+        learn_model(trace, SHORT)
 
 
 def test_the_owner_is_told_what_to_repair(told: Learned, monkeypatch: pytest.MonkeyPatch) -> None:

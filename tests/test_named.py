@@ -92,6 +92,14 @@ def test_play_is_named_once_by_its_most_telling_form() -> None:
     assert sticks.kind == "sticking"
 
 
+@pytest.mark.parametrize("angle_rad", [0.0, 0.7, 1.3])
+def test_a_push_along_one_line_is_as_large_as_it_goes_either_way(angle_rad: float) -> None:
+    way = np.cos(angle_rad), np.sin(angle_rad)
+    pushes = [part("wobble", axis, [0.25 * way[axis], 0.0, 0.0, 0.0]) for axis in range(2)]
+    (fault,) = [each for each in faults_of(pushes, SCENES["ender3"]) if each.kind == "wobble-1"]
+    assert fault.value == pytest.approx(0.25, abs=0.01)
+
+
 @pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize("slack_mm", [0.2, 1.2])
 def test_a_loose_shaft_and_a_loose_belt_are_told_apart_by_their_laws(slack_mm: float, order: int) -> None:

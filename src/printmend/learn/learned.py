@@ -77,20 +77,17 @@ def _of_set(fit: Fit) -> float:
 
 
 def another_home(trace: Trace, printer: Printer) -> tuple[Misfit, ...]:
-    """Return a note where a table begins, unmeasured, where other printers that come with the program home."""
+    """Return a note if a table with places does not begin at home: where the print lies then stays open."""
     first = trace.commanded_mm[0]
-    if trace.measured_rows[0] or _is_at(first, printer):
+    if _is_at(first, printer):
         return ()
-    if not any(_is_at(first, read_printer(name)) for name in preset_names()):
+    home = f"{printer.home_mm[0]:g}", f"{printer.home_mm[1]:g}"
+    if not trace.measured_rows[0] and any(_is_at(first, read_printer(name)) for name in preset_names()):
+        words = say("table-begins-where-other-printers-home", f"{first[0]:g}", f"{first[1]:g}", *home)
+        return (Misfit("home", NOTE, 0.0, 0.0, words),)
+    if not trace.placed:
         return ()
-    words = say(
-        "table-begins-where-other-printers-home",
-        f"{first[0]:g}",
-        f"{first[1]:g}",
-        f"{printer.home_mm[0]:g}",
-        f"{printer.home_mm[1]:g}",
-    )
-    return (Misfit("home", NOTE, 0.0, 0.0, words),)
+    return (Misfit("home", NOTE, 0.0, 0.0, say("table-does-not-begin-at-home", *home)),)
 
 
 def _is_at(place_mm: np.ndarray, printer: Printer) -> bool:

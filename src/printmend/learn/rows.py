@@ -18,8 +18,7 @@ from printmend.printer import Printer
 NEAR_SHARE = 0.04  # most by which calibrated steps a millimetre make a turn differ from the printer's, as a share
 LEAST_ROWS = 60  # with fewer rows nothing is tested
 LOST_SIGMAS, LOST_MM = 6.0, 0.05  # a point whose residual exceeds both limits was measured wrongly
-# Shares of such points from which on they are a note, a warning, a refusal.
-FEW_LOST, MANY_LOST, MOST_LOST = 0.005, 0.08, 0.3
+MANY_LOST, MOST_LOST = 0.08, 0.3  # shares of such points from which on they are a warning, or a refusal
 UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # a model that leaves this share of the error, and as many mm, does not fit
 COUNTING_SHARE = 0.1  # share of the largest wave of a turn that another one must have to say how long the turn is
 TWO_VALUED = 1.65  # kurtosis below which residuals take one of two values: even chances of a range give 1.8
@@ -34,21 +33,19 @@ def said_of_rows(posterior: Posterior, trace: Trace, left_mm: np.ndarray) -> tup
         *_unfit(trace, left_mm),
         *_random_order(trace, left_mm),
         *_other_turns(posterior),
-        *_left_out(left_mm),
+        *_left_out(trace, left_mm),
     )
 
 
 def lost_rows(left_mm: np.ndarray) -> np.ndarray:
-    """Return the points [N] that a model leaves out; none if they are too few to report."""
+    """Return the points [N] that a model leaves out."""
     known = np.isfinite(left_mm).all(axis=1)
     if not known.any():
         return np.zeros(len(left_mm), bool)
     sigma = np.array([robust_sigma_mm(each[known]) for each in left_mm.T])
     with np.errstate(invalid="ignore"):
         away = np.abs(left_mm)
-        lost = known & ((away > LOST_SIGMAS * sigma) & (away > LOST_MM)).any(axis=1)
-    count = int(lost.sum())
-    return lost if count >= 2 and count >= FEW_LOST * known.sum() else np.zeros_like(lost)
+        return np.asarray(known & ((away > LOST_SIGMAS * sigma) & (away > LOST_MM)).any(axis=1))
 
 
 def skipped(trace: Trace, turned: Trace, printer: Printer) -> Iterator[Misfit]:
@@ -131,8 +128,8 @@ def _times_a_turn(part: Part) -> int:
     return math.gcd(*(int(k) + 1 for k in np.flatnonzero(sizes > COUNTING_SHARE * sizes.max(initial=0.0)))) or 1
 
 
-def _left_out(left_mm: np.ndarray) -> list[Misfit]:
-    """Count the points that the model leaves out."""
+def _left_out(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:
+    """Count the points that the model leaves out; name the place of a single one."""
     known, lost = np.isfinite(left_mm).all(axis=1), lost_rows(left_mm)
     count, share = int(lost.sum()), float(lost.sum() / max(known.sum(), 1))
     if not count:
@@ -141,4 +138,7 @@ def _left_out(left_mm: np.ndarray) -> list[Misfit]:
     severity = REFUSAL if share > MOST_LOST else WARNING if share > MANY_LOST else NOTE
     message = "points-lie-mm-off-left-out" if share > MANY_LOST else "points-lie-mm-off-left-out-2"
     words = say(message, count, int(known.sum()), f"{100 * share:.1f}", f"{size:.2f}")
+    if count == 1:
+        x_mm, y_mm = trace.commanded_mm[lost][0]
+        words = say("point-lies-mm-off-left-out", f"{x_mm:g}", f"{y_mm:g}", int(known.sum()), f"{size:.2f}")
     return [Misfit("left-out", severity, size, float(count), words)]

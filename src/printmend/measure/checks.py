@@ -90,11 +90,21 @@ def check_trace(trace: Trace) -> None:
             say("trace"), wanted=say("positions-bed-mm"), came=f"{far:g}", todo=say("leave-wrong-cells-empty")
         )
     count = max(int(trace.measured_rows.sum()), int(trace.wall_rows.sum()))
+    if trace.z_measured_mm is not None and not shows_plane(trace):
+        raise TraceError(
+            say("trace"), wanted=say("points-at-several-places"), came=say("heights-at-one-place"),
+            todo=say("learn-flat-print-then-update-by-heights"),
+        )  # fmt: skip
     if len(trace) < LEAST_MEASURED or count < LEAST_MEASURED:
         raise TraceError(
             say("trace"), wanted=say("least-measured-points", LEAST_MEASURED), came=say("rows", count, len(trace)),
             todo=say("measure-more-print-printmend-probe-makes"),
         )  # fmt: skip
+
+
+def shows_plane(trace: Trace) -> bool:
+    """Return whether X and Y were measured and the head moved along them: a tower may show heights alone."""
+    return bool((trace.measured_rows | trace.wall_rows).any() and np.ptp(trace.commanded_mm, axis=0).any())
 
 
 def check_follows(trace: Trace, printer: Printer) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from printmend.errors import TraceError, reason
 from printmend.files import replacing
-from printmend.measure.checks import AXES_TODO, check_origin, wrong_axes
+from printmend.measure.checks import AXES_TODO, LEAST_MEASURED, check_origin, wrong_axes
 from printmend.messages import say
 from printmend.path import DOUBTS, Instrument, Motion, Origin, Trace
 from printmend.printer import Printer
@@ -39,7 +39,6 @@ ORIGIN = ("printer", "kinematics", "probe")
 KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *DOUBTS, *TOGETHER, *MOTION)
 _ROUNDED = -1e-5  # rounding to six digits may make an eigenvalue of the correlations this small
 _MOST_DOUBT = 0.5  # an instrument less sure of a length than this measures nothing
-MIN_MEASURED = 10  # fewest measured points of a trace
 OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
 AT_HOME_MM = 0.05  # a trace that begins nearer to the home position began there
 _LARGEST_MM = 1e9  # larger values are clipped to this: they are wrong all the same, and their squares stay finite
@@ -73,10 +72,11 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
     _check_values(path, columns)
     both = np.isfinite(measured).all(axis=1)
     normal, offset = _walls(path, names, columns)
-    if both.sum() < MIN_MEASURED and offset is None:
+    heights = np.isfinite(columns["z_measured_mm"]) if "z_measured_mm" in columns else both
+    if max(both.sum(), heights.sum()) < LEAST_MEASURED and offset is None:
         raise TraceError(
             path,
-            wanted=say("least-measured-points", MIN_MEASURED),
+            wanted=say("least-measured-points", LEAST_MEASURED),
             came=say("rows", int(both.sum()), len(commanded)),
             todo=say("measure-more-print-printmend-probe-makes"),
         )
@@ -227,7 +227,7 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None,
     if len(values) == 0:
         raise TraceError(
             path,
-            wanted=say("least-measured-points", MIN_MEASURED),
+            wanted=say("least-measured-points", LEAST_MEASURED),
             came=say("no-rows"),
             todo=say("add-measured-points"),
         )

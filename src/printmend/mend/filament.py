@@ -18,6 +18,7 @@ from printmend.filament import CLAIM_SD, UNNAMED, Entry, Split, material_of, spl
 from printmend.infer.machine import DRAWS, Part
 from printmend.learn.learned import AUTO, SEARCH, learn_model
 from printmend.machine import Frame, Mechanism
+from printmend.measure.callipers import DOUBTED_SIGMAS
 from printmend.measure.checks import digest_of
 from printmend.mend.history import Ageing
 from printmend.mend.update import Updated, update
@@ -269,6 +270,7 @@ def _acts(one: Split, entries: Sequence[Entry], axis: int) -> bool:
 def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -> SavedModel:
     """Return a model with the machine's scale and each filament's shrinkage, as estimated from all entries."""
     belief, entries = belief_of(model), (*before, *new)
+    _check_travels(entries)
     rng = np.random.default_rng(0)
     splits = [split(entries, axis) for axis in range(2)]
     own = np.stack([each.draws(DRAWS, rng) for each in splits])  # [2, D]
@@ -305,6 +307,22 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
         noise_mm=model.noise_mm, findings=findings, details=details,
     )  # fmt: skip
     return settled if series is None else with_screw(settled, series, findings=findings, details={})
+
+
+def _check_travels(entries: Sequence[Entry]) -> None:
+    """Raise `ConfigError` for a rule's scale that the other measurements contradict."""
+    for rule in entries:
+        others = [each for each in entries if each is not rule]
+        for axis, scale in enumerate(rule.scale if rule.kind == "rule" else ()):
+            if not np.isfinite(scale) or not any(np.isfinite(each.scale[axis]) for each in others):
+                continue
+            one = split(others, axis)
+            if abs(scale - one.mean) > DOUBTED_SIGMAS * np.hypot(one.sd, rule.sd[axis]):
+                seen = f"{100 * one.mean:+.2f}", f"{100 * one.sd:.2f}"
+                raise ConfigError(
+                    "--travel", wanted=say("scale-as-measured", "XY"[axis], *seen),
+                    came=f"{100 * scale:+.2f} %", todo=say("sent-before-went-or-read-again"),
+                )  # fmt: skip
 
 
 def _shrinkage(

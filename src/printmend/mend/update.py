@@ -43,7 +43,7 @@ from printmend.learn.learned import (
 )  # fmt: skip
 from printmend.learn.order import in_order, passed_over
 from printmend.learn.walls import with_walls
-from printmend.measure.checks import check_origin, counted_once, digest_of, with_heights
+from printmend.measure.checks import check_origin, counted_once, digest_of, shows_plane, with_heights
 from printmend.mend.history import Ageing
 from printmend.messages import say, together
 from printmend.model import SavedModel, saved_model, screw_of, with_screw
@@ -123,6 +123,8 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
         once, copies = counted_once(trace)
         ordered = in_order(near_bed(with_walls(once, old.printer), old.printer), old.printer)
         flat = with_heights(ordered.trace, old.printer)
+        if flat.z_measured_mm is not None and not shows_plane(flat):
+            return _lifted(old, belief, flat, digest)
         found = measured_again(old, belief, flat, rng, ageing=ageing)
         if found.story.whole:
             return _anew(old, trace, rng)
@@ -173,6 +175,33 @@ def _anew(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated:
     return Updated(with_screw(model, screw_of(model), findings=model.findings, details=details), (), names)
 
 
+def _lifted(old: SavedModel, belief: Belief, trace: Trace, digest: str) -> Updated:
+    """Update how Z lifts by heights alone; X and Y stay as they were."""
+    before, seen = lift_of(old), find_lift(trace, old.printer)
+    lift = renewed_lift(before, seen or Lift())
+    gaps = [gap for gap in old.findings[1:] if not gap.startswith("Z ")]
+    diagnosis = diagnose(belief.parts, belief.scene, gaps, lift)
+    changes = tuple(_lift_changes(before, lift))
+    details = {
+        "diagnosis": [fault.row for fault in diagnosis.faults],
+        DIGESTS: [*known_digests(old), digest],
+        Z_SAID: lift.said,
+        "update": {"from": old.digest, "changes": _rows_of(changes), "anew": []},
+    }
+    series = lift.with_push(old.printer.z.mm_per_turn, push_of(belief.parts))
+    findings = (diagnosis.summary, *diagnosis.gaps)
+    return Updated(with_screw(old, series, findings=findings, details=details), changes, ())
+
+
+def _rows_of(changes: Sequence[Change]) -> list[dict[str, Any]]:
+    """Return changes as a model's document has them."""
+    return [
+        {"part": c.part, "kind": c.kind, "before": round(c.before, 6), "now": round(c.now, 6), "sd": round(c.sd, 6),
+         "unit": c.unit}
+        for c in changes
+    ]  # fmt: skip
+
+
 def _updated(
     old: SavedModel, belief: Belief, found: Renewed, trace: Trace, said: Sequence[Misfit], digest: str
 ) -> Updated:
@@ -187,11 +216,6 @@ def _updated(
     lift = renewed_lift(before, seen or Lift())
     diagnosis = diagnose(parts, scene, gaps, lift)
     changes = [*changes_of(found), *_lift_changes(before, lift)]
-    plain = [
-        {"part": c.part, "kind": c.kind, "before": round(c.before, 6), "now": round(c.now, 6), "sd": round(c.sd, 6),
-         "unit": c.unit}
-        for c in changes
-    ]  # fmt: skip
     details: dict[str, Any] = {
         "diagnosis": [fault.row for fault in diagnosis.faults],
         "trace": _trace_section(trace, PLANE_FACTOR * noise_mm),
@@ -212,7 +236,7 @@ def _updated(
         "misfit": misfit_section((*said, *misfits_of(parts, scene))),
         DIGESTS: [*known_digests(old), digest],
         **({Z_SAID: lift.said} if lift.known else {}),
-        "update": {"from": old.digest, "changes": plain, "anew": list(names)},
+        "update": {"from": old.digest, "changes": _rows_of(changes), "anew": list(names)},
     }
     model = saved_model(
         mechanism, learner=old.learner, branches=branches, noise_mm=noise_mm,
