@@ -14,7 +14,7 @@ from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
 from printmend.effects.effect import drawn_places
 from printmend.effects.homing import lasting
 from printmend.effects.pulley import shape_words
-from printmend.effects.wobble import LEAST_TURNS
+from printmend.effects.wobble import LEAST_TURNS, OFTEN
 from printmend.effects.words import (
     LEAST,
     LEAST_SHOWN_MM,
@@ -129,20 +129,18 @@ def find_lift(trace: Trace, printer: Printer) -> Lift | None:
 
     Raises `TraceError` for heights that are none of this printer.
     """
-    if trace.z_mm is None or trace.z_measured_mm is None or np.isfinite(trace.z_measured_mm).sum() < _LEAST_HEIGHTS:
+    if trace.z_mm is None or trace.z_measured_mm is None:
         return None
-    return _lift(trace.z_mm, trace.z_measured_mm, printer)
-
-
-def _lift(z_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> Lift:
-    """Learn how the screw lifts."""
+    z_mm, measured_mm, seen = trace.z_mm, trace.z_measured_mm, np.isfinite(trace.z_measured_mm)
+    if seen.sum() < _LEAST_HEIGHTS:
+        return None
     lead_mm = printer.z.mm_per_turn
-    span_mm = float(np.ptp(z_mm[np.isfinite(measured_mm)]))
+    span_mm = float(np.ptp(z_mm[seen]))
     gaps: dict[str, str] = {}
     if span_mm < LEAST_TURNS * lead_mm:
         gaps["lead"] = too_low("lead-and-unevenness", span_mm, lead_mm)
     else:
-        _check_follows(z_mm, measured_mm)
+        _check_follows(z_mm[seen], measured_mm[seen])
     height = fit_height(z_mm, measured_mm, printer, turns="lead" not in gaps)
     spreads = np.array([height.sds[0], *np.repeat(_sizes(height.sds[1:]) / np.sqrt(2), 2)])
     terms, known = height.terms, {}
@@ -154,9 +152,8 @@ def _lift(z_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> Lift:
             gaps[kind] = say("z-told-mm-only-measure-more", say(f"z-{kind}"), f"{sd_mm:.2f}")
         else:
             known[kind] = _of_lead(own, height.sds, spreads) if kind == "lead" else _of_waves(own, height.sds, spreads)
-    if _comes_back(z_mm, measured_mm):
-        backlash_mm = height.backlash_mm
-        sd = height.backlash_sd_mm
+    if (last_way(z_mm)[seen] < 0).any():  # a height was measured after the nozzle came down to it
+        backlash_mm, sd = height.backlash_mm, height.backlash_sd_mm
         said = say("z-has-backlash", amount(backlash_mm, sd)) if backlash_mm else ""
         faults = (Fault("z", "backlash", backlash_mm, sd, "mm", said),) if backlash_mm else ()
         known["backlash"] = Quantity(np.array([backlash_mm]), said, faults, sd)
@@ -178,16 +175,14 @@ def _of_waves(terms: np.ndarray, sds: np.ndarray, spreads: np.ndarray) -> Quanti
     waved = [(k, size, sd) for k, size, sd in each if size > max(NAMED_SIGMAS * sd, LEAST["mm"])]
     if not waved:
         return Quantity(terms, sd=float(spreads[1]))
-    often = {1: "once-a-turn", 2: "twice-a-turn"}
-    said = say("z-lifts-unevenly", together(" / ", [say(often[k], amount(size, sd)) for k, size, sd in waved]))
+    said = say("z-lifts-unevenly", together(" / ", [say(OFTEN[k - 1], amount(size, sd)) for k, size, sd in waved]))
     faults = tuple(Fault("z", f"periodic-{k}", float(size), sd, "mm", said) for k, size, sd in waved)
     return Quantity(terms, said, faults, float(spreads[1]))
 
 
 def _check_follows(z_mm: np.ndarray, measured_mm: np.ndarray) -> None:
-    """Raise `TraceError` where measured heights [N], NaN for none, do not go with the commanded ones [N]."""
-    seen = np.isfinite(measured_mm)
-    wanted, came = (height[seen] - height[seen].mean() for height in (z_mm, measured_mm))
+    """Raise `TraceError` where measured heights [N] do not go with the commanded ones [N]."""
+    wanted, came = (height - height.mean() for height in (z_mm, measured_mm))
     followed = float(wanted @ came / (wanted @ wanted))
     likeness = float(wanted @ came / max(np.linalg.norm(wanted) * np.linalg.norm(came), 1e-9))
     if likeness < LEAST_RANK_CORRELATION or not POSSIBLE_LEADS[0] < followed < POSSIBLE_LEADS[1]:
@@ -205,11 +200,6 @@ def is_gap_of_z(gap: str) -> bool:
 def too_low(what: str, span_mm: float, lead_mm: float) -> str:
     """Say that heights span too little to tell something of Z."""
     return say("z-heights-span-mm-turn-screw", say(f"z-{what}"), f"{span_mm:.1f}", f"{lead_mm:g}")
-
-
-def _comes_back(z_mm: np.ndarray, measured_mm: np.ndarray) -> bool:
-    """Tell whether a height was measured after the nozzle came down to it."""
-    return bool((last_way(z_mm)[np.isfinite(measured_mm)] < 0).any())
 
 
 def _sizes(terms: np.ndarray) -> np.ndarray:
@@ -314,7 +304,7 @@ def acting_faults(parts: Sequence[Part], scene: Scene) -> list[Fault]:
         if group.found.law.of is not Of.MACHINE or not (group.found.acts or _is_lost(group.found, scene)):
             continue
         faults = (replace(each, is_mended=group.found.acts) for each in _faults(group.found, beside, scene))
-        other = _other_words(group, groups, scene)
+        other = _either(_words(_rivals(group, groups), beside, scene))
         found += [replace(fault, words=say("or-else", fault.words, other)) if other else fault for fault in faults]
     order = [*scene.printer.motors, "frame"]
     return sorted(found, key=lambda fault: order.index(fault.part) if fault.part in order else len(order))
@@ -333,15 +323,13 @@ def misfits_of(parts: Sequence[Part], scene: Scene, nats: Sequence[float] = ()) 
     said: list[_Group] = []
     for group in sorted(groups, key=lambda each: -each.found.chance):
         one = group.found
-        rivals = [
-            each for each in groups if each is not group and group.is_open and each.is_open and group.excludes(each)
-        ]
+        rivals = _rivals(group, groups)
         if not _is_told(one) or any(each in said or each.found.acts for each in rivals):
             continue
         chance = float(np.mean(np.any([group.there, *(each.there for each in rivals)], axis=0)))
         if chance < TOLD or not _is_sure(group):
             continue
-        size_mm = _size_mm(one, places, scene)
+        size_mm = _moved_mm(one, one.sizes_mm, places, scene)
         nats_of = evidence.get((one.effect, one.where), float(np.log(chance / max(1 - chance, SELDOM))))
         for told in _told(one, beside, scene):
             words = _either([told.words, *_words(rivals, beside, scene)])
@@ -433,7 +421,7 @@ def _told(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]
         yield from found.law.told(found, beside, scene)
     elif found.effect not in SILENT:
         where = carrier_name(scene, found.where)
-        size_mm = _size_mm(found, drawn_places(scene), scene)
+        size_mm = _moved_mm(found, found.sizes_mm, drawn_places(scene), scene)
         words = say("shows-plain", where, _plain(found), f"{size_mm:.2f}")
         yield Told(found.effect, words, is_harmless=found.law.of is Of.INSTRUMENT)
 
@@ -451,11 +439,6 @@ def _is_sure(group: _Group) -> bool:
     """Tell whether the sizes of an effect are known, in the machines that have it."""
     drawn = group.found.draws_mm[:, group.there]
     return bool(np.linalg.norm(group.found.sizes_mm) > NAMED_SIGMAS * np.sqrt(np.mean(drawn.var(axis=1))))
-
-
-def _other_words(group: _Group, groups: Sequence[_Group], scene: Scene) -> str:
-    """Return the other effects that would look like an acting one; empty if there are none."""
-    return _either(_words(_rivals(group, groups), [each.found for each in groups], scene))
 
 
 def _either(words: Sequence[str]) -> str:
@@ -489,10 +472,6 @@ def _words(groups: Sequence[_Group], beside: Sequence[Found], scene: Scene) -> l
 def _moved_mm(found: Found, sizes_mm: np.ndarray, places: Places, scene: Scene) -> float:
     """Return by how much an effect moves places, root mean square."""
     return float(np.sqrt(np.mean(np.square(found.columns(places, scene) @ sizes_mm).sum(axis=1))))
-
-
-def _size_mm(found: Found, places: Places, scene: Scene) -> float:
-    return _moved_mm(found, found.sizes_mm, places, scene)
 
 
 def _one_of_each(found: Sequence[Misfit]) -> list[Misfit]:

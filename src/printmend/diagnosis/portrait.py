@@ -18,7 +18,7 @@ from printmend.machine.printing import print_from_home
 from printmend.units import TURN_RAD
 
 POINTS = 1201  # points of a curve
-ANGLES = 720  # points of a hull's outline
+ANGLES = 720  # points of a hull's outline, and of a circle
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +160,6 @@ def _cut_off(support: np.ndarray, psi: np.ndarray) -> np.ndarray:
 
 TARGETS = 45  # targets along an axis; they must not meet the same few angles of a pulley
 _MARGIN_SHARE = 0.04  # share of the axis that is left free at both ends: room to turn back, wider than any play
-CIRCLE_ANGLES = 720  # places of the circle
 _RADIUS_SHARE = 0.4  # radius of the circle, as a share of the shorter axis
 
 
@@ -243,14 +242,14 @@ def circle(mechanism: Mechanism) -> Circle:
     printer = mechanism.printer
     middle = np.array(printer.middle_mm)
     radius = _RADIUS_SHARE * min(printer.x.length_mm, printer.y.length_mm)
-    angle = np.arange(CIRCLE_ANGLES) * (TURN_RAD / CIRCLE_ANGLES)
+    angle = np.arange(ANGLES) * (TURN_RAD / ANGLES)
     runs = np.concatenate([-angle, -angle, [0.0], angle, angle])
     places = np.column_stack([np.cos(runs), np.sin(runs), np.zeros(len(runs))]) * radius
     places[:, :2] += middle
     places[:, 2] = printer.z.home_mm
     printed = print_from_home(mechanism, places)[:, :2] - middle
-    clockwise = np.roll(printed[CIRCLE_ANGLES : 2 * CIRCLE_ANGLES][::-1], 1, axis=0)  # as of growing angle
-    counter = printed[-CIRCLE_ANGLES:]
+    clockwise = np.roll(printed[ANGLES : 2 * ANGLES][::-1], 1, axis=0)  # as of growing angle
+    counter = printed[-ANGLES:]
     both = np.concatenate([clockwise, counter])
     # least squares for 2 c·p + (r² − c²) = p² (Kåsa 1976), both runs together
     system = np.column_stack([2 * both, np.ones(len(both))])

@@ -365,7 +365,7 @@ def screw_of(model: SavedModel) -> ScrewSeries | None:
 
 
 def _text(document: Mapping[str, Any]) -> str:
-    return _laid_out({**document, "digest": _digest(document)}, "\n") + "\n"
+    return _laid_out({**document, "digest": seal_key(document)[:DIGITS]}, "\n") + "\n"
 
 
 def _laid_out(value: Any, line: str) -> str:
@@ -385,10 +385,6 @@ def _laid_out(value: Any, line: str) -> str:
             text = ("," + inside).join(_laid_out(item, inside) for item in value)
         return "[" + inside + text + line + "]"
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
-
-
-def _digest(document: Mapping[str, Any]) -> str:
-    return seal_key(document)[:DIGITS]
 
 
 def _table_section(mechanism: Mechanism, motor: int) -> dict[str, Any]:
