@@ -13,7 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.advice import gaps_of
-from printmend.diagnosis.named import Z_SAID, Diagnosis, Lift, diagnose, find_lift, is_gap_of_z, misfits_of
+from printmend.diagnosis.named import Z_SAID, Lift, diagnose, find_lift, is_gap_of_z, misfits_of
 from printmend.effects import EFFECTS, Scene, scene_of
 from printmend.effects.prior import share_of
 from printmend.errors import ConfigError
@@ -31,7 +31,7 @@ from printmend.measure.checks import check_follows, check_origin, check_trace, c
 from printmend.measure.table import AT_HOME_MM
 from printmend.messages import say, together
 from printmend.metrics.robust import log_likelihood
-from printmend.model import Branches, SavedModel, saved_model, with_screw
+from printmend.model import SavedModel, saved_model, with_screw
 from printmend.model.branches import HARMONICS
 from printmend.model.model import NOTE, WARNING, Misfit, misfit_section, misfit_words
 from printmend.path import Trace
@@ -164,7 +164,8 @@ def searched_model(
     acting = [part.acting() for part in posterior.parts if part.acts_mm.any()]
     mechanism, branches = machine_of(fit.scene, acting)
     left_mm = fit.left_by_mark_mm(trace)
-    kept_mm = left_mm[np.isfinite(left_mm).all(axis=1) & ~lost_rows(left_mm)]
+    lost = lost_rows(left_mm)
+    kept_mm = left_mm[np.isfinite(left_mm).all(axis=1) & ~lost]
     kept_mm = kept_mm if len(kept_mm) else fit.left_mm()[:, None]  # walls are no dots
     noise_mm = float(np.sqrt(np.mean(kept_mm**2)))
     scatter_mm = float(np.sqrt(max(noise_mm**2 - (instrument_scatter_mm(trace) or noise_mm) ** 2, 0.0)))
@@ -176,16 +177,23 @@ def searched_model(
         *told,
         *another_printers(fit, trace),
         *misfits_of(posterior.parts, fit.scene, posterior.nats),
-        *said_of_rows(posterior, trace, left_mm),
+        *said_of_rows(posterior, trace, left_mm, lost),
     )
     push_mm = push_of(posterior.parts)
     if lift is None and push_mm.any():
         lift = Lift(gaps={"lead": say("z-lead-backlash-no-heights-were")})
     diagnosis = diagnose(posterior.parts, fit.scene, gaps_of(fit, heights=lift is not None), lift)
-    more = {**more, **({} if lift is None else {Z_SAID: lift.said})}
-    saved = _saved(
-        trace, mechanism, branches, diagnosis, promise, told, more, noise_mm, PLANE_FACTOR * noise_mm,
-        lost_rows(left_mm),
+    details: dict[str, Any] = {
+        "diagnosis": [fault.row for fault in diagnosis.faults],
+        "trace": _trace_section(trace, PLANE_FACTOR * noise_mm, lost),
+        "promise": promise,
+        "misfit": misfit_section(told),
+        **more,
+        **({} if lift is None else {Z_SAID: lift.said}),
+    }
+    saved = saved_model(
+        mechanism, learner=SEARCH, branches=branches, noise_mm=noise_mm,
+        findings=(diagnosis.summary, *diagnosis.gaps), details=details,
     )  # fmt: skip
     return with_z(saved, lift or Lift(), push_mm)
 
@@ -206,31 +214,6 @@ def push_of(parts: Sequence[Part]) -> np.ndarray:
     return terms
 
 
-def _saved(
-    trace: Trace,
-    mechanism: Mechanism,
-    branches: tuple[Branches | None, Branches | None],
-    diagnosis: Diagnosis,
-    promise: Mapping[str, Any],
-    told: Sequence[Misfit],
-    more: Mapping[str, Any],
-    noise_mm: float,
-    left_mm: float,
-    lost: np.ndarray,
-) -> SavedModel:
-    details: dict[str, Any] = {
-        "diagnosis": [fault.row for fault in diagnosis.faults],
-        "trace": _trace_section(trace, left_mm, lost),
-        "promise": dict(promise),
-        "misfit": misfit_section(tuple(told)),
-        **more,
-    }
-    return saved_model(
-        mechanism, learner=SEARCH, branches=branches, noise_mm=noise_mm,
-        findings=(diagnosis.summary, *diagnosis.gaps), details=details,
-    )  # fmt: skip
-
-
 def _learned_without_parts(
     trace: Trace, printer: Printer, name: str, told: tuple[Misfit, ...], rng: np.random.Generator
 ) -> Learned:
@@ -248,12 +231,10 @@ def _learned_without_parts(
     noise = float(np.sqrt(np.mean(np.square((trace.measured_mm - trace.commanded_mm)[known]))))
     left = (trace.measured_mm - Twin(mechanism).follow(trace.commanded_mm))[known]
     left = left if trace.placed else left - left.mean(axis=0)
-    turns = (printer.x.mm_per_turn, printer.y.mm_per_turn)
-    scene = scene_of(trace, printer, turns)
-    promise = belief_section(scene, _left_by_place(scene, left))
-    details = {"misfit": misfit_section(told), "promise": promise}
-    finding = say("learned-by-other", name)
-    saved = saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
+    scene = scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    details = {"misfit": misfit_section(told), "promise": belief_section(scene, _left_by_place(scene, left))}
+    findings = (say("learned-by-other", name),)
+    saved = saved_model(mechanism, learner=name, noise_mm=noise, findings=findings, details=details)
     return Learned(saved, trace)
 
 
@@ -362,16 +343,8 @@ def report(model: SavedModel) -> str:
             lines.append(say("error-before-without", trace["measured"], trace["left_out"], *sizes))
         else:
             lines.append(say("error-before", trace["measured"], *sizes))
-    return together(
-        "\n",
-        [
-            *lines,
-            *scale_words(model),
-            *misfit_words(model.document),
-            *(say("not-shown-by-trace", gap) for gap in gaps),
-            *todo(gaps),
-        ],
-    )
+    not_shown = (say("not-shown-by-trace", gap) for gap in gaps)
+    return together("\n", [*lines, *scale_words(model), *misfit_words(model.document), *not_shown, *todo(gaps)])
 
 
 def todo(gaps: Sequence[str]) -> tuple[str, ...]:

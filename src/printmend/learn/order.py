@@ -13,6 +13,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.effects import scene_of
+from printmend.effects.effect import SCALE_MM
+from printmend.effects.prior import size_mm
 from printmend.errors import TraceError
 from printmend.infer.fit import Fit, among, fitted
 from printmend.measure.checks import AXES_TODO, FARTHEST_MM, wrong_axes
@@ -33,12 +35,14 @@ LEAST_SCALE_MM = 0.05  # smallest standard deviation that is assumed of what a r
 MOST_NATS_A_PLACE = 12.0  # one place costs no more, however far it is off: an outlier decides nothing
 CHANGE_NATS = 30.0  # nats for each change of the shift
 MOST_CHANGES = 12  # of the shift in one table: cells slip a few times, a machine's error along a fine path everywhere
-LEAST_NATS_SAVED = 60.0  # nats that a history of shifts must save
+LEAST_NATS_SAVED = 2 * CHANGE_NATS  # that a history of shifts must save beyond its changes
 HISTORY_ROUNDS = 3  # rounds of finding shifts: the first under a rough map, the others under the drives learned then
 BETTER_SHARE = 0.5  # rows put right must leave less than this share of what the rows as they came leave
 CLOSE_SHARE = 0.2  # shuffled places are told apart where they are missed by less than this share of their distance
 LEAST_MATCHED_SHARE = 0.98  # share of shuffled rows that must find one place of their own
-GAIN_SD, LEAN_SD = 0.2, 0.05  # prior deviations of a rough map's scales from 1 and leans [rad], as of damaged printers
+LEAN_SD = 0.05  # prior deviation of a rough map's leans [rad], as of damaged printers
+SETTLING_ROUNDS, NEAR_SHARE = 8, 0.8  # of mapping shuffled places to the nearest commands, by the nearest of them
+TOLD_SHIFTS = 3  # of one table
 # Effects of a machine that is roughly learned: those that most damaged printers have
 ROUGH = (
     "place", "scale", "bend", "pulley", "breathing", "play", "friction", "skew", "aspect", "bent", "origin", "shift",
@@ -138,7 +142,7 @@ def _map(commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
     columns = np.column_stack([np.ones(len(commanded)), commanded - middle])
     shift, fit = np.median(measured - commanded, axis=0), np.zeros((3, 2))
     for axis in range(2):
-        sds = np.array([FARTHEST_MM, *np.where(np.arange(2) == axis, GAIN_SD, LEAN_SD)])
+        sds = np.array([FARTHEST_MM, *np.where(np.arange(2) == axis, size_mm("scale") / SCALE_MM, LEAN_SD)])
         off = measured[:, axis] - commanded[:, axis] - shift[axis]
         first_mm = scale_of(off, LEAST_SCALE_MM)
         fit[:, axis], _, _ = ridge(columns, off, sds, first_mm=first_mm, least_mm=LEAST_SCALE_MM)
@@ -168,8 +172,8 @@ def _shifted(trace: Trace, seen: np.ndarray, printer: Printer, places_mm: np.nda
         for again, words in _undone(trace, seen, places_mm):
             if not np.isfinite(least_mm):
                 least_mm = BETTER_SHARE * _left_mm(trace, printer)
-            one = _roughly_unhomed(again, printer)
-            if (left_mm := _mean_mm(one, again)) < least_mm:
+            one, left_mm = _left_by(again, printer)
+            if left_mm < least_mm:
                 best, least_mm, learned = (again, words), left_mm, one
         if learned is None:
             break
@@ -208,10 +212,9 @@ def _history(places_mm: np.ndarray, at: np.ndarray, measured: np.ndarray) -> tup
     to = np.clip(at[looked, None] - shifts, 0, len(places_mm) - 1)
     away = np.square(measured[looked, None] - places_mm[to]).sum(axis=2)
     # the scale is that of the best shift at each row: what a shift cannot explain is the machine's
-    scale2 = max(
-        float(np.median(away.min(axis=1))), float(np.median(away[:, MOST_SHIFT_ROWS])) / 100.0, LEAST_SCALE_MM**2
-    )
-    cost = np.minimum(away / (2 * scale2), MOST_NATS_A_PLACE)
+    # and no less than a tenth of what all places miss in their own rows
+    best, own = np.median(away.min(axis=1)), np.median(away[:, MOST_SHIFT_ROWS])
+    cost = np.minimum(away / (2 * max(best, own / 10**2, LEAST_SCALE_MM**2)), MOST_NATS_A_PLACE)
     total, back = cost[0].copy(), np.zeros(cost.shape, np.int64)
     stay = np.arange(len(shifts))
     for row in range(1, len(cost)):
@@ -231,12 +234,12 @@ def _history(places_mm: np.ndarray, at: np.ndarray, measured: np.ndarray) -> tup
 def _history_words(seen: np.ndarray, history: np.ndarray) -> str:
     starts = np.flatnonzero(np.diff(history, prepend=0))
     parts = []
-    for start in starts[:3]:
+    for start in starts[:TOLD_SHIFTS]:
         shift = int(history[start])
         low, high = ("row-too-low", "row-too-high") if abs(shift) == 1 else ("rows-too-low", "rows-too-high")
         way = say(low if shift > 0 else high, abs(shift)) if shift else say("right-again")
         parts.append(say("from-row-on", seen[start] + 1, way))
-    return say("measured-cells-stood", together(", ", [*parts, *(["…"] if len(starts) > 3 else [])]))
+    return say("measured-cells-stood", together(", ", [*parts, *(["…"] if len(starts) > TOLD_SHIFTS else [])]))
 
 
 def roughly(trace: Trace, printer: Printer) -> Fit:
@@ -246,19 +249,16 @@ def roughly(trace: Trace, printer: Printer) -> Fit:
         return fitted(trace, scene, kept=among(ROUGH), quick=True)
 
 
-def _roughly_unhomed(trace: Trace, printer: Printer) -> Fit:
-    """Return the roughly learned drives of a trace of which nobody knows yet whose home it begins at."""
-    return roughly(replace(trace, homed=False), printer)
-
-
-def _mean_mm(fit: Fit, trace: Trace) -> float:
-    """Return the mean distance of places from where drives have them."""
-    return float(np.nanmean(np.abs(fit.left_by_mark_mm(trace))) * 2)
+def _left_by(trace: Trace, printer: Printer) -> tuple[Fit, float]:
+    """Return the roughly learned drives of a trace of which nobody knows yet whose home it begins at, and the mean
+    distance of its places from where they have them."""
+    fit = roughly(replace(trace, homed=False), printer)
+    return fit, float(np.nanmean(np.abs(fit.left_by_mark_mm(trace))) * 2)
 
 
 def _left_mm(trace: Trace, printer: Printer) -> float:
     """Return the mean distance of places from where their roughly learned drives have them."""
-    return _mean_mm(_roughly_unhomed(trace, printer), trace)
+    return _left_by(trace, printer)[1]
 
 
 def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:
@@ -267,9 +267,9 @@ def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:
     fit = np.vstack([np.zeros(2), np.eye(2)])
     if not trace.placed:
         fit[0] = np.median(measured, axis=0) - np.median(commanded, axis=0)
-    for _ in range(8):
+    for _ in range(SETTLING_ROUNDS):
         away, to = nearest(_mapped(fit, commanded), measured)
-        near = away <= np.quantile(away, 0.8)
+        near = away <= np.quantile(away, NEAR_SHARE)
         fit = _map(commanded[to[near]], measured[near])
     expected = _mapped(fit, commanded)
     apart = float(np.median(spacing(expected)))

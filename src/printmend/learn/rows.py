@@ -27,13 +27,16 @@ LEAST_TWO_MM, LEAST_SCATTER_MM = 0.03, 0.1  # root mean square of two values, an
 SURE_NATS = 14.0  # what is certain by counting
 
 
-def said_of_rows(posterior: Posterior, trace: Trace, left_mm: np.ndarray) -> tuple[Misfit, ...]:
-    """Return the findings about a measurement, given the model's residuals on the bed [N, 2] mm."""
+def said_of_rows(posterior: Posterior, trace: Trace, left_mm: np.ndarray, lost: np.ndarray) -> tuple[Misfit, ...]:
+    """Return the findings about a measurement, given the model's residuals on the bed [N, 2] mm, and which of its
+    points [N] are left out."""
+    known = np.isfinite(left_mm).all(axis=1)
+    kept, few = known & ~lost, lost.sum() <= MOST_LOST * known.sum()
     return (
-        *_unfit(trace, left_mm),
-        *_random_order(trace, left_mm),
+        *_unfit(trace, left_mm, kept if few else known),
+        *_random_order(trace, left_mm[kept]),
         *_other_turns(posterior),
-        *_left_out(trace, left_mm),
+        *_left_out(left_mm[lost], trace.commanded_mm[lost], int(known.sum())),
     )
 
 
@@ -53,19 +56,12 @@ def skipped(trace: Trace, turned: Trace, printer: Printer) -> Iterator[Misfit]:
     lost_mm = np.abs(printer.to_motor(turned.commanded_mm - trace.commanded_mm)).max(axis=0)
     for name, size_mm, axis in zip(printer.motors, lost_mm, printer.axes, strict=False):
         if size_mm > 0.5 * axis.mm_per_step:
-            yield Misfit(
-                "jump",
-                WARNING,
-                float(size_mm),
-                0.0,
-                say("skipped-during-test-print-part-may", name.upper(), f"{size_mm:.2f}"),
-            )
+            words = say("skipped-during-test-print-part-may", name.upper(), f"{size_mm:.2f}")
+            yield Misfit("jump", WARNING, float(size_mm), 0.0, words)
 
 
-def _unfit(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:
-    """Return a refusal where a model leaves too much of its own measurement's errors."""
-    known, lost = np.isfinite(left_mm).all(axis=1), lost_rows(left_mm)
-    kept = known & ~lost if lost.sum() <= MOST_LOST * known.sum() else known
+def _unfit(trace: Trace, left_mm: np.ndarray, kept: np.ndarray) -> list[Misfit]:
+    """Return a refusal where a model leaves too much of its own measurement's errors, at the points ``kept`` [N]."""
     off_mm = (trace.measured_mm - trace.commanded_mm)[kept]
     if not len(off_mm):
         return []
@@ -76,12 +72,12 @@ def _unfit(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:
     return [Misfit("unfit", REFUSAL, left, SURE_NATS, words)]
 
 
-def _random_order(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:
-    """Report rows in random order with residuals like those of play with an unknown direction: one of two values.
+def _random_order(trace: Trace, kept: np.ndarray) -> list[Misfit]:
+    """Report rows in random order whose residuals ``kept`` [N, 2] are like those of play with an unknown direction: one
+    of two values.
 
     Errors that last from row to row, as lost steps do, say that the order is the print's all the same.
     """
-    kept = left_mm[np.isfinite(left_mm).all(axis=1) & ~lost_rows(left_mm)]
     if len(kept) < LEAST_ROWS or not in_no_order(trace.commanded_mm):
         return []
     freed = kept - kept.mean(axis=0)
@@ -128,17 +124,16 @@ def _times_a_turn(part: Part) -> int:
     return math.gcd(*(int(k) + 1 for k in np.flatnonzero(sizes > COUNTING_SHARE * sizes.max(initial=0.0)))) or 1
 
 
-def _left_out(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:
-    """Count the points that the model leaves out; name the place of a single one."""
-    known, lost = np.isfinite(left_mm).all(axis=1), lost_rows(left_mm)
-    count, share = int(lost.sum()), float(lost.sum() / max(known.sum(), 1))
-    if not count:
+def _left_out(lost_mm: np.ndarray, commanded_mm: np.ndarray, known: int) -> list[Misfit]:
+    """Count the points that the model leaves out, of so many that are ``known``, by their residuals [M, 2]; name the
+    place of a single one."""
+    if not len(lost_mm):
         return []
-    size = float(np.sqrt(np.mean(np.square(left_mm[lost]).sum(axis=1))))
+    count, share = len(lost_mm), len(lost_mm) / known
+    size = float(np.sqrt(np.mean(np.square(lost_mm).sum(axis=1))))
     severity = REFUSAL if share > MOST_LOST else WARNING if share > MANY_LOST else NOTE
     message = "points-lie-mm-off-left-out" if share > MANY_LOST else "points-lie-mm-off-left-out-2"
-    words = say(message, count, int(known.sum()), f"{100 * share:.1f}", f"{size:.2f}")
+    words = say(message, count, known, f"{100 * share:.1f}", f"{size:.2f}")
     if count == 1:
-        x_mm, y_mm = trace.commanded_mm[lost][0]
-        words = say("point-lies-mm-off-left-out", f"{x_mm:g}", f"{y_mm:g}", int(known.sum()), f"{size:.2f}")
+        words = say("point-lies-mm-off-left-out", *(f"{mm:g}" for mm in commanded_mm[0]), known, f"{size:.2f}")
     return [Misfit("left-out", severity, size, float(count), words)]
