@@ -51,7 +51,7 @@ def ranks_of(preset: str, by: str, rng: np.random.Generator) -> tuple[float, flo
     dots[1 + plan.rows] = True
     known = np.where(dots[:, None], path, np.nan)
     every = Trace(path, known, homed=True, placed=by == "dots", instrument=FLATBED if by == "scan" else None)
-    scene = scene_of(every, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    scene = scene_of(every, printer)
     true = drawn_parts(scene, rng)
     trace = measured(path, dots, scene, true, float(rng.choice([0.02, 0.05])), rng)
     first, turned = begun(trace, scene)

@@ -25,7 +25,7 @@ from printmend.errors import InputError, PrintmendError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
 from printmend.infer.distances import choose_distances
-from printmend.learn.by_hand import estimates_by_hand
+from printmend.learn.by_hand import said_by_hand
 from printmend.measure.callipers import read_readings
 from printmend.measure.plan import read_plan
 from printmend.measure.table import read_trace
@@ -44,7 +44,7 @@ PLAN = design_probe(ENDER3, size_mm=60)
 
 def _readings(path: Path) -> object:
     distances = choose_distances(PLAN)
-    return estimates_by_hand(distances, read_readings(path, distances))
+    return said_by_hand(distances, read_readings(path, distances))
 
 
 def _trace(path: Path) -> object:

@@ -46,7 +46,7 @@ def scene_for(printer: Printer) -> Scene:
     path, dots = path_of(printer)
     dots[0] = False
     every = Trace(path, np.where(dots[:, None], path, np.nan), homed=True)
-    scene = scene_of(every, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    scene = scene_of(every, printer)
     return replace(scene, home_sd_mm=home_sd_of(healthy_mechanism(printer), scene))
 
 

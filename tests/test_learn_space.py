@@ -338,7 +338,7 @@ def test_drawn_screws_push_as_their_doubt_says(rng: np.random.Generator) -> None
         assert truth is not None
         seen = points[:, :2] + truth.wobble_at_mm(points[:, 2]) + rng.normal(0, 0.1, (len(points), 2))
         trace = Trace(points[:, :2], seen, z_mm=points[:, 2], homed=True)
-        scene = scene_of(trace, SHORT, (SHORT.x.mm_per_turn, SHORT.y.mm_per_turn))
+        scene = scene_of(trace, SHORT)
         kept = among(("wobble", "layer", "place"))
         posterior = posterior_of(fitted(trace, scene, kept=kept), rng)
         drawn = [

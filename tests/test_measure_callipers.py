@@ -13,11 +13,11 @@ from printmend.cli.measure import command
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ModelError, RefusedError, TraceError
 from printmend.export.supported import export_supported
-from printmend.infer.distances import choose_distances, machines_by_hand
+from printmend.infer.distances import choose_distances, machines_by_hand, printer_of
 from printmend.infer.gram import Block
 from printmend.infer.posterior import Few, drawn_sizes
 from printmend.learn import by_hand
-from printmend.learn.by_hand import estimates_by_hand, model_by_hand
+from printmend.learn.by_hand import Estimate, model_by_hand
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.measure import write_plan
 from printmend.measure.callipers import (
@@ -53,6 +53,10 @@ def read_off(distances, machine, rng=None, width=0.05) -> np.ndarray:
     across = np.hypot(*(marks[distances.pairs[:, 1]] - marks[distances.pairs[:, 0]]).T)
     noise = 0.0 if rng is None else rng.normal(0, READING_SD_MM, len(across))
     return across + distances.plan.big_dot_mm + width + noise
+
+
+def estimates_by_hand(distances, readings) -> list[Estimate]:
+    return by_hand._estimates(by_hand._machines(distances, readings, printer_of(distances.plan)))
 
 
 @cache

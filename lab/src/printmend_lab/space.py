@@ -65,7 +65,7 @@ def fit_space(
 
 def _pushes(trace: Trace, printer: Printer, effects: tuple[str, ...]) -> list[Sized]:
     """Return the screw's push as a trace shows it, beside some effects."""
-    scene = scene_of(replace(trace, homed=False), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    scene = scene_of(replace(trace, homed=False), printer)
     fit = fitted(trace, scene, kept=among(effects), quick=True)
     return [part for part in fit.parts() if part.effect == "wobble"]
 

@@ -314,8 +314,8 @@ def done_of(step_mm: np.ndarray, scene: Scene) -> np.ndarray:
     return np.cumsum(step_mm) / max(scene.way_mm, 1e-9)
 
 
-def scene_of(trace: Trace, printer: Printer, turns_mm: tuple[float, float]) -> Scene:
-    """Return the scene of a trace."""
+def scene_of(trace: Trace, printer: Printer, turns_mm: tuple[float, float] | None = None) -> Scene:
+    """Return the scene of a trace; motors turn as the printer says, unless ``turns_mm`` says otherwise."""
     known = trace.measured_rows | trace.wall_rows
     bed = trace.commanded_mm[known]
     motor = printer.to_motor(bed)
@@ -327,7 +327,7 @@ def scene_of(trace: Trace, printer: Printer, turns_mm: tuple[float, float]) -> S
     steps = np.hypot(*np.diff(trace.commanded_mm, axis=0).T)
     way, unseen = float(steps.sum()), float(steps[: int(np.argmax(known))].sum())
     return Scene(
-        printer, turns_mm, spans(motor), spans(bed), way, trace.placed, trace.homed,
+        printer, turns_mm or printer.mm_per_turn, spans(motor), spans(bed), way, trace.placed, trace.homed,
         instrument=trace.instrument_doubt, walls=bool(trace.wall_rows.any()), shrinkage_sd=trace.shrinkage_sd,
         layers=() if trace.z_mm is None else layers_of(trace.z_mm[known]), unseen_share=unseen / max(way, 1e-9),
     )  # fmt: skip

@@ -54,10 +54,9 @@ def scene_of_printer(printer: Printer, way_mm: float = 1.0) -> Scene:
     """Return the scene of a whole printer: all of its bed, and any instrument."""
     spans = [printer.motor_range_mm(motor) for motor in range(2)]
     bed = [(axis.min_mm, axis.max_mm) for axis in printer.axes[:2]]
-    turns = (printer.axes[0].mm_per_turn, printer.axes[1].mm_per_turn)
     return Scene(
-        printer, turns, (spans[0], spans[1]), (bed[0], bed[1]), way_mm, homed=True, instrument=RESIZED, walls=True,
-        shrinkage_sd=SHRINKS_SD, layers=(printer.z.min_mm, printer.z.max_mm, MOST_LAYERS),
+        printer, printer.mm_per_turn, (spans[0], spans[1]), (bed[0], bed[1]), way_mm, homed=True, instrument=RESIZED,
+        walls=True, shrinkage_sd=SHRINKS_SD, layers=(printer.z.min_mm, printer.z.max_mm, MOST_LAYERS),
     )  # fmt: skip
 
 

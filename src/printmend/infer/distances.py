@@ -208,7 +208,7 @@ def _scene(plan: ProbePlan, printer: Printer) -> Scene:
     marks = np.full(plan.waypoints_mm.shape, np.nan)
     marks[plan.rows] = plan.marks_mm
     trace = Trace(plan.waypoints_mm, marks, homed=True, placed=False, instrument=Instrument())
-    return replace(scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn)), walls=True)
+    return replace(scene_of(trace, printer), walls=True)
 
 
 def printer_of(plan: ProbePlan) -> Printer:

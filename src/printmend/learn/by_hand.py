@@ -78,11 +78,6 @@ def model_by_hand(distances: Distances, readings_mm: np.ndarray, printer: Printe
     return saved_model(mechanism, learner="callipers", branches=branches, findings=findings, details=details)
 
 
-def estimates_by_hand(distances: Distances, readings_mm: np.ndarray) -> list[Estimate]:
-    """Return estimates of scale, play and first harmonic of each motor, of the skew, and of the dots' width."""
-    return _estimates(_machines(distances, readings_mm, printer_of(distances.plan)))
-
-
 def said_by_hand(distances: Distances, readings_mm: np.ndarray) -> list[str]:
     """Return a line for each estimate, and for each reading that may be a slip."""
     return list(_said(_machines(distances, readings_mm, printer_of(distances.plan))))
@@ -100,6 +95,7 @@ def _machines(distances: Distances, readings_mm: np.ndarray, printer: Printer) -
 
 
 def _estimates(by_hand: ByHand) -> list[Estimate]:
+    """Return estimates of scale, play and first harmonic of each motor, of the skew, and of the dots' width."""
     scene, parts = by_hand.scene, by_hand.parts
     asked = [
         (motor, each._replace(words=say("motor-quantity", name.upper(), each.words)))

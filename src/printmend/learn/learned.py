@@ -149,7 +149,7 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     if model not in (AUTO, SEARCH):
         return _learned_without_parts(trace, printer, model, told, rng)
     lift = find_lift(trace, printer)
-    first, turned = begun(trace, scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn)))
+    first, turned = begun(trace, scene_of(trace, printer))
     told = (*told, *skipped(trace, turned, printer))
     fit = fitted(turned, first.scene, first)
     return Learned(searched_model(fit, turned, told, {DIGESTS: list(digests)}, rng, lift), turned, fit)
@@ -231,7 +231,7 @@ def _learned_without_parts(
     noise = float(np.sqrt(np.mean(np.square((trace.measured_mm - trace.commanded_mm)[known]))))
     left = (trace.measured_mm - Twin(mechanism).follow(trace.commanded_mm))[known]
     left = left if trace.placed else left - left.mean(axis=0)
-    scene = scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    scene = scene_of(trace, printer)
     details = {"misfit": misfit_section(told), "promise": belief_section(scene, _left_by_place(scene, left))}
     findings = (say("learned-by-other", name),)
     saved = saved_model(mechanism, learner=name, noise_mm=noise, findings=findings, details=details)

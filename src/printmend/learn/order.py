@@ -244,7 +244,7 @@ def _history_words(seen: np.ndarray, history: np.ndarray) -> str:
 
 def roughly(trace: Trace, printer: Printer) -> Fit:
     """Return the drives' main parts alone, as some rows show them."""
-    scene = scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    scene = scene_of(trace, printer)
     with threadpool_limits(1, user_api="blas"):
         return fitted(trace, scene, kept=among(ROUGH), quick=True)
 

@@ -49,7 +49,7 @@ def fit_walls(trace: Trace, printer: Printer) -> WallFit:
             todo=say("measure-more-of-part"),
         )  # fmt: skip
     whole = replace(trace, instrument=Instrument())  # where walls lie in the picture, its own stretch included
-    scene = scene_of(whole, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    scene = scene_of(whole, printer)
     fit = fitted(trace, scene, kept=lambda term: not term.shape)
     belt_mm = contacts_of(fit.mechanism, printer.to_motor(trace.commanded_mm)).belt_mm
     sizes = {part.effect: part.sizes_mm for part in fit.parts()}

@@ -126,6 +126,11 @@ class Printer:
         return (self.x.mm_per_step, self.y.mm_per_step)
 
     @property
+    def mm_per_turn(self) -> tuple[float, float]:
+        """Travel of one turn of each planar motor [mm]."""
+        return (self.x.mm_per_turn, self.y.mm_per_turn)
+
+    @property
     def bed_steps(self) -> tuple[int, int]:
         """The lattice of the bed: nominal positions are the integers 0…n on each axis."""
         return (round(self.x.length_mm / self.x.mm_per_step), round(self.y.length_mm / self.y.mm_per_step))

@@ -93,7 +93,7 @@ def area_around_mm(printer: Printer, points_mm: np.ndarray) -> tuple[np.ndarray,
     ``points_mm`` [N, 2] are the ends of the part's moves.
     """
     low, high = mark_area_mm(printer)
-    turn = TURNS_FOR_PART * np.array([printer.x.mm_per_turn, printer.y.mm_per_turn])
+    turn = TURNS_FOR_PART * np.array(printer.mm_per_turn)
     part_low, part_high = points_mm.min(axis=0) - AROUND_PART_MM, points_mm.max(axis=0) + AROUND_PART_MM
     short = np.maximum(turn - (part_high - part_low), 0.0) / 2
     wanted_low, wanted_high = part_low - short, part_high + short
@@ -246,7 +246,7 @@ def plan_of(
     return ProbePlan(
         printer=printer.name,
         kinematics=printer.kinematics,
-        mm_per_turn=(printer.x.mm_per_turn, printer.y.mm_per_turn),
+        mm_per_turn=printer.mm_per_turn,
         pitch_mm=layout.pitch_mm,
         angle_rad=layout.angle_rad,
         dot_mm=DOT_MM,

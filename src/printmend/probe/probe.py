@@ -113,7 +113,7 @@ def _printed_mm(part: Program) -> np.ndarray:
 def phase_size_mm(printer: Printer) -> float:
     """Return the side of the square that shows one turn of both motors, limited by the bed."""
     low, high = mark_area_mm(printer)
-    return float(min(PHASE_TURNS * max(printer.x.mm_per_turn, printer.y.mm_per_turn), (high - low).max()))
+    return float(min(PHASE_TURNS * max(printer.mm_per_turn), (high - low).max()))
 
 
 def turns_covered(printer: Printer, plan: ProbePlan) -> tuple[float, float]:

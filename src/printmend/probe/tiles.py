@@ -108,7 +108,7 @@ def _bed_scene(printer: Printer) -> Scene:
     """Return the scene of a measurement of the whole bed."""
     low, high = np.array([[axis.min_mm, axis.max_mm] for axis in printer.axes[:2]], float).T
     corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
-    return scene_of(Trace(corners, corners), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    return scene_of(Trace(corners, corners), printer)
 
 
 def prior_belief(printer: Printer) -> Belief:
@@ -128,7 +128,7 @@ def belief_after(printer: Printer, trace: Trace) -> Belief:
     check_trace(trace)
     check_follows(trace, printer)
     with threadpool_limits(1, user_api="blas"):
-        fit, turned = begun(trace, scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn)))
+        fit, turned = begun(trace, scene_of(trace, printer))
     scene = replace(_bed_scene(printer), turns_mm=fit.scene.turns_mm)
     found = {(block.effect, block.where) for block in fit.blocks}
     terms = _terms(scene, found)

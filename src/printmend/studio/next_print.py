@@ -33,7 +33,7 @@ def next_print(printer: Printer, gaps: Sequence[str]) -> NextPrint | None:
     if all(map(is_gap_of_z, gaps)):
         return None
     largest_mm = min(printer.x.max_mm - printer.x.min_mm, printer.y.max_mm - printer.y.min_mm)
-    least_mm = min(largest_mm, max(axis.mm_per_turn for axis in printer.axes[:2]))
+    least_mm = min(largest_mm, max(printer.mm_per_turn))
     largest = _square(printer, None)
     sizes_mm = [*np.arange(-(-least_mm // _STEP_MM) * _STEP_MM, largest_mm, _STEP_MM), None]
 

@@ -172,7 +172,7 @@ def learning_finds_it(candidate: EffectCandidate) -> str:
     trace = Trace(
         path, np.where(dots[:, None], seen, np.nan), homed=True, placed=not read, instrument=RESIZED if read else None
     )
-    scene = scene_of(trace, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    scene = scene_of(trace, printer)
     fit = fitted(trace, scene)
     parts = posterior_of(fit, np.random.default_rng(0)).parts
     true = candidate.example().part(printer)
