@@ -7,9 +7,10 @@ import numpy as np
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along_both
 from printmend.effects.prior import alternatives
 from printmend.effects.words import AXES, LEAST_SHOWN_MM, Care, Fault, Found, Numbers, where_seen
+from printmend.machine import Frame
 from printmend.messages import say
 
-POWERS = ((2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
+POWERS = Frame.exponents[3:]  # of x and of y: those of second and third order
 
 
 class Bent(Usual):

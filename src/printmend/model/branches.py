@@ -32,6 +32,8 @@ from printmend.units import TURN_RAD
 
 LARGEST = 1e5  # no number of a model is larger, in whatever unit: 100 m
 TODO = say("learn-again-printmend-learn-trace-csv")
+_ROUNDED_MM = 3e-9  # by which rounding may change the difference of two entries of a table
+_LEAST_LEAD_ERROR, _MOST_LEAD_ERROR = -0.9, 9.0  # of a screw: a tenth to ten times its lead
 
 
 def rising_pair(lower_mm: np.ndarray, upper_mm: np.ndarray, subject: str) -> tuple[np.ndarray, np.ndarray]:
@@ -39,8 +41,7 @@ def rising_pair(lower_mm: np.ndarray, upper_mm: np.ndarray, subject: str) -> tup
 
     They were rounded to 1e-9 mm, so a flat stretch may go back by that much.
     """
-    falling = min(np.diff(lower_mm).min(), np.diff(upper_mm).min()) < -3e-9
-    if falling or (upper_mm - lower_mm).min() < -3e-9:
+    if min(np.diff(lower_mm).min(), np.diff(upper_mm).min(), (upper_mm - lower_mm).min()) < -_ROUNDED_MM:
         refuse(subject, say("tables-never-fall-lower-upper"), say("others"))
     lower = np.maximum.accumulate(lower_mm)
     return lower, np.maximum(np.maximum.accumulate(upper_mm), lower)
@@ -71,11 +72,7 @@ def numbers(section: Mapping[str, Any], key: str, subject: str, most: int) -> np
     """Return a list of at most ``most`` numbers up to `LARGEST`."""
     values = section.get(key)
     if not isinstance(values, list) or len(values) > most:
-        refuse(
-            subject,
-            say("list-numbers-most", most, key),
-            say("none") if values is None else say("something-else"),
-        )
+        refuse(subject, say("list-numbers-most", most, key), say("none" if values is None else "something-else"))
     if not set(map(type, values)) <= {int, float}:
         refuse(subject, say("numbers", key), say("something-else"))
     if values and not -LARGEST <= min(values) <= max(values) <= LARGEST:  # JSON's integers may be beyond any float
@@ -188,9 +185,8 @@ class Branches:
         x = (motor_mm - self.middle_mm) / SCALE_MM
         if len(wave.powers_mm) < 3:
             return wave.polynomial_mm(x)
-        inside = np.clip(
-            x, (self.reach_mm[0] - self.middle_mm) / SCALE_MM, (self.reach_mm[1] - self.middle_mm) / SCALE_MM
-        )
+        low, high = ((end - self.middle_mm) / SCALE_MM for end in self.reach_mm)
+        inside = np.clip(x, low, high)
         slope = Wave(wave.powers_mm[1:] * np.arange(1, len(wave.powers_mm)))
         return wave.polynomial_mm(inside) + (x - inside) * slope.polynomial_mm(inside)
 
@@ -309,7 +305,8 @@ def parse_series(section: dict[str, Any], subject: str) -> ScrewSeries:
     waves = [numbers(section, name, subject, 2 * HARMONICS) for name in names]
     lead_mm, backlash_mm = number(section, "lead_mm", subject), number(section, "backlash_mm", subject)
     lead_error = number(section, "lead_error", subject)
-    if lead_mm < _LEAST_LEAD_MM or not 0 <= backlash_mm <= _MOST_MM or not -0.9 <= lead_error <= 9.0:
+    is_lead = lead_mm >= _LEAST_LEAD_MM and _LEAST_LEAD_ERROR <= lead_error <= _MOST_LEAD_ERROR
+    if not is_lead or not 0 <= backlash_mm <= _MOST_MM:
         refuse(subject, say("lead-mm-more-backlash-lead-error", f"{_LEAST_LEAD_MM:g}"), say("others"))
     if any(len(wave) != 2 * HARMONICS or np.abs(wave).max() > _MOST_MM for wave in waves):
         refuse(subject, say("sines-cosines-harmonics-up-mm", HARMONICS, f"{_MOST_MM:g}"), say("something-else"))

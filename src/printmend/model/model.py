@@ -175,7 +175,7 @@ MAX_ENTRIES = 1_000_000  # entries of one table that a file may have; 500 mm by 
 # file of 17 MB then.
 MOST_WRITTEN = 250_000
 DIGITS = 16  # of a document's digest
-MAX_HARMONICS = 1024  # harmonics of a wave that a file may have
+MAX_HARMONICS, MAX_POWERS = 1024, 8  # harmonics and powers of a wave that a file may have
 
 
 @dataclass(frozen=True, eq=False)
@@ -481,22 +481,17 @@ def _branches(section: dict[str, Any], printer: Printer, motor: int, subject: st
     period_mm = number(section, "period_mm", subject)
     if len(reach) != 2 or reach[0] > reach[1] or period_mm <= 0:
         refuse(subject, say("positive-period-mm-two-reach-mm"), say("something-else"))
-    waves = {name: _wave(section[name], f"{subject} {name}") for name in ("mean", "play", "elastic") if name in section}
+    waves: dict[str, Any] = {
+        name: _wave(section[name], f"{subject} {name}") for name in ("mean", "play", "elastic") if name in section
+    }
     middle_mm, seen_mm = number(section, "middle_mm", subject), (float(reach[0]), float(reach[1]))
-    plain = Branches(
-        period_mm,
-        middle_mm,
-        seen_mm,
-        waves.get("mean", Wave()),
-        waves.get("play", Wave()),
-        waves.get("elastic", Wave()),
-    )
+    plain = Branches(period_mm, middle_mm, seen_mm, **waves)
     if "second" in section:
-        second = section_of(section, "second", dict, subject)
-        second_mm = number(second, "period_mm", f"{subject} second")
+        second, of_second = section_of(section, "second", dict, subject), f"{subject} second"
+        second_mm = number(second, "period_mm", of_second)
         if second_mm <= 0:
-            refuse(f"{subject} second", say("positive-period-mm"), f"{second_mm:g}")
-        plain = replace(plain, second=_wave(second, f"{subject} second"), second_mm=second_mm)
+            refuse(of_second, say("positive-period-mm"), f"{second_mm:g}")
+        plain = replace(plain, second=_wave(second, of_second), second_mm=second_mm)
     if "warp" not in section:
         return plain
     warp = section_of(section, "warp", dict, subject)
@@ -515,24 +510,22 @@ def _wave(section: Any, subject: str) -> Wave:
     whole = (harmonics == np.rint(harmonics)).all() and (harmonics >= 1).all()
     if not len(harmonics) == len(cos_mm) == len(sin_mm) or not whole:
         refuse(subject, say("positive-whole-harmonics-many-cos-mm"), say("something-else"))
-    return Wave(numbers(section, "powers_mm", subject, 8), harmonics.astype(np.int64), cos_mm, sin_mm)
+    return Wave(numbers(section, "powers_mm", subject, MAX_POWERS), harmonics.astype(np.int64), cos_mm, sin_mm)
 
 
 def _frame(section: Any, subject: str) -> Frame:
+    subject = f"{subject} [frame]"
     if not isinstance(section, dict):
-        refuse(f"{subject} [frame]", say("section-3"), repr(section)[:40])
-    rows = [numbers(section, name, f"{subject} [frame]", 10) for name in ("x_mm", "y_mm")]
-    scale_mm = number(section, "scale_mm", f"{subject} [frame]")
-    if len(rows[0]) != 10 or len(rows[1]) != 10 or scale_mm <= 0:
-        refuse(f"{subject} [frame]", say("ten-coefficients-row-positive-scale-mm"), say("something-else"))
+        refuse(subject, say("section-3"), repr(section)[:40])
+    terms = len(Frame.exponents)
+    rows = [numbers(section, name, subject, terms) for name in ("x_mm", "y_mm")]
+    scale_mm = number(section, "scale_mm", subject)
+    if any(len(row) != terms for row in rows) or scale_mm <= 0:
+        refuse(subject, say("ten-coefficients-row-positive-scale-mm"), say("something-else"))
     waves = section.get("waves", [])
     if not isinstance(waves, list) or len(waves) > MOST_WAVES:
-        refuse(f"{subject} [frame]", say("most-waves", MOST_WAVES), say("something-else"))
-    each = [numbers({"wave": wave}, "wave", f"{subject} [frame]", WAVE_FIELDS) for wave in waves]
+        refuse(subject, say("most-waves", MOST_WAVES), say("something-else"))
+    each = [numbers({"wave": wave}, "wave", subject, WAVE_FIELDS) for wave in waves]
     if any(len(wave) != WAVE_FIELDS or abs(wave[0]) > 1 or wave[1] < LEAST_WAVE_MM for wave in each):
-        refuse(
-            f"{subject} [frame]",
-            say("waves-direction-least-mm-four-sizes", f"{LEAST_WAVE_MM:g}"),
-            say("something-else"),
-        )
+        refuse(subject, say("waves-direction-least-mm-four-sizes", f"{LEAST_WAVE_MM:g}"), say("something-else"))
     return Frame(np.array(rows), scale_mm, np.array(each).reshape(-1, WAVE_FIELDS))
