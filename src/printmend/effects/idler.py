@@ -4,14 +4,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, finer_periods, onto_bed, periods_mm, waves
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, finer_periods, onto_bed, parts_periods_mm, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.pulley import LEAST_EFFECT_MM
 from printmend.effects.teeth import TOOTH_MM
 from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_name, where_seen
 from printmend.messages import say
 
-SHORTEST_MM, LONGEST_MM = 12.0, 150.0  # of a period: no idler is smaller, no bed shows larger ones
+SHORTEST_MM = 12.0  # of a period: no idler is smaller
 IDLERS, NEAR_TEETH = (16, 18, 20), 0.1  # teeth of common idlers; a period counts as theirs within this many teeth
 OWN_SHARE = 0.02  # a period this near to a fraction of the turn is the pulley's own
 
@@ -27,8 +27,7 @@ class Idler(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
-            low, high = scene.motor_span_mm[motor]
-            periods = periods_mm(SHORTEST_MM, min(LONGEST_MM, 0.5 * (high - low)), high - low)
+            periods = parts_periods_mm(SHORTEST_MM, scene.motor_span_mm[motor])
             shapes = [(each,) for each in periods if _is_another(each, scene.turns_mm[motor])]
             yield from alternatives(self.name, motor, shapes, (1.0, 1.0))
 

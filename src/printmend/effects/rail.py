@@ -9,7 +9,7 @@ from printmend.effects.prior import alternatives
 from printmend.effects.words import Care, Fault, Found, Waves, is_first, those_of, where_seen
 from printmend.messages import say, together
 
-SHORTEST_MM, LONGEST_MM = 25.0, 300.0
+SHORTEST_MM, LONGEST_MM, LONGEST_SHARE = 25.0, 300.0, 1.2  # of a period, and of the span for the longest
 
 
 class Rail(Usual):
@@ -24,7 +24,7 @@ class Rail(Usual):
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2):
             low, high = scene.bed_span_mm[axis]
-            periods = periods_mm(SHORTEST_MM, min(LONGEST_MM, 1.2 * (high - low)), high - low)
+            periods = periods_mm(SHORTEST_MM, min(LONGEST_MM, LONGEST_SHARE * (high - low)), high - low)
             profile = (1.0,) * (4 if scene.corexy else 2)
             yield from alternatives(self.name, axis, [(each,) for each in periods], profile)
 
