@@ -565,5 +565,5 @@ def test_a_dictionary_does_not_depend_on_the_places_that_no_row_is_of() -> None:
     rows = Rows(mark, np.tile([[1.0, 0.0]], (20, 1)), every[:20, 0], every[:20, 0] + 1, every[:20, 0] + 1)
     found = dictionary_of(places, rows, scene)
     for block in found.blocks:
-        whole = seen(block.effect, block.where, block.shape, places, rows, scene)
+        whole = seen(block.key, places, rows, scene)
         assert np.array_equal(found.columns[:, block.at], whole)

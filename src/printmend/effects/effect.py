@@ -147,6 +147,9 @@ class Places:
         return np.full(len(self), scene.printer.z.home_mm) if self.z_mm is None else self.z_mm
 
 
+Key = tuple[str, int, tuple[float, ...]]  # an effect, where it is, and its shape
+
+
 @dataclass(frozen=True)
 class Term:
     """One effect at one motor or axis ``where`` with one ``shape``.
@@ -164,7 +167,7 @@ class Term:
     positive: bool = False
 
     @property
-    def key(self) -> tuple[str, int, tuple[float, ...]]:
+    def key(self) -> Key:
         return self.effect, self.where, self.shape
 
 

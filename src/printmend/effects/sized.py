@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
-from printmend.effects.effect import MOST_LAYERS, at_places, belt_places
+from printmend.effects.effect import MOST_LAYERS, Key, at_places, belt_places
 from printmend.errors import ConfigError
 from printmend.machine import Frame, Mechanism, ScrewDrive, Transmission, share_behind, z_grid_mm
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
@@ -32,7 +32,7 @@ class Sized:
     sizes_mm: np.ndarray
 
     @property
-    def key(self) -> tuple[str, int, tuple[float, ...]]:
+    def key(self) -> Key:
         return self.effect, self.where, self.shape
 
     @property

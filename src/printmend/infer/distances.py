@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, Term, columns_of, places_of, scene_of
+from printmend.effects.effect import Key
 from printmend.infer.gram import Block, Rows, dictionary_of
 from printmend.infer.machine import Part
 from printmend.infer.posterior import SWEEPS, Few, acting, drawn_sizes
-from printmend.infer.update import Key
 from printmend.machine import contacts_of, healthy_mechanism
 from printmend.measure.callipers import (
     DOUBTED_SIGMAS,

@@ -260,7 +260,7 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
 
 def _columns_of(blocks: Sequence[Block], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     few, here = narrowed(places, rows)
-    return np.hstack([seen(block.effect, block.where, block.shape, few, here, scene) for block in blocks])
+    return np.hstack([seen(block.key, few, here, scene) for block in blocks])
 
 
 def _left_by(mechanism: Mechanism, trace: Trace, contacts: Contacts, rows: Rows) -> np.ndarray:
@@ -343,7 +343,7 @@ def with_shapes(
     if not more:
         return dictionary
     places, rows = narrowed(places, rows)
-    columns = [seen(like.effect, like.where, shape, places, rows, scene) for like, shape in more]
+    columns = [seen((like.effect, like.where, shape), places, rows, scene) for like, shape in more]
     blocks = laid_side_by_side((*dictionary.blocks, *(replace(like, shape=shape) for like, shape in more)))
     return Dictionary(blocks, np.hstack([dictionary.columns, *columns]))
 
@@ -395,10 +395,7 @@ def _in_place_of(blocks: Sequence[Block], shared: Mapping[int, Block]) -> Iterat
 def sized(dictionary: Dictionary, members: Set, sizes_mm: np.ndarray) -> list[Sized]:
     """Return the members of a set with their sizes [A] in order."""
     blocks = (dictionary.blocks[b] for b, _ in members)
-    return [
-        Sized(block.effect, block.where, block.shape, sizes_mm[own])
-        for block, own in zip(blocks, dictionary.own(members), strict=True)
-    ]
+    return [Sized(*block.key, sizes_mm[own]) for block, own in zip(blocks, dictionary.own(members), strict=True)]
 
 
 def left_of(rows: Rows, dictionary: Dictionary, state: State) -> np.ndarray:
@@ -609,7 +606,7 @@ class _Beside:
         search, beside, weight = self.known
         (places, rows), sizes, count = self.marks, _sizes_mm(), len(search.dictionary.blocks)
         new = [
-            seen(name, turn.motor, (most,), places, rows, turn.of(self.fit.scene))
+            seen((name, turn.motor, (most,)), places, rows, turn.of(self.fit.scene))
             for turn in turns
             for name, most in (("pulley", ROUND_MOST), ("breathing", BREATH_MOST))
         ]

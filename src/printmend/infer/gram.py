@@ -8,6 +8,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Effect, Of, Places, Scene, Term, columns_of
+from printmend.effects.effect import Key
 from printmend.metrics.robust import NORMAL_SQUARE
 
 HIDDEN_MM = 2.0  # of a motor's way that play may hide: the widest of any printer
@@ -32,6 +33,10 @@ class Block:
     needs: tuple[str, ...] = ()
     own_odds: float = 0.0
     coarse: "Block | None" = None
+
+    @property
+    def key(self) -> Key:
+        return self.effect, self.where, self.shape
 
     @property
     def slot(self) -> tuple[str, int]:
@@ -66,8 +71,9 @@ class Rows:
         return Rows(*(value[which] for value in vars(self).values()))
 
 
-def seen(name: str, where: int, shape: tuple[float, ...], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
+def seen(key: Key, places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     """Return the rows' columns [M, P] of an effect at one place with one shape."""
+    name, where, shape = key
     columns = columns_of(name, places, where, shape, scene)
     return np.asarray(np.einsum("mc,mcp->mp", rows.along, columns[rows.mark]))
 
@@ -99,7 +105,7 @@ def blocks_of(scene: Scene, kept: Callable[[Term], bool] | None = None) -> tuple
 
 @lru_cache(maxsize=16)  # of a trace's scenes, which are asked for in every pass
 def _blocks_of(scene: Scene, kept: Callable[[Term], bool] | None, effects: tuple[Effect, ...]) -> tuple[Block, ...]:
-    grouped: dict[tuple[str, int, tuple[float, ...]], list[Term]] = {}
+    grouped: dict[Key, list[Term]] = {}
     for effect in effects:
         for term in effect.terms(scene):
             if (kept is None or kept(term)) and _shows(term, scene):
@@ -117,7 +123,7 @@ def dictionary_of(
 def seen_blocks(blocks: tuple[Block, ...], places: Places, rows: Rows, scene: Scene) -> Dictionary:
     """Return blocks with their columns."""
     places, rows = narrowed(places, rows)
-    columns = [seen(block.effect, block.where, block.shape, places, rows, scene) for block in blocks]
+    columns = [seen(block.key, places, rows, scene) for block in blocks]
     return Dictionary(blocks, np.hstack(columns))
 
 
@@ -135,7 +141,7 @@ def block_of(terms: Sequence[Term], needs: tuple[str, ...] = ()) -> Block:
     """Return the alternatives in size of an effect at one place with one shape, its columns the first."""
     one, sds_mm = terms[0], np.array([term.sd_mm for term in terms])
     log_odds = np.array([term.log_odds for term in terms])
-    return Block(one.effect, one.where, one.shape, slice(0, sds_mm.shape[1]), sds_mm, log_odds, one.positive, needs)
+    return Block(*one.key, slice(0, sds_mm.shape[1]), sds_mm, log_odds, one.positive, needs)
 
 
 @dataclass(frozen=True, eq=False)

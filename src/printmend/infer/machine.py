@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Scene
+from printmend.effects.effect import Key
 from printmend.effects.pulley import HARMONICS
 from printmend.effects.sized import Sized, belts_mm, frame_of
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
@@ -31,6 +32,10 @@ class Part:
     draws_mm: np.ndarray
 
     @property
+    def key(self) -> Key:
+        return self.effect, self.where, self.shape
+
+    @property
     def chance(self) -> float:
         return float(self.draws_mm.any(axis=0).mean())
 
@@ -43,7 +48,7 @@ class Part:
         return np.asarray(self.draws_mm.std(axis=1))
 
     def acting(self) -> Sized:
-        return Sized(self.effect, self.where, self.shape, self.acts_mm)
+        return Sized(*self.key, self.acts_mm)
 
 
 def machine_of(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:

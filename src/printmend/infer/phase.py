@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.effects import Scene
+from printmend.effects.effect import Key
 from printmend.effects.homing import shifted, waves_of
 from printmend.infer.fit import looked
 from printmend.infer.gram import dictionary_of, seen
 from printmend.infer.machine import Part, machine_of
-from printmend.infer.update import Key, key_of, rebased
+from printmend.infer.update import rebased
 from printmend.machine import Mechanism
 from printmend.path import Trace
 
@@ -81,13 +82,13 @@ class _Rows:
             made = _seen_at(part, columns, grid, self.scene)
             scores = self._likely(left[:, None], made, self.idlers[at + 1 :])[0]
             best = int(np.argmax(scores))
-            found[key_of(part)], left = float(grid[best]), left - made[:, best]
+            found[part.key], left = float(grid[best]), left - made[:, best]
         return found
 
 
 def _seen_at(part: Part, columns: np.ndarray, grid: np.ndarray, scene: Scene) -> np.ndarray:
     """Return what a part does to rows [M, G] whose columns [M, P] are given, at each of its shifts [G]."""
-    waves_mm = waves_of(part.effect, part.where, part.shape, scene)
+    waves_mm = waves_of(*part.key, scene)
     assert waves_mm is not None
     return np.asarray(columns @ shifted(np.repeat(part.mean_mm[:, None], len(grid), axis=1), waves_mm, grid))
 
@@ -129,8 +130,8 @@ def _rows(
     error = rows.error_mm * scale
     waves: list[tuple[Part, np.ndarray]] = []
     for part in parts:
-        told = seen(part.effect, part.where, part.shape, places, rows, scene) * scale[:, None]
-        if waves_of(part.effect, part.where, part.shape, scene) is None:
+        told = seen(part.key, places, rows, scene) * scale[:, None]
+        if waves_of(*part.key, scene) is None:
             error = error - told @ part.mean_mm
         elif part.mean_mm.any():
             waves.append((part, told))
@@ -166,7 +167,7 @@ def _smallest(scores: np.ndarray, grids: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _moved(part: Part, by_mm: float, scene: Scene) -> Part:
-    waves_mm = waves_of(part.effect, part.where, part.shape, scene)
+    waves_mm = waves_of(*part.key, scene)
     if waves_mm is None:
         return part
     acts = shifted(part.acts_mm[:, None], waves_mm, by_mm)[:, 0]

@@ -205,9 +205,8 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     acts = {part.key: part.sizes_mm for part in fit.parts() if EFFECTS[part.effect].acts is not Acts.NOT}
     parts = []
     for b in order:
-        key = (blocks[b].effect, blocks[b].where, blocks[b].shape)
-        acts_mm = acts.get(key) if b in likely else None
-        parts.append(Part(*key, np.zeros(len(draws[b])) if acts_mm is None else acts_mm, draws[b]))
+        acts_mm = acts.get(blocks[b].key) if b in likely else None
+        parts.append(Part(*blocks[b].key, np.zeros(len(draws[b])) if acts_mm is None else acts_mm, draws[b]))
     return Posterior(fit.scene, tuple(acting(fit.scene, parts)), len(likely), fit.state.sigma_mm, _nats(fit))
 
 
@@ -240,7 +239,7 @@ def drawn_of(state: State, positive: np.ndarray, count: int, rng: np.random.Gene
 
 def after_homing(part: Part, scene: Scene) -> Part:
     """Return a part that acts with the share that stays in place when the printer homes again."""
-    share = lasting(part.acts_mm, part.effect, part.where, part.shape, scene)
+    share = lasting(part.acts_mm, *part.key, scene)
     return part if share is None else replace(part, acts_mm=share * part.acts_mm)
 
 

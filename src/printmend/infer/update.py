@@ -14,7 +14,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.breathing import HARMONICS as BREATHS
-from printmend.effects.effect import SCALE_MM, belt_places
+from printmend.effects.effect import SCALE_MM, Key, belt_places
 from printmend.effects.elastic import HARMONICS as STRETCHES
 from printmend.effects.homing import shifted, waves_of
 from printmend.effects.prior import happens_share, wear_share
@@ -53,7 +53,6 @@ FAR_RAD = 0.3  # angle of a wave up to which that direction serves
 OPEN_RAD = 0.03  # standard deviation of an angle that was found
 GRID = 201  # places along a motor at which a series is taken
 TURNING = {"pulley": ROUNDS, "breathing": BREATHS, "elastic": STRETCHES}  # effects that turn with a motor's pulley
-Key = tuple[str, int, tuple[float, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +83,7 @@ class Wearing:
     def known(self, story: Story, like: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean [P] and the directions [P, K] of unit prior of a story's parts, laid out as those ``like``
         them: the spread of the draws, what may have worn, and how exactly the angle of a turned pulley is known."""
-        has = {key_of(part): part for part in story.parts}
+        has = {part.key: part for part in story.parts}
         draws = laid_out([part.draws_mm for part in story.parts], story.parts, like)
         mean, ways = draws.mean(axis=1), [directions(draws)]
         for motor, by_rad in enumerate(story.turned_rad):
@@ -96,7 +95,7 @@ class Wearing:
         for each in like:
             width = len(each.acts_mm)
             more_mm, sd_mm = self.grown.get((each.effect, each.where), (0.0, 0.0))
-            if key_of(each) in has:
+            if each.key in has:
                 way = np.zeros((len(mean), 2))
                 way[first : first + width, 0] = self.factor * wear_share(each.effect) * mean[first : first + width]
                 mean[first] += more_mm * (-1.0 if mean[first] < 0 else 1.0)  # trends belong to sizes without a sign
@@ -116,7 +115,7 @@ class Wearing:
 
 def moved_by(part: Part, motor: int, by_mm: float | np.ndarray, scene: Scene) -> Part:
     """Return a part of one motor, with that motor's waves shifted ``by_mm`` [D]."""
-    waves_mm = waves_of(part.effect, part.where, part.shape, scene) if part.where == motor else None
+    waves_mm = waves_of(*part.key, scene) if part.where == motor else None
     return part if waves_mm is None else replace(part, draws_mm=shifted(part.draws_mm, waves_mm, by_mm))
 
 
@@ -125,7 +124,7 @@ def homed_again(parts: Sequence[Part], scene: Scene, rng: np.random.Generator) -
     by_mm, sd_mm = drawn_shifts_mm(scene, DRAWS, rng), spread_mm(scene)
 
     def on(part: Part) -> Part:
-        waves_mm = waves_of(part.effect, part.where, part.shape, scene)
+        waves_mm = waves_of(*part.key, scene)
         is_far = waves_mm is not None and 2 * np.pi * sd_mm[part.where] > FAR_RAD * waves_mm.max()
         return moved_by(part, part.where, by_mm[part.where], scene) if is_far else part
 
@@ -134,8 +133,8 @@ def homed_again(parts: Sequence[Part], scene: Scene, rng: np.random.Generator) -
 
 def laid_out(draws: Sequence[np.ndarray], parts: Sequence[Part], like: Sequence[Part]) -> np.ndarray:
     """Return the draws of parts as one matrix [P, D] with the rows of those ``like`` them, 0 where one is missing."""
-    has = {key_of(part): each for part, each in zip(parts, draws, strict=True)}
-    return np.vstack([np.zeros((0, DRAWS)), *(has.get(key_of(each), 0.0 * each.draws_mm) for each in like)])
+    has = {part.key: each for part, each in zip(parts, draws, strict=True)}
+    return np.vstack([np.zeros((0, DRAWS)), *(has.get(each.key, 0.0 * each.draws_mm) for each in like)])
 
 
 def directions(draws: np.ndarray) -> np.ndarray:
@@ -219,10 +218,6 @@ def turned(parts: Sequence[Part], motor: int, by_rad: float) -> tuple[Part, ...]
         return replace(part, acts_mm=turn @ part.acts_mm, draws_mm=turn @ part.draws_mm)
 
     return tuple(on(part) for part in parts)
-
-
-def key_of(part: Part) -> Key:
-    return part.effect, part.where, part.shape
 
 
 def rebased(part: Part, scene: Scene) -> Part:
@@ -490,37 +485,37 @@ def _now(at: _Pass, contacts: Contacts, scene: Scene, rng: np.random.Generator) 
     nothing, _ = machine_of(scene, ())
     fit = Fit(scene, at.places, at.rows, contacts, search, at.state, nothing)
     found = posterior_here(fit, rng)
-    where = {(b.effect, b.where, b.shape): b.at for b in at.sums.dictionary.blocks}
+    where = {block.key: block.at for block in at.sums.dictionary.blocks}
     changes = np.zeros((at.sums.own, DRAWS))
     for part in found.parts:
-        changes[where[key_of(part)]] = part.draws_mm
+        changes[where[part.key]] = part.draws_mm
     likely = np.zeros((at.sums.own, 1))
     likely[at.state.columns, 0] = at.state.mean_mm
     draws, acts = at.left.drawn_mm(changes, rng), at.left.sizes_mm(likely)[:, 0]
-    kept = {key_of(part): part for part in at.story.parts}
+    kept = {part.key: part for part in at.story.parts}
     parts: dict[Key, Part] = {}
     first = 0
     for part in at.like:
         own = slice(first, first + len(part.acts_mm))
         first = own.stop
-        if key_of(part) not in kept:
+        if part.key not in kept:
             continue
         if part.chance < SURE_CHANCE:
-            parts[key_of(part)] = kept[key_of(part)]
+            parts[part.key] = kept[part.key]
         else:
             does = EFFECTS[part.effect].acts is not Acts.NOT
-            parts[key_of(part)] = replace(part, acts_mm=acts[own] * does, draws_mm=draws[own])
+            parts[part.key] = replace(part, acts_mm=acts[own] * does, draws_mm=draws[own])
     known = len(parts)
     for part in found.parts:
-        had = parts.get(key_of(part))
-        parts[key_of(part)] = part if had is None else replace(
+        had = parts.get(part.key)
+        parts[part.key] = part if had is None else replace(
             had, acts_mm=had.acts_mm + part.acts_mm, draws_mm=had.draws_mm + part.draws_mm
         )  # fmt: skip
     seldom = {key for key in kept if parts[key] is kept[key]}  # these act as they did
     now = tuple(part if key in seldom else after_homing(part, scene) for key, part in parts.items())
     posterior = Posterior(scene, now, known, found.noise_mm, found.nats)
     mechanism, _ = machine_of(scene, [part.acting() for part in posterior.parts if part.acts_mm.any()])
-    told = tuple((block.effect, block.where, block.shape) for block in _changes(at))
+    told = tuple(block.key for block in _changes(at))
     return Renewed(
         posterior, (), at.story, told, replace(fit, mechanism=mechanism), at.left_mm(), at.left.shifts(likely)
     )  # fmt: skip
@@ -540,7 +535,7 @@ def _homed_mm(now: Renewed, scene: Scene) -> tuple[tuple[float, float], ...]:
 
 def _columns(parts: Sequence[Part], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     """Return what the rows see [M, P] of parts."""
-    own = [seen(part.effect, part.where, part.shape, places, rows, scene) for part in parts]
+    own = [seen(part.key, places, rows, scene) for part in parts]
     return np.hstack([np.zeros((len(rows.mark), 0)), *own])
 
 

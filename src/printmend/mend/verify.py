@@ -179,7 +179,7 @@ def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarra
     for part in found.now.parts:
         of = EFFECTS[part.effect].of
         if of in (Of.MACHINE, Of.SESSION):
-            columns = seen(part.effect, part.where, part.shape, fit.places, fit.rows, scene)
+            columns = seen(part.key, fit.places, fit.rows, scene)
             sums[wanders and of is Of.SESSION] += columns @ part.draws_mm
     if not placed:  # the plate's place is unknown
         along = fit.rows.along

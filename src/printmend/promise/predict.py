@@ -31,7 +31,7 @@ def after_homing(belief: Belief) -> Belief:
     by_mm = drawn_shifts_mm(belief.scene, DRAWS, np.random.default_rng(HOMING_SEED))
     parts = []
     for part in belief.parts:
-        waves_mm = waves_of(part.effect, part.where, part.shape, belief.scene)
+        waves_mm = waves_of(*part.key, belief.scene)
         if waves_mm is not None:
             part = replace(part, draws_mm=shifted(part.draws_mm, waves_mm, by_mm[part.where]))
         parts.append(part)
