@@ -22,14 +22,22 @@ from printmend.infer.gram import (
     Rows,
     blocks_of,
     gram_of,
-    laid_side_by_side,
     narrowed,
-    seen,
-    seen_blocks,
+    side_by_side,
     summed,
 )
 from printmend.infer.machine import machine_of
-from printmend.infer.search import LEAST_LOG_WEIGHT, LEAST_SIGMA_MM, Search, Set, State, doubted, search_of, searched
+from printmend.infer.search import (
+    LEAST_LOG_WEIGHT,
+    LEAST_SIGMA_MM,
+    Search,
+    Set,
+    State,
+    alone,
+    doubted,
+    search_of,
+    searched,
+)
 from printmend.machine import Contacts, Mechanism, contacts_of, healthy_mechanism
 from printmend.metrics.robust import own_share, scale_of, weights_of
 from printmend.path import Trace
@@ -189,8 +197,7 @@ def _with_turn(rows: Rows, places: Places, by_rad: float, scene: Scene) -> Rows:
     """Return rows of a trace that was turned back with the turn as a linear effect: sets without it are rivals."""
     if not by_rad:
         return rows
-    few, here = narrowed(places, rows)
-    more_mm = np.einsum("mc,mc->m", here.along, _turned_mm(few, by_rad, scene)[here.mark])
+    more_mm = np.einsum("mc,mc->m", rows.along, _turned_mm(places.at(rows.mark), by_rad, scene))
     return replace(rows, error_mm=rows.error_mm + more_mm)
 
 
@@ -237,30 +244,24 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
     rows = _with_turn(rows, fit.places, fit.turned_rad, fit.scene)
     if len(rows.mark) <= len(fit.rows.mark):
         return fit
-    members = [b for b, _ in fit.state.members]
     gains = fit.search.gains(fit.state, fit.search.offered(fit.state.members))
-    beside = np.unique(gains.keys[gains.values > LEAST_LOG_WEIGHT, 0]).tolist()
-    dictionary = fit.search.narrowed((*members, *beside)).dictionary
-    numbered: Set = tuple((at, variant) for at, (_, variant) in enumerate(fit.state.members))
+    beside = np.unique(gains.keys[gains.values > LEAST_LOG_WEIGHT, 0])
+    few = fit.search.narrowed([*fit.blocks, *(fit.dictionary.blocks[b] for b in beside)])
+    keys = [block.key for block in few.dictionary.blocks]
     known = slice(0, len(fit.state.columns))  # the members come first
 
     def gram(first: int) -> Gram:
         part = rows.some(slice(first, first + CHUNK_ROWS))
-        some = _columns_of(dictionary.blocks, fit.places, part, fit.scene)
+        some = side_by_side(keys, fit.places, part, fit.scene)
         left_mm = part.error_mm - some[:, known] @ fit.state.mean_mm
         away = left_mm * np.sqrt(part.weight) / fit.state.sigma_mm
         return gram_of(some, part, part.weight * weights_of(away, 1.0))
 
     grams = map(gram, range(0, len(rows.mark), CHUNK_ROWS))
-    search = Search(dictionary, summed(grams, dictionary.columns.shape[1]))
-    state = search.posterior(numbered, fit.state.sigma_mm)
-    mechanism, _ = machine_of(fit.scene, sized(dictionary, state.members, state.mean_mm))
+    search = replace(few, gram=summed(grams, few.dictionary.columns.shape[1]))
+    state = search.posterior(alone(fit.state.members), fit.state.sigma_mm)
+    mechanism, _ = machine_of(fit.scene, sized(few.dictionary, state.members, state.mean_mm))
     return replace(fit, search=search, state=state, mechanism=mechanism)
-
-
-def _columns_of(blocks: Sequence[Block], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
-    few, here = narrowed(places, rows)
-    return np.hstack([seen(block.key, few, here, scene) for block in blocks])
 
 
 def _left_by(mechanism: Mechanism, trace: Trace, contacts: Contacts, rows: Rows) -> np.ndarray:
@@ -280,14 +281,13 @@ def _searched(
     blocks: tuple[Block, ...], *, doubting: bool,
 ) -> Fit:  # fmt: skip
     """Return the likeliest set for rows. With ``doubting`` the last weighing doubts each of its members."""
-    few, here = narrowed(places, rows)
-    dictionary = seen_blocks(blocks, few, here, scene)
+    dictionary = Dictionary(blocks, side_by_side((block.key for block in blocks), places, rows, scene))
     members: Set = tuple(
         (b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0 or block.effect in BEGUN_WITH
     )
     sigma_mm = max(float(np.sqrt(np.average(rows.error_mm**2, weights=weight))), LEAST_SIGMA_MM)
     if last is not None:
-        dictionary, members = _as_before(dictionary, last, few, here, scene)
+        dictionary, members = _as_before(dictionary, last, places, rows, scene)
         sigma_mm = last.state.sigma_mm
     state: State | None = None
     for weighing in range(WEIGHINGS):
@@ -295,7 +295,7 @@ def _searched(
         state = searched(search, members, sigma_mm)
         if doubting and weighing == WEIGHINGS - 1:
             state = doubted(search, state)
-        search, state = _finer(search, state, few, replace(here, share=rows.share), scene, weight)
+        search, state = _finer(search, state, places, rows, scene, weight)
         dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
         left_mm = left_of(rows, dictionary, state)
         weight, rows = weighed(rows, left_mm), shared(rows, left_mm)
@@ -306,14 +306,12 @@ def _searched(
 
 def _as_before(dictionary: Dictionary, last: Fit, places: Places, rows: Rows, scene: Scene) -> tuple[Dictionary, Set]:
     """Return the dictionary with the finer shapes of the last pass, and the last set in it."""
-    known = {(block.effect, block.where, block.shape): b for b, block in enumerate(dictionary.blocks)}
-    before = [last.dictionary.blocks[b] for b, _ in last.state.members]
-    missed = [block for block in before if (block.effect, block.where, block.shape) not in known]
-    for b, block in enumerate(missed, start=len(dictionary.blocks)):
-        known[block.effect, block.where, block.shape] = b
-    dictionary = with_shapes(dictionary, [(block, block.shape) for block in missed], places, rows, scene)
-    numbers = [known[block.effect, block.where, block.shape] for block in before]
-    return dictionary, tuple((b, variant) for b, (_, variant) in zip(numbers, last.state.members, strict=True))
+    known = {block.key for block in dictionary.blocks}
+    missed = [block for block in last.blocks if block.key not in known]
+    dictionary = with_blocks(dictionary, missed, places, rows, scene)
+    numbers = {block.key: b for b, block in enumerate(dictionary.blocks)}
+    members = zip(last.blocks, last.state.members, strict=True)
+    return dictionary, tuple((numbers[block.key], variant) for block, (_, variant) in members)
 
 
 def with_finer(
@@ -332,20 +330,15 @@ def with_finer(
         shared = odds - math.log(len(finer) + 1)
         less = replace(block, log_odds=block.log_odds - math.log(TIMES_FINER), own_odds=shared + math.log(TIMES_FINER))
         blocks[b] = replace(block, own_odds=shared)
-        more += [(replace(less, coarse=coarse), shape) for shape in finer]
-    return with_shapes(replace(dictionary, blocks=tuple(blocks)), more, places, rows, scene) if more else dictionary
+        more += [replace(less, coarse=coarse, shape=shape) for shape in finer]
+    return with_blocks(replace(dictionary, blocks=tuple(blocks)), more, places, rows, scene) if more else dictionary
 
 
-def with_shapes(
-    dictionary: Dictionary, more: Sequence[tuple[Block, tuple[float, ...]]], places: Places, rows: Rows, scene: Scene
-) -> Dictionary:
-    """Return the dictionary with more blocks: other shapes of such as it has."""
+def with_blocks(dictionary: Dictionary, more: Sequence[Block], places: Places, rows: Rows, scene: Scene) -> Dictionary:
+    """Return the dictionary with more blocks and what the rows see of them."""
     if not more:
         return dictionary
-    places, rows = narrowed(places, rows)
-    columns = [seen((like.effect, like.where, shape), places, rows, scene) for like, shape in more]
-    blocks = laid_side_by_side((*dictionary.blocks, *(replace(like, shape=shape) for like, shape in more)))
-    return Dictionary(blocks, np.hstack([dictionary.columns, *columns]))
+    return dictionary.with_more(more, side_by_side((block.key for block in more), places, rows, scene))
 
 
 def _finer(
@@ -356,9 +349,8 @@ def _finer(
     They are looked for among themselves; then every block may take the place of another again.
     """
     members = [b for b, _ in state.members]
-    among, first = search.narrowed(members), len(state.columns)
-    start: Set = tuple((at, variant) for at, (_, variant) in enumerate(state.members))
-    own, sigma_mm = start, state.sigma_mm
+    among, first = search.narrowed([search.dictionary.blocks[b] for b in members]), len(state.columns)
+    own, sigma_mm = alone(state.members), state.sigma_mm
     for round_ in range(FINER_ROUNDS):
         dictionary = with_finer(among.dictionary, own, round_, places, rows, scene)
         if dictionary is among.dictionary:
@@ -369,13 +361,12 @@ def _finer(
     shared, blocks = among.dictionary.blocks[: len(members)], among.dictionary.blocks[len(members) :]
     if not blocks:
         return search, state
-    columns = among.dictionary.columns[:, first:]
     before = _in_place_of(search.dictionary.blocks, dict(zip(members, shared, strict=True)))
-    whole = laid_side_by_side((*before, *blocks))
-    search = search_of(Dictionary(whole, np.hstack([search.dictionary.columns, columns])), rows, weight)
-    if own == start:
+    dictionary, count = replace(search.dictionary, blocks=tuple(before)), len(search.dictionary.blocks)
+    search = search_of(dictionary.with_more(blocks, among.dictionary.columns[:, first:]), rows, weight)
+    if own == alone(state.members):
         return search, state
-    numbers = [*members, *range(len(whole) - len(blocks), len(whole))]
+    numbers = [*members, *range(count, count + len(blocks))]
     return search, searched(search, tuple((numbers[b], variant) for b, variant in own), sigma_mm)
 
 
@@ -590,30 +581,23 @@ class _Beside:
     def known(self) -> tuple[Search, State, np.ndarray]:
         """The search among the blocks that stay, the set of them all, and the rows' weights."""
         blocks, members = self.fit.dictionary.blocks, self.fit.state.members
-        kept = [one for one in members if blocks[one[0]].effect not in REPEATING or blocks[one[0]].where != self.motor]
+        kept: Set = tuple(
+            one for one in members if blocks[one[0]].effect not in REPEATING or blocks[one[0]].where != self.motor
+        )
         weight = weighed(self.fit.rows, self.fit.left_mm())
-        dictionary = self.fit.search.narrowed([b for b, _ in kept]).dictionary
+        dictionary = self.fit.search.narrowed([blocks[b] for b, _ in kept]).dictionary
         search = search_of(dictionary, self.fit.rows, weight)
-        own: Set = tuple((at, variant) for at, (_, variant) in enumerate(kept))
-        return search, search.posterior(own, self.fit.state.sigma_mm, rounds=0), weight
-
-    @cached_property
-    def marks(self) -> tuple[Places, Rows]:
-        return narrowed(self.fit.places, self.fit.rows)
+        return search, search.posterior(alone(kept), self.fit.state.sigma_mm, rounds=0), weight
 
     def gains(self, turns: Sequence[Turn]) -> list[float]:
         """Return the score of the set with a pulley of each turn, whose play breathes or not, and its log odds."""
         search, beside, weight = self.known
-        (places, rows), sizes, count = self.marks, _sizes_mm(), len(search.dictionary.blocks)
-        new = [
-            seen((name, turn.motor, (most,)), places, rows, turn.of(self.fit.scene))
-            for turn in turns
-            for name, most in (("pulley", ROUND_MOST), ("breathing", BREATH_MOST))
-        ]
+        sizes, count = _sizes_mm(), len(search.dictionary.blocks)
+        keys = ("pulley", self.motor, (ROUND_MOST,)), ("breathing", self.motor, (BREATH_MOST,))
+        fit = self.fit
+        new = [side_by_side(keys, fit.places, fit.rows, turn.of(fit.scene)) for turn in turns]
         own = Block("pulley", self.motor, (), slice(0, sizes.shape[1]), sizes, np.zeros(len(sizes)))
-        blocks = laid_side_by_side((*search.dictionary.blocks, *[own] * len(turns)))
-        columns = np.hstack([search.dictionary.columns, *new])
-        search = search_of(Dictionary(blocks, columns), self.fit.rows, weight)
+        search = search_of(search.dictionary.with_more([own] * len(turns), np.hstack(new)), fit.rows, weight)
         gains = search.gains(beside, count + np.arange(len(turns))).values.reshape(len(turns), -1)
         likeliest = enumerate(np.argmax(gains, axis=1).tolist(), start=count)
         found = [search.posterior((*beside.members, one), beside.sigma_mm).score for one in likeliest]

@@ -78,6 +78,12 @@ def seen(key: Key, places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     return np.asarray(np.einsum("mc,mcp->mp", rows.along, columns[rows.mark]))
 
 
+def side_by_side(keys: Iterable[Key], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
+    """Return the rows' columns [M, P] of several effects, side by side."""
+    places, rows = narrowed(places, rows)
+    return np.hstack([np.zeros((len(rows.mark), 0)), *(seen(key, places, rows, scene) for key in keys)])
+
+
 def narrowed(places: Places, rows: Rows) -> tuple[Places, Rows]:
     """Return the places that the rows are of, and the rows of these: the search looks at few of a long trace."""
     marks, numbers = np.unique(rows.mark, return_inverse=True)
@@ -96,6 +102,10 @@ class Dictionary:
         columns = [self.blocks[b].at for b, _ in members]
         ends = itertools.accumulate((each.stop - each.start for each in columns), initial=0)
         return [slice(first, last) for first, last in itertools.pairwise(ends)]
+
+    def with_more(self, blocks: Sequence[Block], columns: np.ndarray) -> "Dictionary":
+        """Return the dictionary with more blocks, whose columns [M, Q] come last."""
+        return Dictionary(laid_side_by_side((*self.blocks, *blocks)), np.hstack([self.columns, columns]))
 
 
 def blocks_of(scene: Scene, kept: Callable[[Term], bool] | None = None) -> tuple[Block, ...]:
@@ -117,14 +127,8 @@ def dictionary_of(
     places: Places, rows: Rows, scene: Scene, *, kept: Callable[[Term], bool] | None = None
 ) -> Dictionary:
     """Return every term that the effects offer, or those that are ``kept``, with its columns."""
-    return seen_blocks(blocks_of(scene, kept), places, rows, scene)
-
-
-def seen_blocks(blocks: tuple[Block, ...], places: Places, rows: Rows, scene: Scene) -> Dictionary:
-    """Return blocks with their columns."""
-    places, rows = narrowed(places, rows)
-    columns = [seen(block.key, places, rows, scene) for block in blocks]
-    return Dictionary(blocks, np.hstack(columns))
+    blocks = blocks_of(scene, kept)
+    return Dictionary(blocks, side_by_side((block.key for block in blocks), places, rows, scene))
 
 
 def _shows(term: Term, scene: Scene) -> bool:

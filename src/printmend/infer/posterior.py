@@ -300,7 +300,8 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     alternatives: dict[int, list[int]] = {}
     for b, variant in dict.fromkeys([*likeliest.members, *itertools.chain(*rivals)]):
         alternatives.setdefault(b, []).append(variant)
-    few = search.narrowed(alternatives)
+    blocks = ((search.dictionary.blocks[b], own) for b, own in alternatives.items())
+    few = search.narrowed([replace(one, sds_mm=one.sds_mm[own], log_odds=one.log_odds[own]) for one, own in blocks])
     number = {(b, v): (at, n) for at, (b, some) in enumerate(alternatives.items()) for n, v in enumerate(some)}
     key = {own: each for each, own in number.items()}
     every, sure = (tuple(number[member] for member in some) for some in (likeliest.members, sizes))
@@ -309,9 +310,9 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     chain = _Chain(few.given(staying, likeliest.sigma_mm), staying, likeliest.sigma_mm, {})
     sets: list[Set] = [tuple(member for member in every if member not in staying)] * DRAWS
     for some in rivals * ROUNDS:
-        blocks = frozenset(number[each][0] for each in some)
+        mine = frozenset(number[each][0] for each in some)
         for _ in range(1 + len(set(likeliest.members).intersection(some))):  # a step takes one of them away, or none
-            sets = [chain.stepped(members, blocks, rng) for members in sets]
+            sets = [chain.stepped(members, mine, rng) for members in sets]
     chained = [tuple(key[member] for member in (*staying, *members)) for members in sets]
     return [tuple(sorted(each)) for each in _with_more(search, _resized(chained, sizes, rng), more, rng)]
 

@@ -6,7 +6,7 @@ the set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (
 must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard deviation) times as large.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,6 +22,11 @@ LEAST_BETTER = 1e-6  # of the score: what rounding leaves
 LEAST_LOG_WEIGHT = -9.0  # what is less likely than e^−9 of something else hardly ever happens beside it
 SETTLED_SHARE = 1e-3  # of the noise's variance: a score near its maximum changes by the square
 Set = tuple[tuple[int, int], ...]  # (block, alternative in size) of each member
+
+
+def alone(members: Set) -> Set:
+    """Return a set with its blocks numbered as in a dictionary of these alone."""
+    return tuple((at, variant) for at, (_, variant) in enumerate(members))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,19 +135,12 @@ class Search:
     def _prior_of(self, members: Set) -> tuple[np.ndarray, np.ndarray]:
         """Return the numbers of a set's columns [A] and the standard deviations of their sizes [A]."""
         blocks = self.dictionary.blocks
-        columns = _columns_of(blocks[b] for b, _ in members)
+        columns = columns_at(blocks[b] for b, _ in members)
         return columns, np.concatenate([np.zeros(0), *(blocks[b].sds_mm[v] for b, v in members)])
 
-    def narrowed(self, numbers: Sequence[int] | Mapping[int, list[int]]) -> "Search":
-        """Return the search among some blocks alone, in this order; of each all alternatives in size, or those that are
-        named."""
-        blocks = [self.dictionary.blocks[b] for b in numbers]
-        columns = _columns_of(blocks)
-        if isinstance(numbers, Mapping):
-            blocks = [
-                replace(block, sds_mm=block.sds_mm[own], log_odds=block.log_odds[own])
-                for block, own in zip(blocks, numbers.values(), strict=True)
-            ]
+    def narrowed(self, blocks: Sequence[Block]) -> "Search":
+        """Return the search among some of the blocks alone, in this order; each may have fewer alternatives in size."""
+        columns = columns_at(blocks)
         some = Dictionary(laid_side_by_side(blocks), self.dictionary.columns[:, columns])
         return Search(some, self.gram.some(columns))
 
@@ -336,7 +334,7 @@ def _gathered(found: Sequence[tuple[np.ndarray, np.ndarray]]) -> Gains:
     return Gains(np.concatenate(keys), np.concatenate(values))
 
 
-def _columns_of(blocks: Iterable[Block]) -> np.ndarray:
+def columns_at(blocks: Iterable[Block]) -> np.ndarray:
     """Return the numbers of all columns of some blocks."""
     return np.concatenate([np.zeros(0, np.int64), *(np.arange(block.at.start, block.at.stop) for block in blocks)])
 

@@ -38,11 +38,11 @@ from printmend.infer.gram import (
     dictionary_of,
     gram_of,
     laid_side_by_side,
-    seen,
+    side_by_side,
 )
 from printmend.infer.machine import DRAWS, Part, machine_of
 from printmend.infer.posterior import Posterior, after_homing, posterior_here
-from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, by_growing, searched
+from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, by_growing, columns_at, searched
 from printmend.machine import Contacts, Mechanism
 from printmend.path import Trace
 
@@ -352,7 +352,7 @@ def _weighed_stories(
     dictionary = replace(  # of changes: play may become less
         dictionary, blocks=tuple(replace(block, positive=False, needs=()) for block in dictionary.blocks)
     )
-    old = _columns(like, places, rows, scene)
+    old = side_by_side((part.key for part in like), places, rows, scene)
     always: Set = tuple((b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0)
     weight = weighed(rows, rows.error_mm - old @ wearing.known(story, like)[0])
     best: _Pass | None = None
@@ -447,7 +447,7 @@ def _likeliest_turn_rad(at: _Pass, motor: int, always: Set) -> float:
     """Return the angle by which a motor's pulley most likely turned."""
     blocks = at.sums.dictionary.blocks
     kept = [blocks[b] for b, _ in always] + [block for block in blocks if block.effect in ("place", "play")]
-    columns = np.concatenate([np.arange(block.at.start, block.at.stop) for block in kept] or [np.zeros(0)]).astype(int)
+    columns = columns_at(kept)
     few = laid_side_by_side(kept)
     dictionary = Dictionary(few, np.zeros((0, len(columns))))
     members = tuple((b, 0) for b in range(len(few)))
@@ -531,12 +531,6 @@ def _homed_mm(now: Renewed, scene: Scene) -> tuple[tuple[float, float], ...]:
         at, own = scene.printer.from_motor((now.shifts[:, 0] * sd_mm)[None])[0], now.shifts[:, 1] * sd_mm
         return tuple((float(each), float(np.hypot(*own) / 2)) for each in at)
     return tuple((float(z * sd), float(own * sd)) for (z, own), sd in zip(now.shifts[seen], sd_mm[seen], strict=True))
-
-
-def _columns(parts: Sequence[Part], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
-    """Return what the rows see [M, P] of parts."""
-    own = [seen(part.key, places, rows, scene) for part in parts]
-    return np.hstack([np.zeros((len(rows.mark), 0)), *own])
 
 
 def both_seen(old: Scene, new: Scene) -> Scene:
