@@ -14,19 +14,19 @@ from itertools import product
 import numpy as np
 
 from printmend.effects.prior import alternatives, lift_rests
+from printmend.effects.sized import TINY_MM
 from printmend.errors import TraceError
 from printmend.infer.gram import Block, Dictionary, Rows, block_of, laid_side_by_side
-from printmend.infer.search import LEAST_LOG_WEIGHT, LEAST_SIGMA_MM, Set, State, search_of
+from printmend.infer.search import LEAST_LOG_WEIGHT, LEAST_SIGMA_MM, Set, search_of
 from printmend.machine.kernels import run
 from printmend.messages import say
 from printmend.metrics.robust import scale_of, weights_of
 from printmend.model.branches import HARMONICS, waves_of
 from printmend.printer import Printer
 
-TERMS = ("lead", "periodic", "backlash")
 PROFILES = {"lead": (1.0,), "periodic": (1.0, 1.0, *(0.3,) * (2 * HARMONICS - 2)), "backlash": (1.0,)}
 ORIGIN_SD_MM = 1e3  # of where the heights are counted from: anywhere
-FIRST_BACKLASH_MM = (0.0, 0.1, 0.4)  # where the search for contacts begins
+FIRST_BACKLASH_MM, FIRST_SIGMA_MM = (0.0, 0.1, 0.4), 0.1  # where the search for contacts begins
 PASSES = 12  # of contacts, then search, at most
 
 
@@ -56,37 +56,37 @@ def fit_height(commanded_mm: np.ndarray, measured_mm: np.ndarray, printer: Print
     """
     if (count := int(np.isfinite(measured_mm).sum())) < 3:
         raise TraceError(say("trace"), wanted=say("three-measured-heights"), came=f"{count}", todo=say("measure-more"))
-    begun = product(lift_rests(), FIRST_BACKLASH_MM)
-    fits = (_fitted(commanded_mm, measured_mm, printer, rest, first_mm, turns) for rest, first_mm in begun)
+    columns = np.column_stack([commanded_mm, waves_of(commanded_mm, printer.z.mm_per_turn, HARMONICS)])
+    blocks, begun = _blocks(), product(lift_rests(), FIRST_BACKLASH_MM)
+    sets = list(_sets(blocks, turns))
+    every_set = _alternatives(blocks, sets)
+    fits = (_fitted(columns, measured_mm, blocks, sets, every_set, rest, first_mm) for rest, first_mm in begun)
     return max(fits, key=lambda each: each.score)
 
 
 def _fitted(
-    commanded_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer, rest: tuple[float, float], backlash_mm: float,
-    turns: bool,
+    columns: np.ndarray, measured_mm: np.ndarray, blocks: tuple[Block, ...], sets: list[Set], every_set: Block,
+    rest: tuple[float, float], backlash_mm: float,
 ) -> Height:  # fmt: skip
-    (rest_share, log_odds), seen, blocks = rest, np.isfinite(measured_mm), _blocks()
-    sets = list(_sets(blocks, turns))
-    every_set = _alternatives(blocks, sets)
-    columns = np.column_stack([commanded_mm, waves_of(commanded_mm, printer.z.mm_per_turn, HARMONICS)])
-    sizes, sigma_mm, weight = np.zeros(columns.shape[1] + 2), 0.1, np.ones(int(seen.sum()))
+    """Return what contacts that begin with a rest and a backlash lead to; the first column is the commanded heights."""
+    (rest_share, log_odds), commanded_mm, seen = rest, columns[:, 0], np.isfinite(measured_mm)
+    ones = np.ones(int(seen.sum()))
+    sizes, sigma_mm, weight = np.zeros(columns.shape[1] + 2), FIRST_SIGMA_MM, ones
     for _ in range(PASSES):
         at, side = _touched(commanded_mm + columns @ sizes[1:-1], backlash_mm, rest_share)
         slack = np.where(side == 0, rest_share - 0.5, side / 2)
         design = np.column_stack([np.ones(len(at)), columns[at], slack])[seen]
         wanted_mm = (measured_mm - commanded_mm[at])[seen]
-        rows = Rows(
-            np.arange(len(wanted_mm)), np.zeros((len(wanted_mm), 2)), wanted_mm, weight, np.ones(len(wanted_mm))
-        )
+        rows = Rows(np.arange(len(ones)), np.zeros((len(ones), 2)), wanted_mm, weight, ones)
         search, rough = (search_of(Dictionary(some, design), rows, weight) for some in (blocks, (every_set,)))
         weighed = rough.gains(rough.posterior((), sigma_mm, rounds=0), np.zeros(1, int)).values
         likely = np.flatnonzero(weighed > weighed.max() + LEAST_LOG_WEIGHT)  # under the noise of the last pass
         state = max((search.posterior(sets[at], sigma_mm) for at in likely), key=lambda each: each.score)
-        before, sizes = sizes, _sizes(state, len(sizes))
+        before, sizes = sizes, state.laid_out_mm(len(sizes))
         backlash_mm, sigma_mm = max(float(sizes[-1]), 0.0), state.sigma_mm
         left_mm = wanted_mm - design @ sizes
         weight = weights_of(left_mm, scale_of(left_mm, LEAST_SIGMA_MM))
-        if np.abs(sizes - before).max() < 1e-9:
+        if np.abs(sizes - before).max() < TINY_MM:
             break
     every = search.posterior(tuple((b, 0) for b in range(len(blocks))), sigma_mm, rounds=0)
     sds = np.sqrt(np.diag(every.covariance))
@@ -96,7 +96,7 @@ def _fitted(
 def _blocks() -> tuple[Block, ...]:
     """Return the origin of the heights, and the terms of the lift with all their sizes."""
     origin = Block("origin", 0, (), slice(0, 1), np.array([[ORIGIN_SD_MM]]), np.zeros(1))
-    terms = (alternatives(name, 0, [()], PROFILES[name], positive=name == "backlash") for name in TERMS)
+    terms = (alternatives(name, 0, [()], profile, positive=name == "backlash") for name, profile in PROFILES.items())
     return laid_side_by_side((origin, *(block_of(list(each)) for each in terms)))
 
 
@@ -119,12 +119,6 @@ def _alternatives(blocks: tuple[Block, ...], sets: Sequence[Set]) -> Block:
     return Block("lift", 0, (), slice(0, sds_mm.shape[1]), sds_mm, log_odds)
 
 
-def _sizes(state: State, count: int) -> np.ndarray:
-    sizes = np.zeros(count)
-    sizes[state.columns] = state.mean_mm
-    return sizes
-
-
 def _touched(centre_mm: np.ndarray, backlash_mm: float, share: float) -> tuple[np.ndarray, np.ndarray]:
     """Return for each row [N] the row where the nut last touched a flank and which, −1 pushed up, +1 let down.
 
@@ -133,6 +127,6 @@ def _touched(centre_mm: np.ndarray, backlash_mm: float, share: float) -> tuple[n
     """
     lower_mm, upper_mm = centre_mm - backlash_mm / 2, centre_mm + backlash_mm / 2
     at, side, place_mm = np.empty(len(centre_mm), np.int64), np.empty(len(centre_mm)), np.empty(len(centre_mm))
-    start_mm = float(np.clip(centre_mm[0] + (share - 0.5) * backlash_mm, lower_mm[0], upper_mm[0]))
+    start_mm = float(centre_mm[0] + (share - 0.5) * backlash_mm)
     run.contacts(start_mm, lower_mm, upper_mm, at, side, place_mm)
     return np.maximum(at, 0), side

@@ -47,6 +47,12 @@ class State:
         """The covariance of the sizes [A, A]."""
         return np.asarray(self.root.T @ self.root)
 
+    def laid_out_mm(self, count: int) -> np.ndarray:
+        """Return the sizes of a dictionary's ``count`` columns, 0 where the set has none."""
+        sizes = np.zeros(count)
+        sizes[self.columns] = self.mean_mm
+        return sizes
+
 
 @dataclass(frozen=True, eq=False)
 class Gains:
