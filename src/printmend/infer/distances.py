@@ -29,7 +29,6 @@ from printmend.printer import Axis, Printer
 PASSES = (0, SWEEPS)  # sweeps of each: a distance bends a little with the errors themselves
 UNSEEN_MM = 1e-4  # an effect that moves every distance less is left out
 BOTH = 2  # "where" of a scale of both motors
-LIKELY = 0.5  # chance from which on an effect may act
 MISREAD_SHARE = 0.1  # a reading that a larger share of the drawn machines doubt is worth another look
 
 
@@ -200,7 +199,7 @@ def _parts(blocks: Sequence[Block], sizes: Mapping[int, np.ndarray]) -> list[Par
 
 def _likely(part: Part) -> Part:
     """Return a part that acts as it is in the machines that have it, where most have it."""
-    acts = EFFECTS[part.effect].acts is not Acts.NOT and part.chance >= LIKELY
+    acts = EFFECTS[part.effect].acts is not Acts.NOT and part.is_likely
     return replace(part, acts_mm=part.mean_mm / part.chance) if acts else part
 
 

@@ -90,11 +90,10 @@ class Fit:
         """Return where the set puts every row [N, 2], as it was measured but for noise."""
         every = np.array(self.scene.printer.from_motor(self.places.motor_mm))
         for at in range(0, len(every), CHUNK_ROWS):
-            some, first = self.places.at(np.arange(at, min(at + CHUNK_ROWS, len(every)))), 0
-            for block in self.blocks:
-                columns = columns_of(block.effect, some, block.where, block.shape, self.scene)
-                every[at : at + CHUNK_ROWS] += columns @ self.state.mean_mm[first : first + columns.shape[2]]
-                first += columns.shape[2]
+            some = self.places.at(np.arange(at, min(at + CHUNK_ROWS, len(every))))
+            for part in self.parts():
+                columns = columns_of(part.effect, some, part.where, part.shape, self.scene)
+                every[at : at + CHUNK_ROWS] += columns @ part.sizes_mm
         every -= _turned_mm(self.places, self.turned_rad, self.scene)
         return turned(every, self.turned_rad, self.scene)
 

@@ -1,7 +1,7 @@
 """Every candidate column of a measurement and the sums of their products: all the data that the search needs."""
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -39,19 +39,25 @@ class Block:
         return self.effect, self.where, self.shape
 
     @property
+    def width(self) -> int:
+        return self.sds_mm.shape[1]
+
+    @property
     def slot(self) -> tuple[str, int]:
         """Of the blocks of one slot a set holds at most as many as the effect allows."""
         return self.effect, self.where
 
 
-def laid_side_by_side(blocks: Iterable[Block]) -> tuple[Block, ...]:
+def slices(widths: Iterable[int]) -> Iterator[slice]:
+    """Yield slices of these widths, each from the end of the one before."""
+    ends = itertools.accumulate(widths, initial=0)
+    return (slice(first, last) for first, last in itertools.pairwise(ends))
+
+
+def laid_side_by_side(blocks: Sequence[Block]) -> tuple[Block, ...]:
     """Return blocks whose columns follow one another, as in a dictionary of these alone."""
-    kept: list[Block] = []
-    for block in blocks:
-        first = kept[-1].at.stop if kept else 0
-        at = slice(first, first + block.at.stop - block.at.start)
-        kept.append(block if block.at == at else replace(block, at=at))
-    return tuple(kept)
+    places = zip(blocks, slices(block.width for block in blocks), strict=True)
+    return tuple(block if block.at == at else replace(block, at=at) for block, at in places)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +105,7 @@ class Dictionary:
 
     def own(self, members: Sequence[tuple[int, int]]) -> list[slice]:
         """Return which of the sizes of a set are each member's."""
-        columns = [self.blocks[b].at for b, _ in members]
-        ends = itertools.accumulate((each.stop - each.start for each in columns), initial=0)
-        return [slice(first, last) for first, last in itertools.pairwise(ends)]
+        return list(slices(self.blocks[b].width for b, _ in members))
 
     def with_more(self, blocks: Sequence[Block], columns: np.ndarray) -> "Dictionary":
         """Return the dictionary with more blocks, whose columns [M, Q] come last."""
@@ -120,7 +124,9 @@ def _blocks_of(scene: Scene, kept: Callable[[Term], bool] | None, effects: tuple
         for term in effect.terms(scene):
             if (kept is None or kept(term)) and _shows(term, scene):
                 grouped.setdefault(term.key, []).append(term)
-    return laid_side_by_side(block_of(each, getattr(EFFECTS[each[0].effect], "needs", ())) for each in grouped.values())
+    return laid_side_by_side(
+        [block_of(each, getattr(EFFECTS[each[0].effect], "needs", ())) for each in grouped.values()]
+    )
 
 
 def dictionary_of(

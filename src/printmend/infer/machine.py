@@ -7,14 +7,14 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Scene
 from printmend.effects.effect import Key
+from printmend.effects.homing import shifted, waves_of
 from printmend.effects.pulley import HARMONICS
 from printmend.effects.sized import Sized, belts_mm, frame_of
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.model.branches import Branches, Wave, rising
 
-# One effect of a machine with its sizes after a measurement.
-
 DRAWS = 96  # machines that are drawn
+LIKELY = 0.5  # share of the drawn machines from which on a part is likely to be there
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,10 @@ class Part:
         return float(self.draws_mm.any(axis=0).mean())
 
     @property
+    def is_likely(self) -> bool:
+        return self.chance >= LIKELY
+
+    @property
     def mean_mm(self) -> np.ndarray:
         return np.asarray(self.draws_mm.mean(axis=1))
 
@@ -49,6 +53,17 @@ class Part:
 
     def acting(self) -> Sized:
         return Sized(*self.key, self.acts_mm)
+
+    def moved(self, by_mm: np.ndarray, scene: Scene) -> "Part":
+        """Return the part with the waves of its draws as they are once both motors are shifted ``by_mm`` [2] or
+        [2, D]."""
+        waves_mm = waves_of(*self.key, scene)
+        return self if waves_mm is None else replace(self, draws_mm=shifted(self.draws_mm, waves_mm, by_mm[self.where]))
+
+
+def those_acting(parts: Sequence[Part]) -> list[Sized]:
+    """Return the parts that act, with the sizes that do."""
+    return [part.acting() for part in parts if part.acts_mm.any()]
 
 
 def machine_of(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:

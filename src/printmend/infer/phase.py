@@ -14,7 +14,7 @@ from printmend.effects.effect import Key
 from printmend.effects.homing import shifted, waves_of
 from printmend.infer.fit import looked
 from printmend.infer.gram import dictionary_of, seen
-from printmend.infer.machine import Part, machine_of
+from printmend.infer.machine import Part, machine_of, those_acting
 from printmend.infer.update import rebased
 from printmend.machine import Mechanism
 from printmend.path import Trace
@@ -23,7 +23,6 @@ COARSE_MM, FINE_MM, ROUND_MM = 0.1, 0.01, 0.3  # of the shifts that are tried: o
 PASSES = 2  # of contacts, then shifts
 ALIKE_NATS = 2.0  # of shifts that fit alike to this the smallest is taken: an oval looks the same after half a turn
 FREE = ("place", "play")
-LIKELY = 0.5  # chance of an idler that is looked for
 LOOSE = ("idler",)  # effects whose waves no motor turns: after work on the belt they stand anywhere
 
 
@@ -112,7 +111,7 @@ def found_phase(parts: Sequence[Part], mechanism: Mechanism, trace: Trace, scene
             sd_mm[motor] = np.sqrt(share @ (grids[motor] - by_mm[motor]) ** 2) if turning[motor] else np.nan
         own = rows.idler_shifts_mm(by_mm)
         now = tuple(_moved(part, _shift_of(part, own, by_mm), scene) if part.where < 2 else part for part in old)
-        mechanism, _ = machine_of(scene, [part.acting() for part in now if part.acts_mm.any()])
+        mechanism, _ = machine_of(scene, those_acting(now))
     return Phase(by_mm, sd_mm, now, mechanism)
 
 
@@ -136,7 +135,7 @@ def _rows(
         elif part.mean_mm.any():
             waves.append((part, told))
     # machines that have another period near a likely one go with that one
-    idlers = [(_surely(part), told) for part, told in waves if part.effect in LOOSE and part.chance >= LIKELY]
+    idlers = [(_surely(part), told) for part, told in waves if part.effect in LOOSE and part.is_likely]
     turning = [one for one in waves if one[0].effect not in LOOSE]
     return _Rows(error, turning, idlers, np.hstack([np.zeros((len(error), 0)), *free]), scene)
 

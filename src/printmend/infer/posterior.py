@@ -167,12 +167,11 @@ MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better mended
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """The belief about a machine: its ``parts``, those of the likely set first (``likely`` of them), the noise of a
-    measured coordinate, and the support of each effect of the likely set, in nats."""
+    """The belief about a machine: its ``parts``, those of the likely set first, the noise of a measured coordinate,
+    and the support of each effect of the likely set, in nats."""
 
     scene: Scene
     parts: tuple[Part, ...]
-    likely: int
     noise_mm: float
     nats: tuple[float, ...]
 
@@ -194,7 +193,7 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     fit = replace(fit, state=likely_set(fit.search, fit.state, sets))
     likely = [b for b, _ in fit.state.members]
     order = list(dict.fromkeys([*likely, *(b for members in sets for b, _ in members)]))
-    draws = {b: np.zeros((blocks[b].at.stop - blocks[b].at.start, DRAWS)) for b in order}
+    draws = {b: np.zeros((blocks[b].width, DRAWS)) for b in order}
     first_draw = 0
     for members, count in sets.items():
         state = states[members]
@@ -207,7 +206,7 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     for b in order:
         acts_mm = acts.get(blocks[b].key) if b in likely else None
         parts.append(Part(*blocks[b].key, np.zeros(len(draws[b])) if acts_mm is None else acts_mm, draws[b]))
-    return Posterior(fit.scene, tuple(acting(fit.scene, parts)), len(likely), fit.state.sigma_mm, _nats(fit))
+    return Posterior(fit.scene, tuple(acting(fit.scene, parts)), fit.state.sigma_mm, _nats(fit))
 
 
 def likely_set(search: Search, likeliest: State, sets: Counter[Set]) -> State:

@@ -16,7 +16,7 @@ from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.breathing import HARMONICS as BREATHS
 from printmend.effects.effect import SCALE_MM, Key, belt_places
 from printmend.effects.elastic import HARMONICS as STRETCHES
-from printmend.effects.homing import shifted, waves_of
+from printmend.effects.homing import waves_of
 from printmend.effects.prior import happens_share, wear_share
 from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.effects.switch import drawn_shifts_mm, spread_mm
@@ -39,8 +39,9 @@ from printmend.infer.gram import (
     gram_of,
     laid_side_by_side,
     side_by_side,
+    slices,
 )
-from printmend.infer.machine import DRAWS, Part, machine_of
+from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
 from printmend.infer.posterior import Posterior, after_homing, posterior_here
 from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, by_growing, columns_at, searched
 from printmend.machine import Contacts, Mechanism
@@ -83,7 +84,7 @@ class Wearing:
     def known(self, story: Story, like: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean [P] and the directions [P, K] of unit prior of a story's parts, laid out as those ``like``
         them: the spread of the draws, what may have worn, and how exactly the angle of a turned pulley is known."""
-        has = {part.key: part for part in story.parts}
+        has = {part.key for part in story.parts}
         draws = laid_out([part.draws_mm for part in story.parts], story.parts, like)
         mean, ways = draws.mean(axis=1), [directions(draws)]
         for motor, by_rad in enumerate(story.turned_rad):
@@ -91,32 +92,25 @@ class Wearing:
                 more = turned(story.parts, motor, OPEN_RAD)
                 moved = [b.draws_mm - a.draws_mm for a, b in zip(story.parts, more, strict=True)]
                 ways.append(laid_out(moved, story.parts, like).mean(axis=1)[:, None])
-        first = 0
-        for each in like:
-            width = len(each.acts_mm)
+        for each, own in zip(like, slices(len(part.acts_mm) for part in like), strict=True):
+            if each.key not in has:
+                continue
+            way, first = np.zeros((len(mean), 2)), own.start
             more_mm, sd_mm = self.grown.get((each.effect, each.where), (0.0, 0.0))
-            if each.key in has:
-                way = np.zeros((len(mean), 2))
-                way[first : first + width, 0] = self.factor * wear_share(each.effect) * mean[first : first + width]
-                mean[first] += more_mm * (-1.0 if mean[first] < 0 else 1.0)  # trends belong to sizes without a sign
-                way[first, 1] = sd_mm
-                ways.append(way[:, way.any(axis=0)])
-            first += width
+            way[own, 0] = self.factor * wear_share(each.effect) * mean[own]
+            mean[first] += more_mm * (-1.0 if mean[first] < 0 else 1.0)  # trends belong to sizes without a sign
+            way[first, 1] = sd_mm
+            ways.append(way[:, way.any(axis=0)])
         return mean, np.hstack([*ways, self._homed(story, like)])
 
     def _homed(self, story: Story, like: Sequence[Part]) -> np.ndarray:
         """Return the directions [P, 2] in which a homing that is off by a standard deviation moves both motors."""
         ways = []
         for motor, sd_mm in enumerate(self.homed_mm.tolist()):
-            moved = [moved_by(part, motor, STEP_MM, self.scene).draws_mm - part.draws_mm for part in story.parts]
+            by_mm = STEP_MM * np.eye(2)[motor]
+            moved = [part.moved(by_mm, self.scene).draws_mm - part.draws_mm for part in story.parts]
             ways.append(laid_out(moved, story.parts, like).mean(axis=1) * sd_mm / STEP_MM)
         return np.stack(ways, axis=1)
-
-
-def moved_by(part: Part, motor: int, by_mm: float | np.ndarray, scene: Scene) -> Part:
-    """Return a part of one motor, with that motor's waves shifted ``by_mm`` [D]."""
-    waves_mm = waves_of(*part.key, scene) if part.where == motor else None
-    return part if waves_mm is None else replace(part, draws_mm=shifted(part.draws_mm, waves_mm, by_mm))
 
 
 def homed_again(parts: Sequence[Part], scene: Scene, rng: np.random.Generator) -> tuple[Part, ...]:
@@ -126,7 +120,7 @@ def homed_again(parts: Sequence[Part], scene: Scene, rng: np.random.Generator) -
     def on(part: Part) -> Part:
         waves_mm = waves_of(*part.key, scene)
         is_far = waves_mm is not None and 2 * np.pi * sd_mm[part.where] > FAR_RAD * waves_mm.max()
-        return moved_by(part, part.where, by_mm[part.where], scene) if is_far else part
+        return part.moved(by_mm, scene) if is_far else part
 
     return tuple(map(on, parts))
 
@@ -242,7 +236,6 @@ def rebased(part: Part, scene: Scene) -> Part:
 
 
 LEAST_CHANCE = 0.05  # parts that fewer of the drawn machines have say nothing: the search offers them anew
-SURE_CHANCE = 0.5  # parts that more of them have are brought up to date; others stay as they were drawn
 PASSES = 3  # of contacts, then search, where anything changed; the last one weighs stories
 PHASES = 72  # angles by which a pulley may have turned that are tried, then those between the best and its neighbours
 SEEN_SHARE = 0.5  # of its prior deviation that a shift may keep and counts as seen
@@ -264,7 +257,6 @@ class Renewed:
     story: Story
     changes: tuple[Key, ...]
     fit: Fit
-    left_mm: np.ndarray
     shifts: np.ndarray
     homed_mm: tuple[tuple[float, float], ...] = ()
 
@@ -336,12 +328,15 @@ class _Pass:
     score: float
     old_columns: np.ndarray
 
+    @property
+    def likely_mm(self) -> np.ndarray:
+        """The sizes [Q, 1] of changes in the likeliest set."""
+        return self.state.laid_out_mm(self.sums.own)[:, None]
+
     def left_mm(self) -> np.ndarray:
         """Return what all of it leaves of the rows [M]."""
-        changes = np.zeros((self.sums.own, 1))
-        changes[self.state.columns, 0] = self.state.mean_mm
-        old = self.old_columns @ self.left.sizes_mm(changes)
-        return np.asarray(self.rows.error_mm - old[:, 0] - self.sums.dictionary.columns @ changes[:, 0])
+        old = self.old_columns @ self.left.sizes_mm(self.likely_mm)
+        return np.asarray(self.rows.error_mm - old[:, 0] - self.sums.dictionary.columns @ self.likely_mm[:, 0])
 
 
 def _weighed_stories(
@@ -489,23 +484,17 @@ def _now(at: _Pass, contacts: Contacts, scene: Scene, rng: np.random.Generator) 
     changes = np.zeros((at.sums.own, DRAWS))
     for part in found.parts:
         changes[where[part.key]] = part.draws_mm
-    likely = np.zeros((at.sums.own, 1))
-    likely[at.state.columns, 0] = at.state.mean_mm
-    draws, acts = at.left.drawn_mm(changes, rng), at.left.sizes_mm(likely)[:, 0]
+    draws, acts = at.left.drawn_mm(changes, rng), at.left.sizes_mm(at.likely_mm)[:, 0]
     kept = {part.key: part for part in at.story.parts}
     parts: dict[Key, Part] = {}
-    first = 0
-    for part in at.like:
-        own = slice(first, first + len(part.acts_mm))
-        first = own.stop
+    for part, own in zip(at.like, slices(len(part.acts_mm) for part in at.like), strict=True):
         if part.key not in kept:
             continue
-        if part.chance < SURE_CHANCE:
+        if not part.is_likely:  # it stays as it was drawn
             parts[part.key] = kept[part.key]
         else:
             does = EFFECTS[part.effect].acts is not Acts.NOT
             parts[part.key] = replace(part, acts_mm=acts[own] * does, draws_mm=draws[own])
-    known = len(parts)
     for part in found.parts:
         had = parts.get(part.key)
         parts[part.key] = part if had is None else replace(
@@ -513,12 +502,10 @@ def _now(at: _Pass, contacts: Contacts, scene: Scene, rng: np.random.Generator) 
         )  # fmt: skip
     seldom = {key for key in kept if parts[key] is kept[key]}  # these act as they did
     now = tuple(part if key in seldom else after_homing(part, scene) for key, part in parts.items())
-    posterior = Posterior(scene, now, known, found.noise_mm, found.nats)
-    mechanism, _ = machine_of(scene, [part.acting() for part in posterior.parts if part.acts_mm.any()])
+    posterior = Posterior(scene, now, found.noise_mm, found.nats)
+    mechanism, _ = machine_of(scene, those_acting(posterior.parts))
     told = tuple(block.key for block in _changes(at))
-    return Renewed(
-        posterior, (), at.story, told, replace(fit, mechanism=mechanism), at.left_mm(), at.left.shifts(likely)
-    )  # fmt: skip
+    return Renewed(posterior, (), at.story, told, replace(fit, mechanism=mechanism), at.left.shifts(at.likely_mm))
 
 
 def _homed_mm(now: Renewed, scene: Scene) -> tuple[tuple[float, float], ...]:

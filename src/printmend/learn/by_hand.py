@@ -12,7 +12,7 @@ from printmend.effects.effect import SCALE_MM
 from printmend.effects.pulley import HARMONICS
 from printmend.errors import TraceError
 from printmend.infer.distances import ByHand, machines_by_hand, printer_of
-from printmend.infer.machine import DRAWS, machine_of
+from printmend.infer.machine import DRAWS, machine_of, those_acting
 from printmend.measure.callipers import Distances
 from printmend.messages import say
 from printmend.model import SavedModel, saved_model
@@ -72,7 +72,7 @@ def model_by_hand(distances: Distances, readings_mm: np.ndarray, printer: Printe
     Raises `TraceError` where all are NaN.
     """
     found = _machines(distances, readings_mm, printer)
-    mechanism, branches = machine_of(found.scene, [part.acting() for part in found.parts if part.acts_mm.any()])
+    mechanism, branches = machine_of(found.scene, those_acting(found.parts))
     findings = tuple(_said(found))
     details = {"promise": belief_section(found.scene, found.parts, by_hand=True)}
     return saved_model(mechanism, learner="callipers", branches=branches, findings=findings, details=details)

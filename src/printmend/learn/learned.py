@@ -18,7 +18,7 @@ from printmend.effects import EFFECTS, Scene, scene_of
 from printmend.effects.prior import share_of
 from printmend.errors import ConfigError
 from printmend.infer.fit import Fit, begun, fitted
-from printmend.infer.machine import DRAWS, Part, machine_of
+from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
 from printmend.infer.posterior import posterior_of
 from printmend.infer.scatter import independent_share, robust_sigma_mm
 from printmend.infer.search import LEAST_SIGMA_MM
@@ -161,8 +161,7 @@ def searched_model(
 ) -> SavedModel:  # fmt: skip
     """Return the model of the effects that a search found, and of how Z lifts."""
     posterior = posterior_of(fit, rng)
-    acting = [part.acting() for part in posterior.parts if part.acts_mm.any()]
-    mechanism, branches = machine_of(fit.scene, acting)
+    mechanism, branches = machine_of(fit.scene, those_acting(posterior.parts))
     left_mm = fit.left_by_mark_mm(trace)
     lost = lost_rows(left_mm)
     kept_mm = left_mm[np.isfinite(left_mm).all(axis=1) & ~lost]

@@ -27,7 +27,7 @@ from printmend.effects.prior import wear_share
 from printmend.effects.pulley import HARMONICS
 from printmend.effects.words import NAMED_SIGMAS, Fault
 from printmend.errors import InputError, ModelError, TraceError
-from printmend.infer.machine import DRAWS, Part, machine_of
+from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
 from printmend.infer.phase import Phase, found_phase
 from printmend.infer.update import Renewed, both_seen, renewed
 from printmend.learn.learned import (
@@ -206,8 +206,7 @@ def _updated(
     old: SavedModel, belief: Belief, found: Renewed, trace: Trace, said: Sequence[Misfit], digest: str
 ) -> Updated:
     scene, parts = found.now.scene, found.now.parts
-    acting = [part.acting() for part in parts if part.acts_mm.any()]
-    mechanism, branches = machine_of(scene, acting)
+    mechanism, branches = machine_of(scene, those_acting(parts))
     noise_mm, own_mm = found.now.noise_mm, instrument_scatter_mm(trace)
     scatter_mm = belief.scatter_mm if own_mm is None else float(np.sqrt(max(noise_mm**2 - own_mm**2, 0.0)))
     names = tuple(old.printer.motors[motor].upper() for motor in found.story.anew)

@@ -14,7 +14,6 @@ from threadpoolctl import threadpool_limits
 
 from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import LONG_MOVE_MM
-from printmend.effects.homing import shifted, waves_of
 from printmend.effects.switch import drawn_shifts_mm
 from printmend.infer.machine import DRAWS, Part
 from printmend.machine import Mechanism, Transmission
@@ -29,13 +28,7 @@ HOMING_SEED = 17  # the same model always gets the same homings
 def after_homing(belief: Belief) -> Belief:
     """Return what is believed of the machine once it has homed again, each draw with a homing of its own."""
     by_mm = drawn_shifts_mm(belief.scene, DRAWS, np.random.default_rng(HOMING_SEED))
-    parts = []
-    for part in belief.parts:
-        waves_mm = waves_of(*part.key, belief.scene)
-        if waves_mm is not None:
-            part = replace(part, draws_mm=shifted(part.draws_mm, waves_mm, by_mm[part.where]))
-        parts.append(part)
-    return replace(belief, parts=tuple(parts))
+    return replace(belief, parts=tuple(part.moved(by_mm, belief.scene) for part in belief.parts))
 
 
 MOST_PLACES = 512  # most places of a path that are evaluated: 2048 change no figure by more than another seed does
