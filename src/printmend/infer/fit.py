@@ -116,8 +116,8 @@ def fitted(
     contacts. Only terms that are ``kept`` are looked for, all without; where it is to be ``quick`` in few marks."""
     most = FEW_MARKS if quick else MOST_MARKS
     mechanism = healthy_mechanism(scene.printer) if first is None else first.mechanism
-    whole, turned_rad, parts = trace, *((0.0, []) if first is None else (first.turned_rad, first.parts()))
-    fit: Fit | None = None
+    turned_rad, parts = (0.0, []) if first is None else (first.turned_rad, first.parts())
+    whole, fit = trace, None
     if scene.homed:
         scene = replace(scene, home_sd_mm=home_sd_of(mechanism, scene))
     blocks = blocks_of(scene, kept)
@@ -239,7 +239,7 @@ def _middle_mm(off_mm: np.ndarray) -> np.ndarray:
 
 def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
     """Return a fit of the likeliest set, and of what may be beside it, to every mark of a long trace."""
-    rows = rows_of(trace, fit.contacts, fit.places, fit.scene, most=len(trace))
+    rows = rows_of(trace, fit.contacts, fit.places, fit.scene, len(trace))
     rows = _with_turn(rows, fit.places, fit.turned_rad, fit.scene)
     if len(rows.mark) <= len(fit.rows.mark):
         return fit
@@ -284,7 +284,7 @@ def _searched(
     members: Set = tuple(
         (b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0 or block.effect in BEGUN_WITH
     )
-    sigma_mm = max(float(np.sqrt(np.average(rows.error_mm**2, weights=weight))), LEAST_SIGMA_MM)
+    sigma_mm = first_sigma_mm(rows.error_mm, weight)
     if last is not None:
         dictionary, members = _as_before(dictionary, last, places, rows, scene)
         sigma_mm = last.state.sigma_mm
@@ -393,6 +393,11 @@ def left_of(rows: Rows, dictionary: Dictionary, state: State) -> np.ndarray:
     return np.asarray(rows.error_mm - dictionary.columns[:, state.columns] @ state.mean_mm)
 
 
+def first_sigma_mm(left_mm: np.ndarray, weight: np.ndarray) -> float:
+    """Return a first guess of the noise from residuals [M] with weights [M]."""
+    return max(float(np.sqrt(np.average(left_mm**2, weights=weight))), LEAST_SIGMA_MM)
+
+
 def weighed(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
     """Return the weights [M] of rows from their residuals, with a scale from the median."""
     away = np.abs(left_mm) * np.sqrt(rows.weight)
@@ -411,16 +416,10 @@ def shared(rows: Rows, left_mm: np.ndarray) -> Rows:
 
 def thinned(count: int, most: int) -> np.ndarray:
     """Return which of so many marks are looked at, spread over the print."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64)) if count else np.zeros(0, int)
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
 
 
-def rows_of(
-    trace: Trace,
-    contacts: Contacts,
-    places: Places,
-    scene: Scene,
-    most: int = MOST_MARKS,
-) -> Rows:
+def rows_of(trace: Trace, contacts: Contacts, places: Places, scene: Scene, most: int) -> Rows:
     """Return the measured numbers of a trace: two for each mark that both belts had touched before, one for a wall.
 
     One for a mark, too, where one coordinate was read: an instrument of one axis leaves the other as commanded.
@@ -473,8 +472,8 @@ REPEATING = ("pulley", "breathing", "elastic", "idler")  # effects whose place a
 TEETH = range(8, 43)  # of a pulley: no printer has others
 TOOTH_STEPS, LOST_STEPS = 10, 4  # full steps of a tooth that is skipped and of a turn that a motor loses
 ALIKE_MM = 0.2  # by which a skip may differ from such a number: a turn that is lost also turns the pulley
-NEAR_SHARES = np.arange(-8, 9) * 0.005  # by which calibrated steps a millimetre let a turn differ from the printer's
 NEAR_SPACING = 0.0025  # half the distance of lengths that are tried, as a share
+NEAR_SHARES = 2 * NEAR_SPACING * np.arange(-8, 9)  # by which calibrated steps let a turn differ from the printer's
 ROUND_MOST, BREATH_MOST = 4, 2  # harmonics of a turn that is tried, and of its play
 SHARPER_NATS = 12.0  # a length between two tried ones may gain so much
 TOOTHED_NATS = 4.0  # a whole number of teeth may lose so much against a length near it
@@ -591,9 +590,8 @@ class _Beside:
     def gains(self, turns: Sequence[Turn]) -> list[float]:
         """Return the score of the set with a pulley of each turn, whose play breathes or not, and its log odds."""
         search, beside, weight = self.known
-        sizes, count = _sizes_mm(), len(search.dictionary.blocks)
+        fit, sizes, count = self.fit, _sizes_mm(), len(search.dictionary.blocks)
         keys = ("pulley", self.motor, (ROUND_MOST,)), ("breathing", self.motor, (BREATH_MOST,))
-        fit = self.fit
         new = [side_by_side(keys, fit.places, fit.rows, turn.of(fit.scene)) for turn in turns]
         own = Block("pulley", self.motor, (), slice(0, sizes.shape[1]), sizes, np.zeros(len(sizes)))
         search = search_of(search.dictionary.with_more([own] * len(turns), np.hstack(new)), fit.rows, weight)

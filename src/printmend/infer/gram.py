@@ -2,8 +2,8 @@
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -163,6 +163,7 @@ class Table:
     weight: np.ndarray
     matrix: np.ndarray
     known: np.ndarray
+    _owned: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, init=False)
 
     def between(self, first: np.ndarray, second: np.ndarray | None) -> np.ndarray:
         """Return the products [A, B] of some columns with others, or with all."""
@@ -186,10 +187,6 @@ class Table:
             is_known = self.known[mine].all()
             self._owned[first, end] = self.matrix[mine, mine] if is_known else (told * self.weight[:, None]).T @ told
         return self._owned[first, end]
-
-    @cached_property
-    def _owned(self) -> dict[tuple[int, int], np.ndarray]:
-        return {}
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Scene
+from printmend.effects.breathing import HARMONICS as BREATHS
 from printmend.effects.effect import Key
+from printmend.effects.elastic import HARMONICS as STRETCHES
 from printmend.effects.homing import shifted, waves_of
-from printmend.effects.pulley import HARMONICS
+from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.effects.sized import Sized, belts_mm, frame_of
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.model.branches import Branches, Wave, rising
@@ -122,7 +124,7 @@ def _drive(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Transmissi
 def _series(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Branches, list[Sized]]:
     """Return what of a drive is a short series, and the parts that are none."""
     mean, play, friction = np.zeros(4), 0.0, np.zeros(2)
-    turn, breathing, elastic = np.zeros((2, 32)), np.zeros((2, 16)), np.zeros((2, 3))
+    turn, breathing, elastic = (np.zeros((2, len(orders))) for orders in (ROUNDS, BREATHS, STRETCHES))
     warp, span, second, second_mm = np.zeros(0), (0.0, 1.0), np.zeros(2), 0.0
     teeth: dict[int, np.ndarray] = {}
     others = []
@@ -155,9 +157,10 @@ def _series(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Branches,
     high = np.array(sorted(teeth), np.int64)
     more = np.array([teeth[k] for k in sorted(teeth)]).reshape(-1, 2).T
     played = np.array([play, *friction]) if friction.any() else np.array([play]) if play else np.zeros(0)
-    breaths = np.arange(1, 17) if breathing.any() else np.zeros(0, np.int64)
-    stretched = np.array([1, 3, 5]) if elastic.any() else np.zeros(0, np.int64)
-    rounds = HARMONICS.astype(np.int64) if turn.any() else np.zeros(0, np.int64)
+    rounds, breaths, stretched = (
+        orders.astype(np.int64) if sizes.any() else np.zeros(0, np.int64)
+        for orders, sizes in ((ROUNDS, turn), (BREATHS, breathing), (STRETCHES, elastic))
+    )
     powers = mean[: int(np.max(np.flatnonzero(mean), initial=-1)) + 1]
     series = Branches(
         scene.turns_mm[motor],
@@ -180,4 +183,4 @@ def _series(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Branches,
 
 
 def _is_harmonic(turns: float) -> bool:
-    return abs(turns - round(turns)) < 1e-6 and round(turns) > len(HARMONICS)
+    return abs(turns - round(turns)) < 1e-6 and round(turns) > len(ROUNDS)

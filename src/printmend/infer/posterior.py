@@ -9,7 +9,7 @@ errors, and hardly any of them gains nothing by it.
 import itertools
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -306,7 +306,7 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     every, sure = (tuple(number[member] for member in some) for some in (likeliest.members, sizes))
     # What is above 0 is not summed out: a set may ask for less, and its score has to say so.
     staying: Set = tuple(member for member in sure if not few.dictionary.blocks[member[0]].positive)
-    chain = _Chain(few.given(staying, likeliest.sigma_mm), staying, likeliest.sigma_mm, {})
+    chain = _Chain(few.given(staying, likeliest.sigma_mm), staying, likeliest.sigma_mm)
     sets: list[Set] = [tuple(member for member in every if member not in staying)] * DRAWS
     for some in rivals * ROUNDS:
         mine = frozenset(number[each][0] for each in some)
@@ -323,7 +323,7 @@ class _Chain:
     search: Search
     staying: Set
     sigma_mm: float
-    known: dict[tuple[Set, frozenset[int]], Gains]
+    known: dict[tuple[Set, frozenset[int]], Gains] = field(default_factory=dict, init=False)
 
     def stepped(self, members: Set, rivals: frozenset[int], rng: np.random.Generator) -> Set:
         """Take away one member that is among the blocks ``rivals``, or none, and choose which of them comes in its

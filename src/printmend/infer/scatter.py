@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from printmend.metrics.robust import scale_of
+from printmend.metrics.robust import CLIP_SIGMAS, scale_of
 
 # The far tail of the normal distribution, and triangular matrices: `pip install printmend` learns without scipy.
 
@@ -53,7 +53,7 @@ def independent_share(residual_mm: np.ndarray, sigma_mm: float) -> float:
     It is the variance over (length × variance of the means of blocks of that length), for the worst length. Residuals
     that keep their sign for many rows are a pattern that the model lacks.
     """
-    clipped = np.clip(residual_mm, -3 * sigma_mm, 3 * sigma_mm)
+    clipped = np.clip(residual_mm, -CLIP_SIGMAS * sigma_mm, CLIP_SIGMAS * sigma_mm)
     variance = float(clipped @ clipped) / len(clipped) + 1e-18
     worst = 1.0
     for length in BLOCKS:

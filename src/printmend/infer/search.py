@@ -7,7 +7,7 @@ must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard 
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -244,6 +244,8 @@ class Beside:
     state: State
     half: np.ndarray
     slope: np.ndarray
+    _information: dict[int, np.ndarray] = field(default_factory=dict, init=False)
+    _told: dict[int, np.ndarray] = field(default_factory=dict, init=False)
 
     @cached_property
     def reach(self) -> np.ndarray:
@@ -259,20 +261,12 @@ class Beside:
             self._information[number] = told
         return self._information[number]
 
-    @cached_property
-    def _information(self) -> dict[int, np.ndarray]:
-        return {}
-
     def told(self, number: int) -> np.ndarray:
         """Return what each alternative [B, V] of the group of this number adds to the state's score."""
         if number not in self._told:
             group = self.search.groups[number]
             self._told[number] = group.gains(self.information(number), self.slope[group.columns])
         return self._told[number]
-
-    @cached_property
-    def _told(self) -> dict[int, np.ndarray]:
-        return {}
 
     def gains(self, offered: np.ndarray) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the state's score."""

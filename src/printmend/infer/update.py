@@ -24,6 +24,7 @@ from printmend.infer.fit import (
     FINER_ROUNDS,
     WEIGHINGS,
     Fit,
+    first_sigma_mm,
     home_sd_of,
     looked,
     turned_back,
@@ -43,7 +44,7 @@ from printmend.infer.gram import (
 )
 from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
 from printmend.infer.posterior import Posterior, after_homing, posterior_here
-from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, by_growing, columns_at, searched
+from printmend.infer.search import Search, Set, State, by_growing, columns_at, searched
 from printmend.machine import Contacts, Mechanism
 from printmend.path import Trace
 
@@ -83,15 +84,15 @@ class Wearing:
 
     def known(self, story: Story, like: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean [P] and the directions [P, K] of unit prior of a story's parts, laid out as those ``like``
-        them: the spread of the draws, what may have worn, and how exactly the angle of a turned pulley is known."""
+        them: the spread of the draws, how exactly the angle of a turned pulley is known, what may have worn, and a
+        homing of each motor that is off by a standard deviation."""
         has = {part.key for part in story.parts}
-        draws = laid_out([part.draws_mm for part in story.parts], story.parts, like)
+        draws = laid_out(story.parts, like)
         mean, ways = draws.mean(axis=1), [directions(draws)]
         for motor, by_rad in enumerate(story.turned_rad):
             if by_rad:
-                more = turned(story.parts, motor, OPEN_RAD)
-                moved = [b.draws_mm - a.draws_mm for a, b in zip(story.parts, more, strict=True)]
-                ways.append(laid_out(moved, story.parts, like).mean(axis=1)[:, None])
+                more = laid_out(turned(story.parts, motor, OPEN_RAD), like)
+                ways.append((more - draws).mean(axis=1)[:, None])
         for each, own in zip(like, slices(len(part.acts_mm) for part in like), strict=True):
             if each.key not in has:
                 continue
@@ -101,16 +102,10 @@ class Wearing:
             mean[first] += more_mm * (-1.0 if mean[first] < 0 else 1.0)  # trends belong to sizes without a sign
             way[first, 1] = sd_mm
             ways.append(way[:, way.any(axis=0)])
-        return mean, np.hstack([*ways, self._homed(story, like)])
-
-    def _homed(self, story: Story, like: Sequence[Part]) -> np.ndarray:
-        """Return the directions [P, 2] in which a homing that is off by a standard deviation moves both motors."""
-        ways = []
-        for motor, sd_mm in enumerate(self.homed_mm.tolist()):
-            by_mm = STEP_MM * np.eye(2)[motor]
-            moved = [part.moved(by_mm, self.scene).draws_mm - part.draws_mm for part in story.parts]
-            ways.append(laid_out(moved, story.parts, like).mean(axis=1) * sd_mm / STEP_MM)
-        return np.stack(ways, axis=1)
+        for by_mm, sd_mm in zip(STEP_MM * np.eye(2), self.homed_mm, strict=True):
+            more = laid_out([part.moved(by_mm, self.scene) for part in story.parts], like)
+            ways.append((more - draws).mean(axis=1)[:, None] * sd_mm / STEP_MM)
+        return mean, np.hstack(ways)
 
 
 def homed_again(parts: Sequence[Part], scene: Scene, rng: np.random.Generator) -> tuple[Part, ...]:
@@ -125,9 +120,9 @@ def homed_again(parts: Sequence[Part], scene: Scene, rng: np.random.Generator) -
     return tuple(map(on, parts))
 
 
-def laid_out(draws: Sequence[np.ndarray], parts: Sequence[Part], like: Sequence[Part]) -> np.ndarray:
+def laid_out(parts: Sequence[Part], like: Sequence[Part]) -> np.ndarray:
     """Return the draws of parts as one matrix [P, D] with the rows of those ``like`` them, 0 where one is missing."""
-    has = {part.key: each for part, each in zip(parts, draws, strict=True)}
+    has = {part.key: part.draws_mm for part in parts}
     return np.vstack([np.zeros((0, DRAWS)), *(has.get(each.key, 0.0 * each.draws_mm) for each in like)])
 
 
@@ -169,6 +164,11 @@ class Sums:
         log_det = 2 * float(np.log(np.diag(root)).sum()) - 2 * len(root) * math.log(sigma_mm)
         covariance = sigma_mm**2 * np.linalg.inv(root @ root.T)
         return Left(gram, log_det, mean, ways, covariance, root @ pull / sigma_mm**2, root @ gram.out / sigma_mm**2)
+
+
+def sums_of(dictionary: Dictionary, old: np.ndarray, rows: Rows, weight: np.ndarray) -> Sums:
+    """Return the sums of an old machine's columns [M, P] and of a dictionary's for rows of these weights [M]."""
+    return Sums(dictionary, gram_of(np.hstack([old, dictionary.columns]), rows, weight))
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,22 +248,16 @@ _Steps = Callable[[Search, Set, float], State]
 class Renewed:
     """A machine after a second measurement: what is believed ``now`` and what of it was known ``before``, as parts of
     the same shapes where both have them; ``story`` is what happened to it, ``changes`` are the effects of the machine
-    that the search found beside it, and ``fit`` is that search, on what the old machine leaves of the rows. ``shifts``
-    [2, 2] are how far both motors are shifted since, and how exactly that is known, in standard deviations of homings;
-    ``homed_mm`` the same of X and Y in mm, where it was seen."""
+    that the search found beside it, and ``fit`` is that search, on what the old machine leaves of the rows: its blocks
+    are the effects of the print and of the instrument, too. ``homed_mm`` is how far X and Y are shifted since, and the
+    standard deviation, where it was seen."""
 
     now: Posterior
     before: tuple[Part, ...]
     story: Story
     changes: tuple[Key, ...]
     fit: Fit
-    shifts: np.ndarray
-    homed_mm: tuple[tuple[float, float], ...] = ()
-
-    @property
-    def beside(self) -> tuple[Block, ...]:
-        """The effects that the search found beside the old machine, of the print and of the instrument included."""
-        return self.fit.blocks
+    homed_mm: tuple[tuple[float, float], ...]
 
     def of(self, effect: str, where: int) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
         """Return an effect's parts before and now."""
@@ -305,13 +299,13 @@ def renewed(
         contacts, places, rows = looked(trace, scene, mechanism, is_first=at is None)
         at = _weighed_stories(story, wearing, places, rows, scene, stories=stories and number == PASSES - 1)
         story = at.story
-        now = _now(at, contacts, scene, rng)
+        now = _now(at, before, contacts, scene, rng)
         mechanism = now.fit.mechanism
         turns = [part.mean_mm[0] for part in now.now.parts if part.effect == "turn"]
         turned_rad += math.atan(sum(turns) / SCALE_MM)
         if not now.changes and not any(turns):
             break
-    return replace(now, before=before, homed_mm=_homed_mm(now, scene))
+    return now
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,11 +343,12 @@ def _weighed_stories(
     )
     old = side_by_side((part.key for part in like), places, rows, scene)
     always: Set = tuple((b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0)
-    weight = weighed(rows, rows.error_mm - old @ wearing.known(story, like)[0])
+    left_mm = rows.error_mm - old @ wearing.known(story, like)[0]
+    weight = weighed(rows, left_mm)
     best: _Pass | None = None
-    members, sigma_mm = always, _sigma_mm(rows, old, weight, wearing.known(story, like)[0])
+    members, sigma_mm = always, first_sigma_mm(left_mm, weight)
     for _ in range(WEIGHINGS):
-        sums = Sums(dictionary, gram_of(np.hstack([old, dictionary.columns]), rows, weight))
+        sums = sums_of(dictionary, old, rows, weight)
 
         def told(each: Story, start: Set, by: _Steps = searched, sums: Sums = sums, sd_mm: float = sigma_mm) -> _Pass:
             left = sums.without(*wearing.known(each, like), sd_mm)
@@ -372,15 +367,11 @@ def _weighed_stories(
                 break
             best = newer
         story, stories = best.story, False
-        best = _finer(best, places, rows, scene, weight, old)
+        best = _finer(best, scene, weight)
         dictionary, members, sigma_mm = best.sums.dictionary, best.state.members, best.state.sigma_mm
         weight = weighed(rows, best.left_mm())
     assert best is not None
     return best
-
-
-def _sigma_mm(rows: Rows, old: np.ndarray, weight: np.ndarray, mean: np.ndarray) -> float:
-    return max(float(np.sqrt(np.average((rows.error_mm - old @ mean) ** 2, weights=weight))), LEAST_SIGMA_MM)
 
 
 def _search(sums: Sums, story: Story, left: Left) -> Search:
@@ -448,8 +439,7 @@ def _likeliest_turn_rad(at: _Pass, motor: int, always: Set) -> float:
     members = tuple((b, 0) for b in range(len(few)))
 
     def score(by_rad: float) -> float:
-        parts = turned(at.story.parts, motor, by_rad)
-        mean = laid_out([part.draws_mm for part in parts], parts, at.like).mean(axis=1)
+        mean = laid_out(turned(at.story.parts, motor, by_rad), at.like).mean(axis=1)
         left = at.sums.without(mean, np.zeros((len(mean), 0)), at.state.sigma_mm, columns)
         return Search(dictionary, left.gram).posterior(members, at.state.sigma_mm).score
 
@@ -461,20 +451,20 @@ def _likeliest_turn_rad(at: _Pass, motor: int, always: Set) -> float:
     return float(around[np.argmax([score(float(each)) for each in around])])
 
 
-def _finer(at: _Pass, places: Places, rows: Rows, scene: Scene, weight: np.ndarray, old: np.ndarray) -> _Pass:
+def _finer(at: _Pass, scene: Scene, weight: np.ndarray) -> _Pass:
     """Look for the shapes of the members between the neighbours of each."""
     for round_ in range(FINER_ROUNDS):
-        dictionary = with_finer(at.sums.dictionary, at.state.members, round_, places, rows, scene)
+        dictionary = with_finer(at.sums.dictionary, at.state.members, round_, at.places, at.rows, scene)
         if dictionary is at.sums.dictionary:
             break
-        sums = Sums(dictionary, gram_of(np.hstack([old, dictionary.columns]), rows, weight))
+        sums = sums_of(dictionary, at.old_columns, at.rows, weight)
         left = sums.without(at.left.mean, at.left.ways, at.state.sigma_mm)
         state = searched(_search(sums, at.story, left), at.state.members, at.state.sigma_mm)
         at = replace(at, sums=sums, left=left, state=state)
     return at
 
 
-def _now(at: _Pass, contacts: Contacts, scene: Scene, rng: np.random.Generator) -> Renewed:
+def _now(at: _Pass, before: tuple[Part, ...], contacts: Contacts, scene: Scene, rng: np.random.Generator) -> Renewed:
     """Draw machines: changes as the search has them, and the old machine beside each."""
     search = _search(at.sums, at.story, at.left)
     nothing, _ = machine_of(scene, ())
@@ -505,19 +495,19 @@ def _now(at: _Pass, contacts: Contacts, scene: Scene, rng: np.random.Generator) 
     posterior = Posterior(scene, now, found.noise_mm, found.nats)
     mechanism, _ = machine_of(scene, those_acting(posterior.parts))
     told = tuple(block.key for block in _changes(at))
-    return Renewed(posterior, (), at.story, told, replace(fit, mechanism=mechanism), at.left.shifts(at.likely_mm))
+    homed_mm = _homed_mm(at.left.shifts(at.likely_mm), scene)
+    return Renewed(posterior, before, at.story, told, replace(fit, mechanism=mechanism), homed_mm)
 
 
-def _homed_mm(now: Renewed, scene: Scene) -> tuple[tuple[float, float], ...]:
-    """Return by how much the end stops of X and Y switched elsewhere than in the first print, where that was seen."""
-    sd_mm = spread_mm(scene)
-    seen = now.shifts[:, 1] < SEEN_SHARE
+def _homed_mm(shifts: np.ndarray, scene: Scene) -> tuple[tuple[float, float], ...]:
+    """Return by how much the end stops of X and Y switched elsewhere than in the first print, where the motors'
+    ``shifts`` [2, 2] say that."""
+    seen, (at_mm, own_mm) = shifts[:, 1] < SEEN_SHARE, shifts.T * spread_mm(scene)
     if scene.corexy:
         if not seen.all():
             return ()
-        at, own = scene.printer.from_motor((now.shifts[:, 0] * sd_mm)[None])[0], now.shifts[:, 1] * sd_mm
-        return tuple((float(each), float(np.hypot(*own) / 2)) for each in at)
-    return tuple((float(z * sd), float(own * sd)) for (z, own), sd in zip(now.shifts[seen], sd_mm[seen], strict=True))
+        at_mm, own_mm = scene.printer.from_motor(at_mm[None])[0], np.full(2, np.hypot(*own_mm) / 2)
+    return tuple(zip(at_mm[seen].tolist(), own_mm[seen].tolist(), strict=True))
 
 
 def both_seen(old: Scene, new: Scene) -> Scene:

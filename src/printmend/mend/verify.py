@@ -175,7 +175,7 @@ def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarra
     ahead = np.einsum("mc,mc->m", fit.rows.along, (nominal - trace.commanded_mm)[fit.rows.mark])
     sums = {False: np.repeat(ahead[:, None], DRAWS, axis=1)}
     sums[True] = np.zeros_like(sums[False])
-    wanders = any(block.effect == "wander" for block in found.beside)
+    wanders = any(block.effect == "wander" for block in found.fit.blocks)
     for part in found.now.parts:
         of = EFFECTS[part.effect].of
         if of in (Of.MACHINE, Of.SESSION):
@@ -191,7 +191,7 @@ def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarra
 def _is_beyond(found: Renewed) -> bool:
     """Return whether a check print shows an error that no drawn machine has."""
     return any(
-        EFFECTS[part.effect].of in (Of.MACHINE, Of.SESSION) and part.effect != "wander" for part in found.beside
+        EFFECTS[block.effect].of in (Of.MACHINE, Of.SESSION) and block.effect != "wander" for block in found.fit.blocks
     )  # fmt: skip
 
 
