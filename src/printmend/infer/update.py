@@ -140,7 +140,7 @@ def directions(draws: np.ndarray) -> np.ndarray:
     shrunk = min(1.0, ((1 - 2 / size) * square + size**2) / spread) if spread > 0 else 1.0
     together = (1 - shrunk) * together + shrunk * np.eye(size)
     out = np.zeros((len(sd), size))
-    out[moves] = sd[moves, None] * np.linalg.cholesky(together + 1e-9 * np.eye(size))
+    out[moves] = sd[moves, None] * np.linalg.cholesky(together)
     return out
 
 
