@@ -12,6 +12,7 @@ from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_nam
 from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 17.0)
+PROFILE = HARMONICS**-2.0  # of their sizes
 _SAID = {  # messages by the kind of the fault, and whether play depends on the place, too
     ("loose-belt", False): "fault-loose-belt",
     ("loose-belt", True): "fault-loose-belt-by-place",
@@ -30,7 +31,7 @@ class Breathing(Usual):
     keys = Waves(tuple(map(int, HARMONICS)))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        profile = tuple(np.tile(HARMONICS**-2.0, 2))
+        profile = tuple(np.tile(PROFILE, 2))
         for motor in range(2):
             yield from alternatives(self.name, motor, [()], profile, share=turning_share(self.name, scene, motor))
 

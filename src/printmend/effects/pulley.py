@@ -21,15 +21,15 @@ from printmend.effects.words import (
 from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 33.0)  # number of harmonics: corners need so many
+SMOOTH = HARMONICS**-2.5  # their sizes on a smooth pulley
 FOLDS = (2, 3, 4, 5, 6)  # of symmetric pulleys: oval, three-cornered, …
 OFF_FOLD = 0.08  # size of what breaks a symmetry, as a share of the usual
 
 
 def profiles() -> list[np.ndarray]:
     """Return profiles of the harmonics' sizes [32]: all alike, smooth, eccentric alone, or those of one symmetry."""
-    plain = HARMONICS**-2.5
-    symmetric = [np.where(HARMONICS % fold == 0, 1.0, OFF_FOLD) * plain for fold in FOLDS]
-    return [plain, HARMONICS**-4.0, np.where(HARMONICS == 1, 1.0, OFF_FOLD) * plain, *symmetric]
+    symmetric = [np.where(HARMONICS % fold == 0, 1.0, OFF_FOLD) * SMOOTH for fold in FOLDS]
+    return [SMOOTH, HARMONICS**-4.0, np.where(HARMONICS == 1, 1.0, OFF_FOLD) * SMOOTH, *symmetric]
 
 
 LEAST_EFFECT_MM = 0.003  # a smaller wave is not named: no print shows it

@@ -8,10 +8,10 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from printmend.effects import EFFECTS, Places, Scene, Term, columns_of, places_of
-from printmend.effects.breathing import HARMONICS as BREATHS
+from printmend.effects.breathing import PROFILE as BREATHS
 from printmend.effects.effect import SCALE_MM, TIMES_FINER, done_of
 from printmend.effects.prior import mild_shares, share_of, size_mm
-from printmend.effects.pulley import HARMONICS as ROUNDS
+from printmend.effects.pulley import SMOOTH
 from printmend.effects.sized import Sized, guided
 from printmend.effects.switch import spread_mm
 from printmend.effects.teeth import TOOTH_MM
@@ -58,7 +58,7 @@ FINER_ROUNDS = 3  # in which a shape is looked for between its neighbours
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A search and where it ended, for the rows of one measurement; ``mechanism`` is the machine of its likeliest set.
+    """A search and where it ended, for the rows of one measurement.
 
     ``turned_rad`` is by how much the measurement was turned back, about the middle of the bed: the rows have it as
     a linear effect again.
@@ -70,7 +70,6 @@ class Fit:
     contacts: Contacts
     search: Search
     state: State
-    mechanism: Mechanism
     turned_rad: float = 0.0
 
     @property
@@ -84,7 +83,13 @@ class Fit:
 
     def parts(self) -> list[Sized]:
         """Return the members of the likeliest set with their sizes."""
-        return sized(self.dictionary, self.state.members, self.state.mean_mm)
+        owned = zip(self.blocks, self.dictionary.own(self.state.members), strict=True)
+        return [Sized(*block.key, self.state.mean_mm[own]) for block, own in owned]
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The machine of the likeliest set."""
+        return machine_of(self.scene, self.parts())[0]
 
     def places_mm(self) -> np.ndarray:
         """Return where the set puts every row [N, 2], as it was measured but for noise."""
@@ -140,7 +145,8 @@ def fitted(
         newer = _searched(scene, places, rows, contacts, weight, fit, blocks, doubting=not quick)
         if fit is not None and _typical_mm(newer) > WORSE * _typical_mm(fit):
             break  # its contacts are no better than the last
-        fit, mechanism, parts = replace(newer, turned_rad=turned_rad), newer.mechanism, newer.parts()
+        fit = replace(newer, turned_rad=turned_rad)
+        mechanism, parts = fit.mechanism, fit.parts()
         turned_rad = 0.0 if trace.wall_rows.any() else turn_of(parts)
     assert fit is not None
     del contacts, places, rows  # of a long trace they take more than all the rest
@@ -259,8 +265,7 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
     grams = map(gram, range(0, len(rows.mark), CHUNK_ROWS))
     search = replace(few, gram=summed(grams, few.dictionary.columns.shape[1]))
     state = search.posterior(alone(fit.state.members), fit.state.sigma_mm)
-    mechanism, _ = machine_of(fit.scene, sized(few.dictionary, state.members, state.mean_mm))
-    return replace(fit, search=search, state=state, mechanism=mechanism)
+    return replace(fit, search=search, state=state)
 
 
 def _left_by(mechanism: Mechanism, trace: Trace, contacts: Contacts, rows: Rows) -> np.ndarray:
@@ -299,8 +304,7 @@ def _searched(
         left_mm = left_of(rows, dictionary, state)
         weight, rows = weighed(rows, left_mm), shared(rows, left_mm)
     assert state is not None
-    mechanism, _ = machine_of(scene, sized(dictionary, state.members, state.mean_mm))
-    return Fit(scene, places, rows, contacts, search, state, mechanism)
+    return Fit(scene, places, rows, contacts, search, state)
 
 
 def _as_before(dictionary: Dictionary, last: Fit, places: Places, rows: Rows, scene: Scene) -> tuple[Dictionary, Set]:
@@ -380,12 +384,6 @@ def _in_place_of(blocks: Sequence[Block], shared: Mapping[int, Block]) -> Iterat
             yield replace(block, own_odds=-math.inf)
         else:
             yield block
-
-
-def sized(dictionary: Dictionary, members: Set, sizes_mm: np.ndarray) -> list[Sized]:
-    """Return the members of a set with their sizes [A] in order."""
-    blocks = (dictionary.blocks[b] for b, _ in members)
-    return [Sized(*block.key, sizes_mm[own]) for block, own in zip(blocks, dictionary.own(members), strict=True)]
 
 
 def left_of(rows: Rows, dictionary: Dictionary, state: State) -> np.ndarray:
@@ -603,8 +601,8 @@ class _Beside:
 
 def _sizes_mm() -> np.ndarray:
     """Return how large the harmonics of a turn that is tried may be [V, P], with play that breathes and without."""
-    pulley = size_mm("pulley") * np.tile(ROUNDS[:ROUND_MOST] ** -2.5, 2)
-    play = size_mm("breathing") * np.tile(BREATHS[:BREATH_MOST] ** -2.0, 2)
+    pulley = size_mm("pulley") * np.tile(SMOOTH[:ROUND_MOST], 2)
+    play = size_mm("breathing") * np.tile(BREATHS[:BREATH_MOST], 2)
     return np.array([np.concatenate([mild * pulley, mild * own]) for mild in mild_shares() for own in (0 * play, play)])
 
 

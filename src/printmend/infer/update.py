@@ -300,7 +300,7 @@ def renewed(
         at = _weighed_stories(story, wearing, places, rows, scene, stories=stories and number == PASSES - 1)
         story = at.story
         now = _now(at, before, contacts, scene, rng)
-        mechanism = now.fit.mechanism
+        mechanism, _ = machine_of(scene, those_acting(now.now.parts))
         turns = [part.mean_mm[0] for part in now.now.parts if part.effect == "turn"]
         turned_rad += math.atan(sum(turns) / SCALE_MM)
         if not now.changes and not any(turns):
@@ -467,8 +467,7 @@ def _finer(at: _Pass, scene: Scene, weight: np.ndarray) -> _Pass:
 def _now(at: _Pass, before: tuple[Part, ...], contacts: Contacts, scene: Scene, rng: np.random.Generator) -> Renewed:
     """Draw machines: changes as the search has them, and the old machine beside each."""
     search = _search(at.sums, at.story, at.left)
-    nothing, _ = machine_of(scene, ())
-    fit = Fit(scene, at.places, at.rows, contacts, search, at.state, nothing)
+    fit = Fit(scene, at.places, at.rows, contacts, search, at.state)
     found = posterior_here(fit, rng)
     where = {block.key: block.at for block in at.sums.dictionary.blocks}
     changes = np.zeros((at.sums.own, DRAWS))
@@ -493,10 +492,9 @@ def _now(at: _Pass, before: tuple[Part, ...], contacts: Contacts, scene: Scene, 
     seldom = {key for key in kept if parts[key] is kept[key]}  # these act as they did
     now = tuple(part if key in seldom else after_homing(part, scene) for key, part in parts.items())
     posterior = Posterior(scene, now, found.noise_mm, found.nats)
-    mechanism, _ = machine_of(scene, those_acting(posterior.parts))
     told = tuple(block.key for block in _changes(at))
     homed_mm = _homed_mm(at.left.shifts(at.likely_mm), scene)
-    return Renewed(posterior, before, at.story, told, replace(fit, mechanism=mechanism), homed_mm)
+    return Renewed(posterior, before, at.story, told, fit, homed_mm)
 
 
 def _homed_mm(shifts: np.ndarray, scene: Scene) -> tuple[tuple[float, float], ...]:
