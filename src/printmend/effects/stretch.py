@@ -22,9 +22,9 @@ class Percents:
     def filled(self, given: Given, drawn: "Sized", effect: Effect, scene: Scene) -> "Sized":
         if not given:
             return drawn
-        basis = _basis(scene)
+        one = basis(scene)
         shares = np.array([float(given.get(name, 0.0)) / 100.0 for name in self.names])
-        return drawn.of(sizes_mm=np.linalg.solve(basis, shares))
+        return drawn.of(sizes_mm=np.linalg.solve(one, shares))
 
 
 class Stretch(Usual):
@@ -43,10 +43,10 @@ class Stretch(Usual):
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x, y = (places.bed_mm - scene.middle_mm).T
         scale, half, lean = np.stack([x, y], axis=1), np.stack([x, -y], axis=1), np.stack([y, x], axis=1)
-        return np.stack([scale, half, lean], axis=2) @ _basis(scene)
+        return np.stack([scale, half, lean], axis=2) @ basis(scene)
 
 
-def _basis(scene: Scene) -> np.ndarray:
+def basis(scene: Scene) -> np.ndarray:
     """Return what one unit of each size is [3, 3]: a scale, a difference of the axes' scales, a lean."""
     values, axes = np.linalg.eigh(scene.instrument.covariance)
     return np.asarray(axes * np.sqrt(np.maximum(values, 0.0)))

@@ -146,15 +146,19 @@ def _motion(section: dict[str, Any]) -> Motion | None:
     return Motion(float(values[0]), float(values[1]))
 
 
+def _pairs(rows: list[Any]) -> list[np.ndarray]:
+    return [numbers({"row": row}, "row", _SUBJECT, 2) for row in rows]
+
+
 def _spans(section: dict[str, Any], name: str) -> tuple[tuple[float, float], tuple[float, float]]:
-    rows = [numbers({"row": row}, "row", _SUBJECT, 2) for row in section_of(section, name, list, _SUBJECT)]
+    rows = _pairs(section_of(section, name, list, _SUBJECT))
     if len(rows) != 2 or any(len(row) != 2 or row[0] > row[1] for row in rows):
         refuse(_SUBJECT, say("two-rising-pairs", name), say("something-else"))
     return (float(rows[0][0]), float(rows[0][1])), (float(rows[1][0]), float(rows[1][1]))
 
 
 def _shifts(section: dict[str, Any]) -> tuple[tuple[float, float], ...]:
-    rows = [numbers({"row": row}, "row", _SUBJECT, 2) for row in section.get("homed_again_mm", [])[:_MOST_SHIFTS]]
+    rows = _pairs(section.get("homed_again_mm", [])[:_MOST_SHIFTS])
     if any(len(row) != 2 for row in rows):
         refuse(_SUBJECT, say("homed-again-mm-pairs-shift-deviation"), say("something-else"))
     return tuple((float(row[0]), abs(float(row[1]))) for row in rows)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.effects import EFFECTS, Of, Places, columns_of
+from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
 from printmend.effects.effect import LONG_MOVE_MM
 from printmend.effects.switch import drawn_shifts_mm
 from printmend.infer.machine import DRAWS, Part
@@ -166,10 +166,9 @@ def _outlook(
     mechanism: Mechanism, belief: Belief, path: PathPlaces, errors: tuple[Errors, Errors], at_rest: bool,
 ) -> Outlook:  # fmt: skip
     rng = np.random.default_rng(SEED)
-    aims = _aims(mechanism, path, at_rest)
     local = _local(mechanism, belief, path, rng)
-    chance = {id(part): rng.uniform(size=DRAWS) for part in belief.parts}
-    sides = [_parts(mechanism, belief, path, aims, motors, chance) for motors in (aims.before_mm, aims.after_mm)]
+    fates = rng.uniform(size=(len(belief.parts), DRAWS))
+    sides = [_parts(belief, path, places, fates) for places in _places(mechanism, path, belief.scene, at_rest)]
     both: dict[str, DrawnCause] = {}
     if not belief.placed:
         both["homing"] = _homing(mechanism, path, rng)
@@ -184,19 +183,6 @@ def _outlook(
     strange2 = OTHERWISE_SHARE**2 * sum(results[1][0].made_of[name] ** 2 for name in strange)
     gain_mm = results[0][1] - np.sqrt(results[1][1] ** 2 + strange2)
     return Outlook(results[0][0], results[1][0], gain_mm)
-
-
-@dataclass(frozen=True, eq=False)
-class _Aims:
-    """The motors' positions before and after mending, the belts' positions, the sides that are pushed, the bed's axes'
-    directions, and that of the move, None at rest, all [N, 2]."""
-
-    before_mm: np.ndarray
-    after_mm: np.ndarray
-    belt_mm: np.ndarray
-    side: np.ndarray
-    ways: np.ndarray
-    heading: np.ndarray | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,7 +242,8 @@ def _normals(tangent: np.ndarray) -> np.ndarray:
     return np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
 
 
-def _aims(mechanism: Mechanism, path: PathPlaces, at_rest: bool) -> _Aims:
+def _places(mechanism: Mechanism, path: PathPlaces, scene: Scene, at_rest: bool) -> tuple[Places, Places]:
+    """Return the places of a path with the motors where the file as it is has them, and where the mended one does."""
     printer = mechanism.printer
     belt = printer.to_motor(mechanism.frame.invert(path.wanted_mm))
     way = printer.to_motor(path.tangent)
@@ -267,7 +254,13 @@ def _aims(mechanism: Mechanism, path: PathPlaces, at_rest: bool) -> _Aims:
     ways = np.zeros_like(path.tangent) if path.ways is None else path.ways  # an axis that stands still went so before
     if not at_rest:
         ways = np.where(np.abs(path.tangent) > STANDS_SHARE, np.sign(path.tangent), ways)
-    return _Aims(printer.to_motor(path.wanted_mm), after, belt, side, ways, None if at_rest else path.tangent)
+    gone_mm = np.cumsum(path.weight) if path.gone_mm is None else path.gone_mm
+    raw = Places(
+        printer.to_motor(path.wanted_mm), -side, np.asarray(printer.from_motor(belt)), ways, side,
+        gone_mm / max(scene.way_mm, 1e-9), np.full(len(belt), LONG_MOVE_MM), np.zeros_like(belt), path.z_mm,
+        None if at_rest else path.tangent,
+    )  # fmt: skip
+    return raw, replace(raw, motor_mm=after)
 
 
 def _motor_at(table: Transmission, belt_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
@@ -279,8 +272,7 @@ def _motor_at(table: Transmission, belt_mm: np.ndarray, side: np.ndarray) -> np.
 
 def _across(mechanism: Mechanism, path: PathPlaces) -> np.ndarray:
     """Return by how much a print moves to the left of its path for a millimetre of each belt [N, 2]."""
-    normal = np.stack([-path.tangent[:, 1], path.tangent[:, 0]], axis=1)
-    return np.asarray(normal @ mechanism.printer.from_motor(np.eye(2)).T)
+    return np.asarray(_normals(path.tangent) @ mechanism.printer.from_motor(np.eye(2)).T)
 
 
 def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) -> DrawnCause:
@@ -299,25 +291,11 @@ def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) ->
     return DrawnCause(_across(mechanism, path), shift)
 
 
-def _parts(
-    mechanism: Mechanism,
-    belief: Belief,
-    path: PathPlaces,
-    aims: "_Aims",
-    motor_mm: np.ndarray,
-    chance: Mapping[int, np.ndarray],
-) -> dict[str, DrawnCause]:
+def _parts(belief: Belief, path: PathPlaces, now: Places, fates: np.ndarray) -> dict[str, DrawnCause]:
     """Return the errors across the path that the drawn machines have beyond what acts: those of the parts that act
-    together, those of any other effect by its name. ``chance`` [D] of each part decides its fate."""
-    printer, scene = mechanism.printer, belief.scene
-    normal = np.stack([-path.tangent[:, 1], path.tangent[:, 0]], axis=1)
-    gone_mm = np.cumsum(path.weight) if path.gone_mm is None else path.gone_mm
-    count, none = len(normal), np.zeros_like(normal)
-    now = Places(
-        motor_mm, -aims.side, np.asarray(printer.from_motor(aims.belt_mm)), aims.ways, aims.side,
-        gone_mm / max(scene.way_mm, 1e-9), np.full(count, LONG_MOVE_MM), none, path.z_mm,
-        aims.heading,
-    )  # fmt: skip
+    together, those of any other effect by its name. A part's own of the ``fates`` [P, D], from 0 to 1, decides what
+    becomes of it."""
+    scene, normal = belief.scene, _normals(path.tangent)
     found: dict[str, DrawnCause] = {}
     otherwise = np.random.default_rng(SEED)  # of its own: other figures stay as they are
 
@@ -328,7 +306,7 @@ def _parts(
         cause = DrawnCause(np.einsum("nc,ncp->np", normal, moved), drawn)
         found[name] = found[name].beside(cause) if name in found else cause
 
-    for part in belief.parts:
+    for part, drawn in zip(belief.parts, fates, strict=True):
         effect, fate, acts = EFFECTS[part.effect], EFFECTS[part.effect].fate, part.acts_mm[:, None]
         name = part.effect
         if not belief.placed and name in LINEAR:
@@ -338,12 +316,11 @@ def _parts(
         if effect.of is Of.MACHINE:
             add(name, part, now, part.draws_mm - acts)
             continue
-        drawn = chance[id(part)]
         again = part.draws_mm * otherwise.choice((-1.0, 1.0), part.draws_mm.shape) if fate.otherwise else part.draws_mm
         add(name, part, now, again * (drawn < fate.anew))
         stays = (drawn >= fate.anew) & (drawn < fate.anew + fate.stays)
         add(name, part, replace(now, done=now.done + 1.0), part.draws_mm * stays)
-        add(name, part, replace(now, done=np.ones(count)), np.repeat(-acts, DRAWS, axis=1))
+        add(name, part, replace(now, done=np.ones(len(normal))), np.repeat(-acts, DRAWS, axis=1))
     return found
 
 
@@ -385,8 +362,9 @@ def _summed_up(side: _Side, placed: bool, along: np.ndarray, rng: np.random.Gene
     because the errors of a path are mostly combinations of three: two shifts and a change of scale.
     """
     weight = side.path.weight / side.path.weight.sum()
-    normal = np.stack([-side.path.tangent[:, 1], side.path.tangent[:, 0]], axis=1)
-    columns = np.hstack([normal, side.off_mm[:, None], *(each.columns for each in side.doubt.values())])
+    columns = np.hstack(
+        [_normals(side.path.tangent), side.off_mm[:, None], *(each.columns for each in side.doubt.values())]
+    )
     products = (columns * weight[:, None]).T @ columns
     spread = products[:2, :2] + 1e-9 * np.eye(2)
     # by how much the whole part is shifted, for a unit of each column

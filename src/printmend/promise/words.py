@@ -7,6 +7,7 @@ import numpy as np
 from printmend.effects import Scene, title_of
 from printmend.effects.aspect import SHARES
 from printmend.effects.effect import SCALE_MM
+from printmend.effects.stretch import basis
 from printmend.infer.machine import DRAWS, Part
 from printmend.measure.table import TOGETHER
 from printmend.messages import say, together
@@ -51,45 +52,42 @@ def _lean_words(belief: Belief) -> tuple[str, ...]:
 
 def shown_scales(scene: Scene, parts: Sequence[Part]) -> list[float]:
     """Return by which shares a print is too large in its picture in X and Y, the instrument's own included."""
-    _, draws = axis_scales(scene, parts)
-    values, axes = np.linalg.eigh(scene.instrument.covariance)
-    stretch = sum((part.mean_mm for part in parts if part.effect == "stretch"), np.zeros(3))
-    common, half, _ = (axes * np.sqrt(np.maximum(values, 0.0))) @ stretch
-    common += sum(part.mean_mm[0] for part in parts if part.effect == "resized") / SCALE_MM
-    return [round(float(each), 6) for each in draws.mean(axis=1) + np.array([common + half, common - half])]
+    return [round(float(each), 6) for each in _in_picture(scene, parts).mean(axis=1)]
 
 
 def seen_scales(scene: Scene, parts: Sequence[Part]) -> dict[str, list[float]]:
     """Return by which shares a print is too large in its picture in X and Y, shrinkage and the instrument's own
     included, with their standard deviations: what was measured, before anybody asks whose it is."""
-    _, draws = axis_scales(scene, parts)
-    values, axes = np.linalg.eigh(scene.instrument.covariance)
+    draws = _in_picture(scene, parts)
     for part in parts:
         if part.effect == "shrinkage":
             draws[part.where] -= part.draws_mm[0] / SCALE_MM
-        elif part.effect == "resized":
+    found = {"mean": draws.mean(axis=1), "sd": draws.std(axis=1)}
+    return {name: [round(float(each), 8) for each in of] for name, of in found.items()}
+
+
+def _in_picture(scene: Scene, parts: Sequence[Part]) -> np.ndarray:
+    """Return by which shares the drawn prints [2, D] are too large in their picture in X and Y."""
+    _, draws = axis_scales(scene, parts)
+    for part in parts:
+        if part.effect == "resized":
             draws += part.draws_mm[0] / SCALE_MM
         elif part.effect == "stretch":
-            common, half, _ = (axes * np.sqrt(np.maximum(values, 0.0))) @ part.draws_mm
+            common, half, _ = basis(scene) @ part.draws_mm
             draws += np.stack([common + half, common - half])
-    return {name: [round(float(each), 8) for each in of] for name, of in
-            (("mean", draws.mean(axis=1)), ("sd", draws.std(axis=1)))}  # fmt: skip
+    return draws
 
 
 def axis_scales(scene: Scene, parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
     """Return the scales of both bed axes that act [2], and those of the drawn machines [2, D], as shares."""
-    found = []
-    for axis in range(2):
-        scales = [part for part in parts if part.effect == "scale" and (scene.corexy or part.where == axis)]
-        factor = 0.5 if scene.corexy else 1.0
-        unlike = [(float(SHARES[axis]), part) for part in parts if part.effect == "aspect"]
-        each = [*((factor, part) for part in scales), *unlike]
-        acts = sum(share * float(part.acts_mm[0]) for share, part in each)
-        draws = sum(
-            (share * part.draws_mm[0] for share, part in each), np.zeros(parts[0].draws_mm.shape[1] if parts else 1)
-        )
-        found.append((acts / SCALE_MM, draws / SCALE_MM))
-    return np.array([acts for acts, _ in found]), np.array([draws for _, draws in found])
+    of_motor = np.full((2, 2), 0.5) if scene.corexy else np.eye(2)
+    acts, draws = np.zeros(2), np.zeros((2, parts[0].draws_mm.shape[1] if parts else 1))
+    for part in parts:
+        if part.effect in ("scale", "aspect"):
+            shares = of_motor[part.where] if part.effect == "scale" else SHARES
+            acts += shares * part.acts_mm[0] / SCALE_MM
+            draws += np.outer(shares, part.draws_mm[0]) / SCALE_MM
+    return acts, draws
 
 
 def knows_a_length(model: SavedModel) -> bool:
