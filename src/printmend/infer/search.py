@@ -160,7 +160,7 @@ class Search:
         return [
             _Group(
                 np.array(which),
-                np.array([np.arange(blocks[b].at.start, blocks[b].at.stop) for b in which]),
+                columns_at(blocks[b] for b in which).reshape(len(which), -1),
                 np.array([blocks[b].sds_mm for b in which]),
                 np.array([blocks[b].log_odds for b in which]),
                 positive,
@@ -359,18 +359,13 @@ class _Group:
         asked: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
         """Return what ``which`` blocks [B] add to a score [B, V], given their ``information`` [B, P, P] and how they
-        ``pull`` [B, P]; of several columns only alternatives that are ``asked`` [B, V] for."""
+        ``pull`` [B, P]; only alternatives that are ``asked`` [B, V] for."""
         sds_mm = self.sds_mm[which]
-        if sds_mm.shape[2] > 1:
-            out = np.zeros(sds_mm.shape[:2])
-            kernels.gains(information, pull, sds_mm, np.ones(out.shape, bool) if asked is None else asked, out)
-            return out + self.log_odds[which]
-        shrunk = sds_mm[:, :, 0] ** 2
-        spread = 1 + shrunk * np.maximum(information[:, :, 0], 0.0)
-        told = 0.5 * shrunk * pull**2 / spread - 0.5 * np.log(spread)
+        out = np.zeros(sds_mm.shape[:2])
+        kernels.gains(information, pull, sds_mm, np.ones(out.shape, bool) if asked is None else asked, out)
         if self.positive:
-            told += log_below(pull * np.sqrt(shrunk / spread)) + np.log(2)
-        return np.asarray(told + self.log_odds[which])
+            out += log_below(pull / np.sqrt(sds_mm[:, :, 0] ** -2 + np.maximum(information[:, :, 0], 0.0))) + np.log(2)
+        return out + self.log_odds[which]
 
 
 def searched(search: Search, start: Set, sigma_mm: float) -> State:
