@@ -59,8 +59,7 @@ class _Rows:
 
     def _likely(self, one: np.ndarray, other: np.ndarray, idlers: Sequence[tuple[Part, np.ndarray]]) -> np.ndarray:
         """Return the log likelihood [G, H] of what remains of errors [M, G] less [M, H]."""
-        sizes = [np.sqrt(np.mean(part.draws_mm**2)) for part, _ in idlers]
-        free = np.hstack([self.free, *(columns * size for (_, columns), size in zip(idlers, sizes, strict=True))])
+        free = np.hstack([self.free, *(columns * np.sqrt(np.mean(part.draws_mm**2)) for part, columns in idlers)])
         root = np.linalg.cholesky(np.eye(free.shape[1]) + free.T @ free)
         free_one, free_other = (np.linalg.solve(root, free.T @ each) for each in (one, other))
         square = np.sum(one**2, axis=0) - np.sum(free_one**2, axis=0)

@@ -31,7 +31,7 @@ from printmend.metrics.robust import DEGREES
 
 OFFERED = 4  # states drawn from the prior that each place chooses among, beside its own
 # Factors on the noise, sweep by sweep: they anneal towards data that no machine fits at first.
-AFAR, SWEEPS = (256.0, 128.0, 64.0, 32.0, 16.0, 8.0, 4.0, 2.0, 1.0), 24
+AFAR, SWEEPS = 2.0 ** np.arange(8, -1, -1), 24
 TINY_MM2 = 1e-9  # variance that keeps sums of squares positive
 
 

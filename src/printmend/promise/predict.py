@@ -177,12 +177,11 @@ def _outlook(
     raw = _Side(path, path.off_mm, doubts[0], local, errors[0], signed=True)
     mended = _Side(path, np.zeros_like(path.off_mm), doubts[1], local, errors[1], signed=False)
     along = rng.uniform(-1.0, 1.0, DRAWS)
-    results = [_summed_up(each, belief.placed, along, rng) for each in (raw, mended)]
+    (before, raw_mm), (after, mended_mm) = (_summed_up(each, belief.placed, along, rng) for each in (raw, mended))
     # a shift of all that is printed does the same to both files
-    strange = {"scatter", *(name for name in results[1][0].made_of if name in EFFECTS)}
-    strange2 = OTHERWISE_SHARE**2 * sum(results[1][0].made_of[name] ** 2 for name in strange)
-    gain_mm = results[0][1] - np.sqrt(results[1][1] ** 2 + strange2)
-    return Outlook(results[0][0], results[1][0], gain_mm)
+    strange = {"scatter", *(name for name in after.made_of if name in EFFECTS)}
+    strange2 = OTHERWISE_SHARE**2 * sum(after.made_of[name] ** 2 for name in strange)
+    return Outlook(before, after, raw_mm - np.sqrt(mended_mm**2 + strange2))
 
 
 @dataclass(frozen=True, eq=False)
