@@ -79,11 +79,11 @@ def ranks_of(preset: str, by: str, rng: np.random.Generator) -> tuple[float, flo
 def _weight(true: Sequence[Sized], parts: Sequence[Part], scene: Scene, rng: np.random.Generator) -> float:
     """Return the rank of one size, chosen before anything is known of it; an effect that is not there has the size 0,
     and equal sizes are ranked by lot."""
-    terms = {(t.effect, t.where, t.shape): t for name in WEIGHTS for t in EFFECTS[name].terms(scene)}
+    terms = {t.key: t for name in WEIGHTS for t in EFFECTS[name].terms(scene)}
     term = list(terms.values())[int(rng.integers(len(terms)))]
-    at, key = int(rng.integers(len(term.sd_mm))), (term.effect, term.where, term.shape)
-    here = [part.sizes_mm[at] for part in true if (part.effect, part.where, part.shape) == key]
-    drawn = [part.draws_mm[at] for part in parts if (part.effect, part.where, part.shape) == key]
+    at, key = int(rng.integers(len(term.sd_mm))), term.key
+    here = [part.sizes_mm[at] for part in true if part.key == key]
+    drawn = [part.draws_mm[at] for part in parts if part.key == key]
     return _rank(np.float64(sum(here)), np.sum(drawn, axis=0) if drawn else np.zeros(DRAWS), rng)
 
 

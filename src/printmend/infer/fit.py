@@ -412,11 +412,6 @@ def shared(rows: Rows, left_mm: np.ndarray) -> Rows:
     return replace(rows, share=np.where(walls, news, 1.0))
 
 
-def thinned(count: int, most: int) -> np.ndarray:
-    """Return which of so many marks are looked at, spread over the print."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
-
-
 def rows_of(trace: Trace, contacts: Contacts, places: Places, scene: Scene, most: int) -> Rows:
     """Return the measured numbers of a trace: two for each mark that both belts had touched before, one for a wall.
 
@@ -431,7 +426,7 @@ def rows_of(trace: Trace, contacts: Contacts, places: Places, scene: Scene, most
         weight = np.where(known, (usual / np.where(known, trace.sigma_mm, usual)) ** 2, 1.0)
     walls = np.flatnonzero(trace.wall_rows & touched)
     dots = np.flatnonzero(trace.measured_rows & ~trace.wall_rows & touched)
-    dots = dots[thinned(len(dots), most)]
+    dots = dots[np.linspace(0, len(dots) - 1, min(len(dots), most)).astype(np.int64)]  # spread over the print
     read = [dots if _was_read(trace, dots, k) else dots[:1] for k in range(2)]
     mark = np.concatenate([*read, walls])
     normal = trace.normal[walls] if trace.normal is not None else np.zeros((0, 2))

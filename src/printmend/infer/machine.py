@@ -75,7 +75,7 @@ def machine_of(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[B
     """
     if scene.homed:
         return _from_home(scene, parts)
-    drives = [_drive(scene, motor, [part for part in parts if _is_of(part, motor)]) for motor in range(2)]
+    drives = [_drive(scene, motor, [part for part in parts if is_of_drive(part, motor)]) for motor in range(2)]
     mechanism = Mechanism(scene.printer, (drives[0][0], drives[1][0]), frame_of(scene, parts))
     return mechanism, (drives[0][1], drives[1][1])
 
@@ -103,7 +103,8 @@ def frame_from_home(mechanism: Mechanism) -> Frame:
     return replace(frame, coefficients_mm=coefficients)
 
 
-def _is_of(part: Sized, motor: int) -> bool:
+def is_of_drive(part: Sized | Part, motor: int) -> bool:
+    """Tell whether a part is one of a motor's drive."""
     return EFFECTS[part.effect].acts is Acts.DRIVE and part.where == motor
 
 

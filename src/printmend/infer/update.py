@@ -42,7 +42,7 @@ from printmend.infer.gram import (
     side_by_side,
     slices,
 )
-from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
+from printmend.infer.machine import DRAWS, Part, is_of_drive, machine_of, those_acting
 from printmend.infer.posterior import Posterior, after_homing, posterior_here
 from printmend.infer.search import Search, Set, State, by_growing, columns_at, searched
 from printmend.machine import Contacts, Mechanism
@@ -412,10 +412,10 @@ def _others(at: _Pass, always: Set) -> Iterator[Story]:
     story = at.story
     other = math.log(happens_share("replaced"))
     for motor in range(2):
-        own = [part for part in story.parts if _drives(part, motor)]
+        own = [part for part in story.parts if is_of_drive(part, motor)]
         if not own:
             continue
-        rest = tuple(part for part in story.parts if not _drives(part, motor))
+        rest = tuple(part for part in story.parts if not is_of_drive(part, motor))
         yield replace(story, parts=rest, anew=(*story.anew, motor), log_odds=story.log_odds + other)
         if not story.turned_rad[motor] and any(part.effect in TURNING for part in own):
             by_rad = _likeliest_turn_rad(at, motor, always)
@@ -423,10 +423,6 @@ def _others(at: _Pass, always: Set) -> Iterator[Story]:
             odds = story.log_odds + math.log(happens_share("turned"))
             yield replace(story, parts=turned(story.parts, motor, by_rad), turned_rad=turned_rad, log_odds=odds)
     yield replace(story, parts=(), anew=(0, 1), whole=True, log_odds=story.log_odds + 2 * other)
-
-
-def _drives(part: Part, motor: int) -> bool:
-    return EFFECTS[part.effect].acts is Acts.DRIVE and part.where == motor
 
 
 def _likeliest_turn_rad(at: _Pass, motor: int, always: Set) -> float:
