@@ -26,7 +26,7 @@ from printmend.printer import Printer
 
 PROFILES = {"lead": (1.0,), "periodic": (1.0, 1.0, *(0.3,) * (2 * HARMONICS - 2)), "backlash": (1.0,)}
 ORIGIN_SD_MM = 1e3  # of where the heights are counted from: anywhere
-FIRST_BACKLASH_MM, FIRST_SIGMA_MM = (0.0, 0.1, 0.4), 0.1  # where the search for contacts begins
+FIRST_BACKLASH_MM, FIRST_SIGMA_MM = 0.1, 0.1  # where the search for contacts begins
 PASSES = 12  # of contacts, then search, at most
 
 
@@ -57,21 +57,21 @@ def fit_height(commanded_mm: np.ndarray, measured_mm: np.ndarray, printer: Print
     if (count := int(np.isfinite(measured_mm).sum())) < 3:
         raise TraceError(say("trace"), wanted=say("three-measured-heights"), came=f"{count}", todo=say("measure-more"))
     columns = np.column_stack([commanded_mm, waves_of(commanded_mm, printer.z.mm_per_turn, HARMONICS)])
-    blocks, begun = _blocks(), product(lift_rests(), FIRST_BACKLASH_MM)
+    blocks = _blocks()
     sets = list(_sets(blocks, turns))
     every_set = _alternatives(blocks, sets)
-    fits = (_fitted(columns, measured_mm, blocks, sets, every_set, rest, first_mm) for rest, first_mm in begun)
+    fits = (_fitted(columns, measured_mm, blocks, sets, every_set, rest) for rest in lift_rests())
     return max(fits, key=lambda each: each.score)
 
 
 def _fitted(
     columns: np.ndarray, measured_mm: np.ndarray, blocks: tuple[Block, ...], sets: list[Set], every_set: Block,
-    rest: tuple[float, float], backlash_mm: float,
+    rest: tuple[float, float],
 ) -> Height:  # fmt: skip
-    """Return what contacts that begin with a rest and a backlash lead to; the first column is the commanded heights."""
+    """Return what contacts that begin with a rest lead to; the first column is the commanded heights."""
     (rest_share, log_odds), commanded_mm, seen = rest, columns[:, 0], np.isfinite(measured_mm)
     ones = np.ones(int(seen.sum()))
-    sizes, sigma_mm, weight = np.zeros(columns.shape[1] + 2), FIRST_SIGMA_MM, ones
+    sizes, backlash_mm, sigma_mm, weight = np.zeros(columns.shape[1] + 2), FIRST_BACKLASH_MM, FIRST_SIGMA_MM, ones
     for _ in range(PASSES):
         at, side = _touched(commanded_mm + columns @ sizes[1:-1], backlash_mm, rest_share)
         slack = np.where(side == 0, rest_share - 0.5, side / 2)
