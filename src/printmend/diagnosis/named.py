@@ -137,15 +137,16 @@ def find_lift(trace: Trace, printer: Printer) -> Lift | None:
     lead_mm = printer.z.mm_per_turn
     span_mm = float(np.ptp(z_mm[seen]))
     gaps: dict[str, str] = {}
-    if span_mm < LEAST_TURNS * lead_mm:
+    turns = span_mm >= LEAST_TURNS * lead_mm
+    if not turns:
         gaps["lead"] = too_low("lead-and-unevenness", span_mm, lead_mm)
     else:
         _check_follows(z_mm[seen], measured_mm[seen])
-    height = fit_height(z_mm, measured_mm, printer, turns="lead" not in gaps)
+    height = fit_height(z_mm, measured_mm, printer, turns=turns)
     spreads = np.array([height.sds[0], *np.repeat(_sizes(height.sds[1:]) / np.sqrt(2), 2)])
     terms, known = height.terms, {}
     for kind, sd_mm in (("lead", float(spreads[0] * span_mm)), ("periodic", float(spreads[1]))):
-        if "lead" in gaps:
+        if not turns:
             continue
         own = terms[:1] if kind == "lead" else terms[1:]
         if not own.any() and sd_mm > HEALTHY_SD_MM:
