@@ -9,6 +9,8 @@ from printmend.effects.prior import alternatives
 from printmend.effects.words import PLACES, Care, Fault, Found, along_motor_mm, amount, motor_name, those_of, where_seen
 from printmend.messages import say
 
+PLAYS = ("play", "wear", "friction", "breathing", "rub")  # effects that make a motor's play
+
 
 class Play(Usual):
     """Play that is the same everywhere."""
@@ -41,7 +43,7 @@ def play_mm(beside: Sequence[Found], motor: int, scene: Scene) -> tuple[float, f
     """Return the mean play of one motor over the measured span, its standard deviation, and the least and the most."""
     places = belt_places(motor, along_motor_mm(scene, motor), 1.0)
     whole, drawn = np.zeros(PLACES), np.zeros(1)
-    for name in ("play", "wear", "friction", "breathing", "rub"):
+    for name in PLAYS:
         for each in those_of(name, beside, motor):
             moved = each.columns(places, scene)
             belt = 2 * np.asarray(scene.printer.to_motor(np.moveaxis(moved, 2, 1))[:, :, motor])

@@ -6,6 +6,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts
 from printmend.effects.effect import SCALE_MM, belt_places, drawn_places
+from printmend.effects.play import PLAYS
 from printmend.errors import RefusedError
 from printmend.export.firmware import EXPORTS, NO_BACKLASH, Export, Simple, simple_part
 from printmend.infer.machine import DRAWS
@@ -17,7 +18,6 @@ from printmend.promise.filament import UNTOLD
 from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD
 
 SURE = 0.95  # share of the drawn machines that must have a fault for its setting to be written
-PLAYS = ("play", "wear", "friction", "breathing")  # effects that make a motor's play
 SURE_SIGMAS = 2.0  # standard deviations: the coverage factor k of an expanded uncertainty (JCGM 100, 6.3)
 UNSHOWN_MOST_MM = UNSHOWN_MM * float(np.exp(1.645 * UNSHOWN_SD))  # in 95 % of printers, test prints miss less than this
 GAIN_MM = 0.001  # a setting that lowers the error over the bed by less is not worth typing
