@@ -13,7 +13,7 @@ from printmend.effects import scene_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError, RefusedError
 from printmend.export.supported import export_supported
-from printmend.filament import CLAIM_SD, UNNAMED, Entry, material_of, split
+from printmend.filament import UNNAMED, material_of
 from printmend.infer.machine import Sized, machine_of
 from printmend.learn.learned import learn_model
 from printmend.machine import healthy_mechanism
@@ -24,7 +24,7 @@ from printmend.model import SavedModel, model_text, parse_model
 from printmend.path import Instrument, Trace
 from printmend.printer import Printer, read_printer
 from printmend.promise.belief import parse_belief
-from printmend.promise.filament import UNTOLD, known_filaments, parse_entries
+from printmend.promise.filament import CLAIM_SD, UNTOLD, Entry, known_filaments, parse_entries, split
 from printmend.promise.words import axis_scales
 from printmend.report.examination import examine
 from printmend.twin import Twin

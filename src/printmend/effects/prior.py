@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from printmend.effects.effect import Scene, Term
+from printmend.effects.effect import SCALE_MM, Scene, Term
 
 NEAR_SHARE = 0.02  # a turn that differs less from the printer's is its pulley's
 
@@ -46,6 +46,28 @@ def homing_priors() -> Iterator[tuple[str, float, float, float, float]]:
     """Yield each kind of end stop: name, share, scatter [mm], deviation of its logarithm, electrical turns."""
     for name, row in _table()["homing"].items():
         yield name, float(row["share"]), float(row["sd"]), float(row["log_sd"]), float(row["turn"])
+
+
+def machine_scales() -> list[tuple[float, float]]:
+    """Return the standard deviations of a machine's scale error, as shares, and the chance of each: every one has a
+    small error, some have another pulley."""
+    row = _table()["scale"]
+    damaged = [(factor * row["sd"] / SCALE_MM, row["share"] / len(mild_shares())) for factor in mild_shares()]
+    return [(row["every"] / SCALE_MM, 1.0 - row["share"]), *reversed(damaged)]
+
+
+def unshown() -> tuple[float, float, float]:
+    """Return the median [mm] of the errors of motion, the deviation of its logarithm, and the length [mm] over which
+    they stay alike."""
+    row = _table()["unshown"]
+    return float(row["median"]), float(row["log_sd"]), float(row["length"])
+
+
+def next_shares() -> tuple[float, float]:
+    """Return the share of an unexplained pattern that a mended print may add, and that of homings after which a belt
+    lies within its play."""
+    row = _table()["next"]
+    return float(row["otherwise"]), float(row["loose"])
 
 
 def bead_range_mm(name: str) -> tuple[float, float]:

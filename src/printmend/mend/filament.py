@@ -14,7 +14,7 @@ import numpy as np
 from printmend.diagnosis.named import diagnose, words_of_z
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError
-from printmend.filament import CLAIM_SD, UNNAMED, Entry, Split, material_of, split
+from printmend.filament import UNNAMED, material_of
 from printmend.infer.machine import DRAWS, Part
 from printmend.learn.learned import AUTO, SEARCH, learn_model
 from printmend.machine import Frame, Mechanism
@@ -30,12 +30,16 @@ from printmend.path import Instrument, Trace
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, belief_section
 from printmend.promise.filament import (
+    CLAIM_SD,
     FILAMENTS,
     UNTOLD,
+    Entry,
+    Split,
     entry_section,
     filament_section,
     known_filaments,
     parse_entries,
+    split,
 )
 from printmend.promise.words import axis_scales, instrument_of
 

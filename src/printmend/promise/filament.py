@@ -1,15 +1,92 @@
-"""The filament sections of a model file: measured scales, and the shrinkage of parts in each filament."""
+"""Split measured scales into the machine's and each filament's; keep both as sections of a model file.
 
+Along each axis a print in the filament k shows the scale T = M − f_k; a print that cannot shrink (dots that stick to
+plate or paper) and a rule along the machine's travel show M. All are linear, and M has a prior of several widths:
+the posterior is a mixture of Gaussians, in closed form.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM
-from printmend.filament import Entry, material_of
+from printmend.effects.prior import machine_scales
+from printmend.filament import material_of
 from printmend.infer.machine import DRAWS, Part
 from printmend.messages import say
 from printmend.model import SavedModel
 from printmend.model.branches import number, numbers, refuse, section_of
+
+CLAIM_SD = 0.0005  # standard deviation of the machine's scale up to which it counts as told: 0.05 mm in 100
+_LEAST_SD = 1e-6  # no scale is known better
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One measured scale along X and Y: shares by which a print is too large, NaN where none was measured, and their
+    standard deviations. Without a ``filament`` it is the machine's alone; ``kind`` is "print" or "rule"."""
+
+    filament: str | None
+    scale: tuple[float, float]
+    sd: tuple[float, float]
+    kind: str = "print"
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """What entries say of the machine's scale along one axis, as shares: a mixture of Gaussians of the ``weight`` [C],
+    ``mean`` [C] and ``sd`` [C]."""
+
+    weights: np.ndarray
+    means: np.ndarray
+    sds: np.ndarray
+
+    @property
+    def mean(self) -> float:
+        return float(self.weights @ self.means)
+
+    @property
+    def sd(self) -> float:
+        return float(np.sqrt(self.weights @ (self.sds**2 + self.means**2) - self.mean**2))
+
+    @property
+    def is_told(self) -> bool:
+        """Say whether machine and filaments are told apart."""
+        return self.sd <= CLAIM_SD
+
+    def draws(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Return machines' scales [count]."""
+        which = rng.choice(len(self.weights), count, p=self.weights)
+        return self.means[which] + self.sds[which] * rng.standard_normal(count)
+
+
+def split(entries: Sequence[Entry], axis: int) -> Split:
+    """Return what entries say of the machine's scale along an axis; what was not measured there says nothing."""
+    seen = [each for each in entries if np.isfinite(each.scale[axis])]
+    names = sorted({each.filament for each in seen if each.filament is not None})
+    shows, scale = np.zeros((len(seen), 1 + len(names))), np.array([each.scale[axis] for each in seen])
+    for row, each in zip(shows, seen, strict=True):
+        row[0] = 1.0
+        if each.filament is not None:
+            row[1 + names.index(each.filament)] = -1.0
+    noise = np.diag([max(each.sd[axis], _LEAST_SD) ** 2 for each in seen])
+    materials = [material_of(name) for name in names]
+    before = np.array([0.0, *(each.mean for each in materials)])
+    left = scale - shows @ before
+    logs, means, sds = [], [], []
+    for width, chance in machine_scales():
+        prior = np.diag([width**2, *(each.sd**2 for each in materials)])
+        open_ = shows @ prior @ shows.T + noise
+        gain = np.linalg.solve(open_, shows @ prior).T if seen else np.zeros((len(prior), 0))
+        means.append(before[0] + float((gain @ left)[0]))
+        sds.append(float(np.sqrt(max((prior - gain @ shows @ prior)[0, 0], _LEAST_SD**2))))
+        evidence = -0.5 * (left @ np.linalg.solve(open_, left) + np.linalg.slogdet(open_)[1]) if seen else 0.0
+        logs.append(np.log(chance) + evidence)
+    weights = np.exp(np.array(logs) - max(logs))
+    return Split(weights / weights.sum(), np.array(means), np.array(sds))
+
 
 FILAMENTS = "filaments"  # the model file's key
 UNTOLD = ("whose-scale-not-settled", "whose-scale-untold")  # findings: the scale is the machine's or the filament's

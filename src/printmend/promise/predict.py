@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
 from printmend.effects.effect import LONG_MOVE_MM
+from printmend.effects.prior import next_shares, unshown
 from printmend.effects.switch import drawn_shifts_mm
 from printmend.infer.machine import DRAWS, Part
 from printmend.machine import Mechanism, Transmission
@@ -34,19 +35,11 @@ def after_homing(belief: Belief) -> Belief:
 MOST_PLACES = 512  # most places of a path that are evaluated: 2048 change no figure by more than another seed does
 LOW, HIGH = 0.05, 0.95  # quantiles of the drawn machines that bound the 90 % range
 ROUNDED = (0.5, 1.1)  # range of the factor on the variance of rounding to micro-steps, which is 1 for even rounding
-# Mended moves differ from the plain ones and meet an unexplained pattern elsewhere: the share of it that this may add.
-OTHERWISE_SHARE = 0.7
-# Errors of motion, as ringing, sticking or a loose nozzle, do not show in marks at which the head rests: their assumed
-# median [mm] over both axes, and the standard deviation of its logarithm. In nine of ten printers 0.0003 to 0.02 mm.
-# Lines at speed narrow it.
-UNSHOWN_MM, UNSHOWN_SD = 0.0025, 1.3
-# Length over which an error that differs from place to place stays alike: ringing swings over 1 to 3 mm, a loose nozzle
-# over more.
-CELL_MM = 2.0
+UNSHOWN_MM, UNSHOWN_SD, CELL_MM = unshown()  # lines at speed narrow it
+OTHERWISE_SHARE, LOOSE_AT_HOME_SHARE = next_shares()
 LINEAR = ("scale", "skew", "aspect", "resized")  # effects that a scanner's own stretch looks like
 LASTING = ("scatter", "motion")  # local causes whose errors are alike at neighbouring places, as rounding is not
 NO_ERROR_MM2 = 1e-12  # mean square below which a path shows no error
-LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere within its play
 STANDS_SHARE = 1e-3  # of a move's length that a motor may go and yet stands still: rounded coordinates move it
 # Normal values, and the logarithm of minus the logarithm of the chance that one is not larger.
 _NORMAL = np.linspace(8.0, -6.0, 1401)
