@@ -50,6 +50,17 @@ def test_rows_in_another_order_are_put_right(rows: np.ndarray) -> None:
     assert [each.severity for each in found.found] == ["warning"]
 
 
+def test_a_whole_table_from_its_end_is_turned_round() -> None:
+    """Only play tells the order, for each row keeps its own point."""
+    whole = table()
+    names = ("commanded_mm", "measured_mm")
+    whole = replace(whole, homed=False, **{name: getattr(whole, name)[20:] for name in names})
+    found = in_order(replace(whole, **{name: getattr(whole, name)[::-1] for name in names}), CARTESIAN)
+    assert np.array_equal(found.trace.measured_mm, whole.measured_mm)
+    assert [each.kind for each in found.found] == ["rows-reversed"]
+    assert not in_order(whole, CARTESIAN).found
+
+
 def walks(measured_mm: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return measured_mm + np.cumsum(rng.normal(0, 0.05, measured_mm.shape), axis=0)
 

@@ -84,7 +84,7 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
     commanded, measured = trace.commanded_mm[seen], np.clip(trace.measured_mm[seen], -FARTHEST_MM, FARTHEST_MM)
     if np.ptp(np.quantile(commanded, (0.1, 0.9), axis=0), axis=0).max() < LEAST_SPREAD_MM:
         return InOrder(trace)
-    if _goes_backwards(trace, printer):
+    if _may_go_backwards(trace, printer):
         again = _turned_round(trace, printer)
         if _left_mm(again, printer) < BETTER_SHARE * (left_mm := _left_mm(trace, printer)):
             return _put_right(again, say("rows-reversed-order"), left_mm, kind="rows-reversed")
@@ -103,13 +103,12 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
     return _unshuffled(trace, seen, plain_mm)
 
 
-def _goes_backwards(trace: Trace, printer: Printer) -> bool:
-    """Say whether layers or heights only go down, or the way ends at home and begins elsewhere."""
+def _may_go_backwards(trace: Trace, printer: Printer) -> bool:
+    """Return whether layers or heights only go down, or the way does not begin at home."""
     for heights in (trace.layer, trace.z_mm):
         if heights is not None and heights[0] > heights[-1] and (np.diff(heights) <= 0).all():
             return True
-    away_mm = np.abs(trace.commanded_mm[[0, -1]] - np.array(printer.home_mm)).max(axis=1)
-    return bool(away_mm[1] <= AT_HOME_MM < away_mm[0])
+    return bool(np.abs(trace.commanded_mm[0] - np.array(printer.home_mm)).max() > AT_HOME_MM)
 
 
 def _turned_round(trace: Trace, printer: Printer) -> Trace:
