@@ -233,14 +233,14 @@ def test_saved_tables_are_the_screw_again() -> None:
 def test_hostile_screws_end_in_one_line(section: object, names: str) -> None:
     import json
 
-    from printmend.model.model import _digest
+    from printmend.model.model import DIGITS, seal_key
 
     good = {"kind": "series", "lead_mm": 8.0, "lead_error": 0.0, "backlash_mm": 0.0}
     good |= {name: [0.1, 0.0, 0.0, 0.0] for name in ("height_mm", "push_x_mm", "push_y_mm")}
     document = dict(exact_model(HEALTHY.lower(SHORT)).document)
     bare = not isinstance(section, dict) or "kind" in section
     document |= {"screw": section if bare else good | section}  # type: ignore[operator]
-    text = json.dumps({**document, "digest": _digest(document)})
+    text = json.dumps({**document, "digest": seal_key(document)[:DIGITS]})
     with pytest.raises(ModelError, match=names):
         parse_model(text, subject="the model")
 
