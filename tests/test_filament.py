@@ -199,6 +199,14 @@ def test_a_table_counts_once_whatever_filament_it_is_said_to_be_of(one):
     assert again.is_known
 
 
+def test_heights_alone_say_nothing_of_a_scale(one):
+    places, heights = np.full((30, 2), 100.0), np.linspace(0.2, 20.0, 30)
+    tower = Trace(places, np.full_like(places, np.nan), z_mm=heights, z_measured_mm=1.004 * heights)
+    done = update_in(one, tower, None, rng=np.random.default_rng(0))
+    assert done.changes
+    assert parse_entries(done.model) == parse_entries(one)
+
+
 def test_the_command_line_says_what_is_known(tmp_path):
     printer = read_printer("ender3")
     write_trace(tmp_path / "a.csv", measured(printer, "pla-black", 1))

@@ -24,6 +24,7 @@ from printmend.measure import read_trace
 from printmend.measure.table import write_trace
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
+from printmend.mend.history import read_history, remember_learned
 from printmend.mend.update import update
 from printmend.model import SavedModel, screw_of, with_screw, write_model
 from printmend.path import Trace
@@ -221,7 +222,7 @@ def test_heights_that_do_not_follow_are_refused(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["a dial gauge", "one place"])
-def test_heights_alone_complete_a_model_and_leave_x_and_y(bent: SavedModel, kind: str) -> None:
+def test_heights_alone_complete_a_model_and_leave_x_and_y(bent: SavedModel, kind: str, tmp_path: Path) -> None:
     planar = with_screw(bent, None, findings=bent.findings[:1], details={"z": {}})
     trace = measured(SCREW, tower(), seed=5)
     if kind == "one place":
@@ -234,6 +235,12 @@ def test_heights_alone_complete_a_model_and_leave_x_and_y(bent: SavedModel, kind
         assert np.array_equal(before.lower_mm, now.lower_mm)
         assert np.array_equal(before.upper_mm, now.upper_mm)
     assert "Z lead was 0.000" in done.words
+    remember_learned(tmp_path / "printer.mend.json", done.model, "heights.csv", updated=True)
+    (event,) = read_history(tmp_path / "printer.mend.json")
+    assert "faults" not in event  # X and Y were not measured
+    assert {each["part"] for each in event["heights"]} == {"z"}
+    with pytest.raises(TraceError, match="measured marks"):
+        update(planar, replace(trace, z_mm=None), rng=np.random.default_rng(0))
     with pytest.raises(TraceError, match="at several places"):
         learn_model(trace, SHORT)
 

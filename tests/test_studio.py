@@ -628,10 +628,12 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     assert [one.repair for _, one in advised(document)] == [rails.repair]
     assert "rails and the head first" in rails.repair
     assert _german(rails.repair)
-    either = advise(NamedFault("x", "elastic", 0.1, 0.01, "mm", say("fault-elastic-or-idler", "0.1 mm")))
-    for text in (either.title, either.meaning, either.repair):
-        assert "idler" in text
-        assert _german(text), text
+    idler = say("or-else", say("fault-elastic", "0.1 mm"), say("fault-idler", "31.4", "0.1 mm"))
+    for words in (say("fault-elastic-or-idler", "0.1 mm"), idler):
+        either = advise(NamedFault("x", "elastic", 0.1, 0.01, "mm", words))
+        for text in (either.title, either.meaning, either.repair):
+            assert "idler" in text
+            assert _german(text), text
     seen = diagnosis.advice.Sight(0.4, 0.4, 1.0, 0.5, 9, 2)
     for change in ({}, {"turns": 2.0}, {"angles": 1.0, "backward": 9}):
         gaps = diagnosis.advice.motor_gaps("X", replace(seen, **change), 40.0, plays=True)

@@ -12,6 +12,7 @@ from printmend.messages import parts_of, say
 
 HARMONICS = np.array([1.0, 3.0, 5.0])
 ELSE_IDLER = "fault-elastic-or-idler"  # message
+IDLERS = (ELSE_IDLER, "fault-idler", "fault-idler-of-teeth", "fault-idler-or-pulley")  # messages that name an idler
 
 
 class Elastic(Usual):
@@ -53,7 +54,7 @@ class Elastic(Usual):
     def advice(self, fault: Fault, where: str) -> Care:
         """Return where along the belt the pulley's error changes, and what else may look so."""
         size_mm = abs(fault.value)
-        if any(part.id == ELSE_IDLER for part in parts_of(fault.words)):
+        if any(part.id in IDLERS for part in parts_of(fault.words)):
             title, meaning = say("belt-stretches-idler-wobbles", where), say("pulley-s-error-changes-along-belt")
             return Care(title, meaning, size_mm, say("tighten-belt-unless-tight-look-whether"))
         title, meaning = say("belt-stretches", where), say("pulley-s-error-felt-near-motor")

@@ -100,7 +100,10 @@ def is_loose(breathing: Found, beside: Sequence[Found], scene: Scene) -> bool:
     """
     motor = breathing.where
     play = _complex(breathing)
-    middle = sum((_complex(each)[: len(play)] for each in those_of("pulley", beside, motor)), np.zeros(len(play)))
+    middle = np.zeros(len(play), complex)
+    for each in those_of("pulley", beside, motor):
+        waves = _complex(each)[: len(play)]
+        middle[: len(waves)] += waves
     slack_mm = sum(float(each.sizes_mm[0]) for each in those_of("play", beside, motor))
     orders = np.arange(1, len(play) + 1)
     of_shaft = 2j * np.tan(np.pi * orders * slack_mm / scene.turns_mm[motor]) * middle

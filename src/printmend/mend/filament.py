@@ -19,7 +19,7 @@ from printmend.infer.machine import DRAWS, Part
 from printmend.learn.learned import AUTO, SEARCH, learn_model
 from printmend.machine import Frame, Mechanism
 from printmend.measure.callipers import DOUBTED_SIGMAS
-from printmend.measure.checks import digest_of
+from printmend.measure.checks import digest_of, shows_plane
 from printmend.mend.history import Ageing
 from printmend.mend.update import Updated, update
 from printmend.mend.verify import Verdict, made, verify
@@ -110,7 +110,10 @@ def update_in(
     updated = update(old, grown(trace, old.printer, filament), rng=rng, ageing=ageing)
     if updated.is_known or (before is None and filament is None and not travels):
         return updated
-    entries, shown = (_shown(old, None),) if before is None else before, _shown(updated.model, filament)
+    entries = (_shown(old, None),) if before is None else before
+    if trace.z_measured_mm is not None and not shows_plane(trace):  # heights show no scale of X and Y
+        return replace(updated, model=_settled(updated.model, entries, travels)) if travels else updated
+    shown = _shown(updated.model, filament)
     new = [axis for axis, name in enumerate("xy") if _is_other(entries, shown, axis) or _is_anew(updated, axis)]
     for axis in new:  # measurements of the previous machine no longer hold
         entries = tuple(_without(each, axis) for each in entries)
@@ -274,7 +277,7 @@ def _acts(one: Split, entries: Sequence[Entry], axis: int) -> bool:
 def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -> SavedModel:
     """Return a model with the machine's scale and each filament's shrinkage, as estimated from all entries."""
     belief, entries = belief_of(model), (*before, *new)
-    _check_travels(entries)
+    _check_travels(before, new)
     rng = np.random.default_rng(0)
     splits = [split(entries, axis) for axis in range(2)]
     own = np.stack([each.draws(DRAWS, rng) for each in splits])  # [2, D]
@@ -313,10 +316,10 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
     return settled if series is None else with_screw(settled, series, findings=findings, details={})
 
 
-def _check_travels(entries: Sequence[Entry]) -> None:
-    """Raise `ConfigError` for a rule's scale that the other measurements contradict."""
-    for rule in entries:
-        others = [each for each in entries if each is not rule]
+def _check_travels(before: Sequence[Entry], new: Sequence[Entry]) -> None:
+    """Raise `ConfigError` for a new scale by a rule that the other measurements contradict."""
+    for rule in new:
+        others = [each for each in (*before, *new) if each is not rule]
         for axis, scale in enumerate(rule.scale if rule.kind == "rule" else ()):
             if not np.isfinite(scale) or not any(np.isfinite(each.scale[axis]) for each in others):
                 continue

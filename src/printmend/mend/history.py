@@ -8,6 +8,7 @@ the one that shifts it by half a millimetre, at which the fault should be repair
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -193,10 +194,9 @@ def remember(
     time = (when or datetime.now(UTC)).isoformat(timespec="seconds")
     line = {"event": event, "time": time, "model": model.digest, **values}
     rounded = {key: round(value, 5) if isinstance(value, float) else value for key, value in line.items()}
-    written = json.dumps(rounded)
-    if when is None and past.strip():
-        last = read_history(model_path)[-1]
-        if all(last.get(key) == value for key, value in json.loads(written).items() if key != "time"):
+    written, last = json.dumps(rounded), past.rstrip().rpartition("\n")[2]
+    with suppress(ValueError, TypeError):  # a damaged line is no event
+        if when is None and {**json.loads(last), "time": time} == json.loads(written):
             return path
     with replacing(path) as file:
         file.write(past + ("\n" if past and not past.endswith("\n") else "") + written + "\n")
@@ -208,6 +208,9 @@ def remember_learned(
 ) -> Path:
     """Record the result of a measurement: the printer's faults, and how well the model fits."""
     trace = model.document.get("trace", {})
+    if model.document.get("update", {}).get("of") == "z":  # heights alone are no new measurement of X and Y
+        faults = [row for row in model.document.get("diagnosis", []) if row["part"] == "z"]
+        return remember(model_path, model, "updated", {"source": source, "heights": faults}, when=when)
     values = {
         "source": source, "faults": model.document.get("diagnosis", []), "noise_mm": float(model.noise_mm),
         "points": trace.get("measured"), "before_mm": trace.get("residual_before_mm"),
@@ -228,7 +231,7 @@ def read_history(model_path: Path) -> tuple[dict[str, Any], ...]:
         try:
             event = json.loads(line)
             event["seconds"] = _seconds(event["time"])
-            for fault in event.get("faults", []):
+            for fault in (*event.get("faults", []), *event.get("heights", [])):
                 NamedFault(fault["part"], fault["kind"], float(fault["value"]), float(fault["sd"]), fault["unit"], "")
         except (ValueError, KeyError, TypeError, RecursionError):
             raise ModelError(
@@ -453,7 +456,7 @@ def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
                     kind_words(one["kind"]),
                     f"{abs(one['value']):.3f} {one['unit']}",
                 )
-                for one in event.get("faults", [])
+                for one in event.get("faults", event.get("heights", []))
             ]
             said = together(", ", faults) if faults else say("history-healthy")
         rows.append((_iso(event["seconds"]) or "", _said(str(event.get("event", ""))), said))

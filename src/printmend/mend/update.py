@@ -124,7 +124,7 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
         ordered = in_order(near_bed(with_walls(once, old.printer), old.printer), old.printer)
         flat = with_heights(ordered.trace, old.printer)
         if flat.z_measured_mm is not None and not shows_plane(flat):
-            return _lifted(old, belief, flat, digest)
+            return _lifted(old, belief, flat, (*passed_over(once, copies), *ordered.found), digest)
         found = measured_again(old, belief, flat, rng, ageing=ageing)
         if found.story.whole:
             return _anew(old, trace, rng)
@@ -175,10 +175,12 @@ def _anew(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated:
     return Updated(with_screw(model, screw_of(model), findings=model.findings, details=details), (), names)
 
 
-def _lifted(old: SavedModel, belief: Belief, trace: Trace, digest: str) -> Updated:
-    """Update how Z lifts by heights alone; X and Y stay as they were."""
+def _lifted(old: SavedModel, belief: Belief, trace: Trace, said: Sequence[Misfit], digest: str) -> Updated:
+    """Update how Z lifts by heights alone; X and Y stay as they were. Raises `TraceError` for too few heights."""
     before, seen = lift_of(old), find_lift(trace, old.printer)
-    lift = renewed_lift(before, seen or Lift())
+    if seen is None:
+        raise TraceError(say("trace"), wanted=say("measured-marks"), came=say("none-nan"), todo=say("check-trace"))
+    lift = renewed_lift(before, seen)
     gaps = [gap for gap in old.findings[1:] if not gap.startswith("Z ")]
     diagnosis = diagnose(belief.parts, belief.scene, gaps, lift)
     changes = tuple(_lift_changes(before, lift))
@@ -186,7 +188,8 @@ def _lifted(old: SavedModel, belief: Belief, trace: Trace, digest: str) -> Updat
         "diagnosis": [fault.row for fault in diagnosis.faults],
         DIGESTS: [*known_digests(old), digest],
         Z_SAID: lift.said,
-        "update": {"from": old.digest, "changes": _rows_of(changes), "anew": []},
+        "misfit": misfit_section((*said, *misfits_of(belief.parts, belief.scene))),
+        "update": {"from": old.digest, "changes": _rows_of(changes), "anew": [], "of": "z"},
     }
     series = lift.with_push(old.printer.z.mm_per_turn, push_of(belief.parts))
     findings = (diagnosis.summary, *diagnosis.gaps)
