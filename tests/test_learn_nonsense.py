@@ -60,7 +60,7 @@ def test_one_wrong_cell_is_left_out_and_named(rng: np.random.Generator) -> None:
     measured_mm[70, 0] += 10.0
     wrong = learn_model(Trace(points_mm, measured_mm), PRINTER, rng=np.random.default_rng(0))
     assert wrong.noise_mm == pytest.approx(right.noise_mm, rel=0.1)
-    place = f"({points_mm[70, 0]:g}, {points_mm[70, 1]:g}) is 1"
+    place = f"({points_mm[70, 0]:g}, {points_mm[70, 1]:g}), one of"
     assert any(place in each["words"] for each in found_in(wrong.document))
     assert not refusals(wrong.document)
 
