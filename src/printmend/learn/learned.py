@@ -27,8 +27,15 @@ from printmend.learn.order import in_order, passed_over, roughly
 from printmend.learn.rows import LEAST_ROWS, MOST_LOST, lost_rows, said_of_rows, skipped
 from printmend.learn.walls import with_walls
 from printmend.machine import Mechanism, healthy_mechanism
-from printmend.measure.checks import check_follows, check_origin, check_trace, counted_once, digest_of, with_heights
-from printmend.measure.table import AT_HOME_MM
+from printmend.measure.checks import (
+    check_follows,
+    check_origin,
+    check_trace,
+    counted_once,
+    digest_of,
+    is_at_home,
+    with_heights,
+)
 from printmend.messages import say, together
 from printmend.metrics.robust import log_likelihood
 from printmend.model import SavedModel, saved_model, with_screw
@@ -79,19 +86,15 @@ def _of_set(fit: Fit) -> float:
 def another_home(trace: Trace, printer: Printer) -> tuple[Misfit, ...]:
     """Return a note if a table with places does not begin at home: where the print lies then stays open."""
     first = trace.commanded_mm[0]
-    if _is_at(first, printer):
+    if is_at_home(first, printer):
         return ()
     home = f"{printer.home_mm[0]:g}", f"{printer.home_mm[1]:g}"
-    if not trace.measured_rows[0] and any(_is_at(first, read_printer(name)) for name in preset_names()):
+    if not trace.measured_rows[0] and any(is_at_home(first, read_printer(name)) for name in preset_names()):
         words = say("table-begins-where-other-printers-home", f"{first[0]:g}", f"{first[1]:g}", *home)
         return (Misfit("home", NOTE, 0.0, 0.0, words),)
     if not trace.placed:
         return ()
     return (Misfit("home", NOTE, 0.0, 0.0, say("table-does-not-begin-at-home", *home)),)
-
-
-def _is_at(place_mm: np.ndarray, printer: Printer) -> bool:
-    return bool(np.abs(place_mm - np.array(printer.home_mm)).max() <= AT_HOME_MM)
 
 
 AUTO = "auto"

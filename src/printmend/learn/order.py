@@ -17,8 +17,7 @@ from printmend.effects.effect import SCALE_MM
 from printmend.effects.prior import size_mm
 from printmend.errors import TraceError
 from printmend.infer.fit import Fit, among, fitted
-from printmend.measure.checks import AXES_TODO, FARTHEST_MM, wrong_axes
-from printmend.measure.table import AT_HOME_MM
+from printmend.measure.checks import AXES_TODO, FARTHEST_MM, is_at_home, wrong_axes
 from printmend.messages import say, together
 from printmend.metrics.robust import ridge, scale_of
 from printmend.metrics.shape import nearest, spacing
@@ -108,7 +107,7 @@ def _may_go_backwards(trace: Trace, printer: Printer) -> bool:
     for heights in (trace.layer, trace.z_mm):
         if heights is not None and heights[0] > heights[-1] and (np.diff(heights) <= 0).all():
             return True
-    return bool(np.abs(trace.commanded_mm[0] - np.array(printer.home_mm)).max() > AT_HOME_MM)
+    return not is_at_home(trace.commanded_mm[0], printer)
 
 
 def _turned_round(trace: Trace, printer: Printer) -> Trace:
@@ -117,8 +116,7 @@ def _turned_round(trace: Trace, printer: Printer) -> Trace:
         for name in ("commanded_mm", "measured_mm", "sigma_mm", "z_mm", "layer", "z_measured_mm", "normal", "offset_mm")
         if (value := getattr(trace, name)) is not None
     }
-    at_home = np.abs(trace.commanded_mm[-1] - np.array(printer.home_mm)).max() <= AT_HOME_MM
-    return replace(trace, homed=bool(at_home), **rows)
+    return replace(trace, homed=is_at_home(trace.commanded_mm[-1], printer), **rows)
 
 
 def _put_right(trace: Trace, words: str, size_mm: float, *, kind: str = "rows-shifted") -> InOrder:

@@ -66,6 +66,7 @@ def wrong_axes(commanded_mm: np.ndarray, measured_mm: np.ndarray) -> str | None:
 
 
 LEAST_MEASURED = 10  # measured points; fewer say nothing
+AT_HOME_MM = 0.05  # a place nearer to the home position is that position
 FARTHEST_MM = 1e5  # no bed reaches so far: such a cell is a mistake
 MOST_COMPARED = 4000  # rows whose ranks are compared; more only take longer
 LEAST_MOVE_MM = 20.0  # a shorter move of a motor proves nothing: play of up to 2 mm may hide it
@@ -90,7 +91,7 @@ def check_trace(trace: Trace) -> None:
             say("trace"), wanted=say("positions-bed-mm"), came=f"{far:g}", todo=say("leave-wrong-cells-empty")
         )
     count = max(int(trace.measured_rows.sum()), int(trace.wall_rows.sum()))
-    if trace.z_measured_mm is not None and not shows_plane(trace):
+    if heights_alone(trace):
         raise TraceError(
             say("trace"), wanted=say("points-at-several-places"), came=say("heights-at-one-place"),
             todo=say("learn-flat-print-then-update-by-heights"),
@@ -102,9 +103,15 @@ def check_trace(trace: Trace) -> None:
         )  # fmt: skip
 
 
-def shows_plane(trace: Trace) -> bool:
-    """Return whether X and Y were measured and the head moved along them: a tower may show heights alone."""
-    return bool((trace.measured_rows | trace.wall_rows).any() and np.ptp(trace.commanded_mm, axis=0).any())
+def heights_alone(trace: Trace) -> bool:
+    """Return whether heights were measured, but X and Y nowhere, or at one place from which the head never moved."""
+    plane = (trace.measured_rows | trace.wall_rows).any() and np.ptp(trace.commanded_mm, axis=0).any()
+    return trace.z_measured_mm is not None and not plane
+
+
+def is_at_home(place_mm: np.ndarray, printer: Printer) -> bool:
+    """Return whether a place [2] is a printer's home position."""
+    return bool(np.abs(place_mm - np.array(printer.home_mm)).max() <= AT_HOME_MM)
 
 
 def check_follows(trace: Trace, printer: Printer) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from printmend.errors import TraceError, reason
 from printmend.files import replacing
-from printmend.measure.checks import AXES_TODO, LEAST_MEASURED, check_origin, wrong_axes
+from printmend.measure.checks import AXES_TODO, LEAST_MEASURED, check_origin, is_at_home, wrong_axes
 from printmend.messages import say
 from printmend.path import DOUBTS, Instrument, Motion, Origin, Trace
 from printmend.printer import Printer
@@ -40,7 +40,6 @@ KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *DOUBTS, *TOGETHER, *MOTION)
 _ROUNDED = -1e-5  # rounding to six digits may make an eigenvalue of the correlations this small
 _MOST_DOUBT = 0.5  # an instrument less sure of a length than this measures nothing
 OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
-AT_HOME_MM = 0.05  # a trace that begins nearer to the home position began there
 _LARGEST_MM = 1e9  # larger values are clipped to this: they are wrong all the same, and their squares stay finite
 # Typical distance between an axis's commanded and measured places, both sorted, as a share of their spread: no pulley
 # error reaches this, but a wrong unit does.
@@ -92,7 +91,7 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
         z_mm=columns.get("z_mm"),
         z_measured_mm=columns.get("z_measured_mm"),
         layer=None if layer is None else np.where(np.isnan(layer), -1, layer).astype(np.int64),
-        homed=bool(np.abs(commanded[0] - home).max() <= AT_HOME_MM),
+        homed=is_at_home(commanded[0], printer),
         placed=PLACED not in columns or bool((columns[PLACED] != 0).any()),
         instrument=_instrument(path, columns),
         normal=normal,

@@ -19,7 +19,7 @@ from printmend.infer.machine import DRAWS, Part
 from printmend.learn.learned import AUTO, SEARCH, learn_model
 from printmend.machine import Frame, Mechanism
 from printmend.measure.callipers import DOUBTED_SIGMAS
-from printmend.measure.checks import digest_of, shows_plane
+from printmend.measure.checks import digest_of, heights_alone
 from printmend.mend.history import Ageing
 from printmend.mend.update import Updated, update
 from printmend.mend.verify import Verdict, made, verify
@@ -111,7 +111,7 @@ def update_in(
     if updated.is_known or (before is None and filament is None and not travels):
         return updated
     entries = (_shown(old, None),) if before is None else before
-    if trace.z_measured_mm is not None and not shows_plane(trace):  # heights show no scale of X and Y
+    if heights_alone(trace):  # heights show no scale of X and Y
         return replace(updated, model=_settled(updated.model, entries, travels)) if travels else updated
     shown = _shown(updated.model, filament)
     new = [axis for axis, name in enumerate("xy") if _is_other(entries, shown, axis) or _is_anew(updated, axis)]

@@ -43,7 +43,7 @@ from printmend.learn.learned import (
 )  # fmt: skip
 from printmend.learn.order import in_order, passed_over
 from printmend.learn.walls import with_walls
-from printmend.measure.checks import check_origin, counted_once, digest_of, shows_plane, with_heights
+from printmend.measure.checks import check_origin, counted_once, digest_of, heights_alone, with_heights
 from printmend.mend.history import Ageing
 from printmend.messages import say, together
 from printmend.model import SavedModel, saved_model, screw_of, with_screw
@@ -123,7 +123,7 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
         once, copies = counted_once(trace)
         ordered = in_order(near_bed(with_walls(once, old.printer), old.printer), old.printer)
         flat = with_heights(ordered.trace, old.printer)
-        if flat.z_measured_mm is not None and not shows_plane(flat):
+        if heights_alone(flat):
             return _lifted(old, belief, flat, (*passed_over(once, copies), *ordered.found), digest)
         found = measured_again(old, belief, flat, rng, ageing=ageing)
         if found.story.whole:
