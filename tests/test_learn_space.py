@@ -239,7 +239,7 @@ def test_heights_alone_complete_a_model_and_leave_x_and_y(bent: SavedModel, kind
     (event,) = read_history(tmp_path / "printer.mend.json")
     assert "faults" not in event  # X and Y were not measured
     assert {each["part"] for each in event["heights"]} == {"z"}
-    with pytest.raises(TraceError, match="measured marks"):
+    with pytest.raises(TraceError, match="three measured heights, each with its z_mm"):
         update(planar, replace(trace, z_mm=None), rng=np.random.default_rng(0))
     with pytest.raises(TraceError, match="at several places"):
         learn_model(trace, SHORT)

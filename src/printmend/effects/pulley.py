@@ -38,8 +38,7 @@ SHAPES = {1: "shape-eccentric", 2: "shape-oval", 3: "shape-three-cornered", 4: "
 
 
 class Pulley(Usual):
-    """A Fourier series of one motor's turn; its shape is how many harmonics it has, of those that nothing is said of
-    all."""
+    """A Fourier series over one turn of a motor. The shape is the number of its harmonics; an empty shape means all."""
 
     name = "pulley"
     kinds = ("harmonic",)
@@ -93,10 +92,11 @@ def wave_sizes(found: Found) -> tuple[np.ndarray, np.ndarray]:
 
 
 def is_loose(breathing: Found, beside: Sequence[Found], scene: Scene) -> bool:
-    """Say whether play breathes as on a loose belt rather than as on a loose shaft.
+    """Say whether play breathes as on a loose belt rather than as on a pulley that is loose on its shaft.
 
     The two spans of a loose belt see the pulley from both sides: play has its odd harmonics, the middle of both
-    branches its even ones (eq. 6). On a shaft with slack b play is U(θ + b/2r) - U(θ - b/2r), r the radius (eq. 10).
+    branches its even ones (eq. 6). If a pulley of radius r has slack b on its shaft, play is U(θ + b/2r) - U(θ - b/2r)
+    (eq. 10).
     """
     motor = breathing.where
     play = _complex(breathing)

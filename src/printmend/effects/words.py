@@ -4,7 +4,7 @@ An effect says something of itself with up to three methods beside its columns. 
 
 - ``faults(found, beside, scene)`` yields a `Fault` for each thing that an effect which acts does;
 - ``told(found, beside, scene)`` yields a `Told` for each thing that an effect which cannot act does to a print;
-- ``advice(fault, where)`` returns what an owner should do about a fault of its kind, None for other kinds.
+- ``advice(fault, where)`` returns the `Care` for a fault of its ``kinds``, by default of its name.
 
 An effect without them is still named, by its name and by how far it moves a print.
 """

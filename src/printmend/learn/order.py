@@ -132,7 +132,7 @@ def _with(trace: Trace, rows: np.ndarray, measured_mm: np.ndarray) -> Trace:
 
 
 def _map(commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """Return a robust affine map [3, 2] from commands to places, thought to be next to a plain shift."""
+    """Return a robust affine map [3, 2] from commands to places, assumed to be close to a plain shift."""
     every = max(1, len(commanded) // MOST_ROWS_MAPPED)
     commanded, measured = commanded[::every], measured[::every]
     middle = np.median(commanded, axis=0)
@@ -247,8 +247,8 @@ def roughly(trace: Trace, printer: Printer) -> Fit:
 
 
 def _left_by(trace: Trace, printer: Printer) -> tuple[Fit, float]:
-    """Return the roughly learned drives of a trace of which nobody knows yet whose home it begins at, and the mean
-    distance of its places from where they have them."""
+    """Return the drives as roughly learned from a trace, whose home is not settled yet, and the mean distance of its
+    places from where these drives put them."""
     fit = roughly(replace(trace, homed=False), printer)
     return fit, float(np.nanmean(np.abs(fit.left_by_mark_mm(trace))) * 2)
 

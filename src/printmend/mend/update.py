@@ -176,10 +176,14 @@ def _anew(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated:
 
 
 def _lifted(old: SavedModel, belief: Belief, trace: Trace, said: Sequence[Misfit], digest: str) -> Updated:
-    """Update how Z lifts by heights alone; X and Y stay as they were. Raises `TraceError` for too few heights."""
+    """Update from heights alone how Z lifts; X and Y stay as they were. Raises `TraceError` for too few heights."""
     before, seen = lift_of(old), find_lift(trace, old.printer)
     if seen is None:
-        raise TraceError(say("trace"), wanted=say("measured-marks"), came=say("none-nan"), todo=say("check-trace"))
+        heights_mm = trace.z_measured_mm
+        count = 0 if trace.z_mm is None or heights_mm is None else int(np.isfinite(heights_mm).sum())
+        raise TraceError(
+            say("trace"), wanted=say("three-measured-heights"), came=f"{count}", todo=say("measure-more")
+        )  # fmt: skip
     lift = renewed_lift(before, seen)
     gaps = [gap for gap in old.findings[1:] if not gap.startswith("Z ")]
     diagnosis = diagnose(belief.parts, belief.scene, gaps, lift)
