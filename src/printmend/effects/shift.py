@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along_both
+from printmend.effects.effect import FAR_MM, GONE, Of, Places, Scene, Term, Usual, along_both
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told
 from printmend.messages import say
@@ -20,7 +20,7 @@ class Shift(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.placed:
-            yield from alternatives(self.name, 0, [()], (1.0, 1.0))
+            yield from alternatives(self.name, 0, [()], (1.0, 1.0), (FAR_MM, FAR_MM))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along_both(np.ones((len(places), 1)))
