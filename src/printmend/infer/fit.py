@@ -1,7 +1,7 @@
 """From a trace to the effects that made it: contacts, weights and search in turn, until they agree."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -93,14 +93,19 @@ class Fit:
 
     def places_mm(self) -> np.ndarray:
         """Return where the set puts every row [N, 2], as it was measured but for noise."""
-        every = np.array(self.scene.printer.from_motor(self.places.motor_mm))
-        for at in range(0, len(every), CHUNK_ROWS):
-            some = self.places.at(np.arange(at, min(at + CHUNK_ROWS, len(every))))
-            for part in self.parts():
-                columns = columns_of(part.effect, some, part.where, part.shape, self.scene)
-                every[at : at + CHUNK_ROWS] += columns @ part.sizes_mm
+        every = np.asarray(self.scene.printer.from_motor(self.places.motor_mm)) + self.moved_mm(self.parts())
         every -= _turned_mm(self.places, self.turned_rad, self.scene)
         return turned(every, self.turned_rad, self.scene)
+
+    def moved_mm(self, parts: Iterable[Sized]) -> np.ndarray:
+        """Return how far some effects move every row [N, 2]."""
+        moved, own = np.zeros((len(self.places), 2)), list(parts)
+        for at in range(0, len(moved), CHUNK_ROWS):
+            some = self.places.at(np.arange(at, min(at + CHUNK_ROWS, len(moved))))
+            for part in own:
+                columns = columns_of(part.effect, some, part.where, part.shape, self.scene)
+                moved[at : at + CHUNK_ROWS] += columns @ part.sizes_mm
+        return moved
 
     def left_by_mark_mm(self, trace: Trace) -> np.ndarray:
         """Return the residual of every dot on the bed [N, 2] under the set, NaN where none was measured or

@@ -5,7 +5,7 @@ mean acts; machines drawn from all likely sets are the promise.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,8 +14,9 @@ from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.advice import gaps_of
 from printmend.diagnosis.named import Z_SAID, Lift, diagnose, find_lift, is_gap_of_z, misfits_of
-from printmend.effects import EFFECTS, Scene, scene_of
+from printmend.effects import EFFECTS, Of, Scene, scene_of
 from printmend.effects.prior import share_of
+from printmend.effects.sized import Sized
 from printmend.errors import ConfigError
 from printmend.infer.fit import Fit, begun, fitted
 from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
@@ -99,10 +100,6 @@ def another_home(trace: Trace, printer: Printer) -> tuple[Misfit, ...]:
 
 AUTO = "auto"
 SEARCH = "printmend"  # the name of the search over effects: among learners, and in a model's file
-FAR_ORIGIN_MM = 5.0  # an origin of a measurement's own further from the bed's is moved there
-# … as a line through what is missed has it at home, where places scatter by this share of their distance from home,
-# the line leaves less than this share of what is missed, and no stretch is larger than any printer's.
-WIDE_SHARE, LINE_SHARE, MOST_STRETCH = 0.3, 0.5, 0.5
 PLANE_FACTOR = 2**0.5  # RMS distance on the bed over the standard deviation of one coordinate
 DOUBTED_SCATTER = 2.0  # points that scatter by this factor more than their instrument says are reported
 DIGESTS = "measurements"  # the document's key of what tells the measurements that it was learned from
@@ -144,7 +141,7 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     check_origin(say("measurement-2"), trace.origin, printer)
     digests = (digest_of(trace),)
     trace, copies = counted_once(trace)
-    ordered = in_order(near_bed(with_walls(trace, printer), printer), printer)
+    ordered = in_order(with_walls(trace, printer), printer)
     told = (*passed_over(trace, copies), *ordered.found, *another_home(ordered.trace, printer))
     trace = with_heights(ordered.trace, printer)
     check_trace(trace)
@@ -187,7 +184,7 @@ def searched_model(
     diagnosis = diagnose(posterior.parts, fit.scene, gaps_of(fit, heights=lift is not None), lift)
     details: dict[str, Any] = {
         "diagnosis": [fault.row for fault in diagnosis.faults],
-        "trace": _trace_section(trace, PLANE_FACTOR * noise_mm, lost),
+        "trace": trace_section(trace, fit.moved_mm(of_instrument(posterior.parts)), PLANE_FACTOR * noise_mm, lost),
         "promise": promise,
         "misfit": misfit_section(told),
         **more,
@@ -255,31 +252,6 @@ def _left_by_place(scene: Scene, left_mm: np.ndarray) -> list[Part]:
     return found
 
 
-def near_bed(trace: Trace, printer: Printer) -> Trace:
-    """Return a trace without a place on the bed, its origin moved near the bed's if it was far off.
-
-    What is missed at one place is then the machine's, as everywhere else, and not tens of millimetres of the paper's.
-    """
-    known = trace.measured_rows
-    off_mm = (trace.measured_mm - trace.commanded_mm)[known]
-    if trace.placed or not len(off_mm) or np.abs(shift := np.median(off_mm, axis=0)).max() < FAR_ORIGIN_MM:
-        return trace
-    at_home = _missed_at_home_mm(trace.commanded_mm[known] - printer.home_mm, off_mm)
-    if at_home is not None and np.abs(at_home - shift).max() > FAR_ORIGIN_MM:
-        shift = at_home
-    return replace(trace, measured_mm=trace.measured_mm - shift)
-
-
-def _missed_at_home_mm(from_home_mm: np.ndarray, off_mm: np.ndarray) -> np.ndarray | None:
-    """Return what places [N, 2] miss [N, 2] goes to at home [2]: a pulley of another size misses by tens of
-    millimetres in the middle of the bed, and by nothing there. None where places do not show it."""
-    line, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(off_mm)), from_home_mm]), off_mm, rcond=None)
-    left = off_mm - line[0] - from_home_mm @ line[1:]
-    is_wide = (from_home_mm.std(axis=0) > WIDE_SHARE * np.abs(from_home_mm.mean(axis=0))).all()
-    is_line = left.std() < LINE_SHARE * off_mm.std(axis=0).max() and np.abs(line[1:]).max() < MOST_STRETCH
-    return np.asarray(line[0]) if is_wide and is_line else None
-
-
 def instrument_scatter_mm(trace: Trace) -> float | None:
     """Return the standard deviation of a coordinate that the instrument states, None where it states none.
 
@@ -292,10 +264,16 @@ def instrument_scatter_mm(trace: Trace) -> float | None:
     return float(np.hypot(np.median(stated), trace.instrument_doubt.wave_mm))
 
 
-def _trace_section(trace: Trace, left_mm: float, lost: np.ndarray | None = None) -> dict[str, Any]:
+def of_instrument(parts: Sequence[Part]) -> Iterator[Sized]:
+    """Yield what parts say that the instrument and its origin did, in the mean."""
+    yield from (Sized(*part.key, part.mean_mm) for part in parts if EFFECTS[part.effect].of is Of.INSTRUMENT)
+
+
+def trace_section(trace: Trace, moved_mm: np.ndarray, left_mm: float, lost: np.ndarray | None = None) -> dict[str, Any]:
     """Return a saved model's section about its measurement: rows, errors before and after, the instrument's scatter.
 
-    Points ``lost`` [N] that the model leaves out are counted, and are not among these errors.
+    What only measuring ``moved`` [N, 2] is no error. Points ``lost`` [N] that the model leaves out are counted, and are
+    not among these errors.
     """
     scatter_mm = instrument_scatter_mm(trace)
     told = trace.measured_rows
@@ -303,9 +281,7 @@ def _trace_section(trace: Trace, left_mm: float, lost: np.ndarray | None = None)
     count, measured = 0 if lost is None else int(lost.sum()), int(told.sum())
     if lost is not None and 0 < count <= MOST_LOST * measured:
         told = told & ~lost
-    off_mm = (trace.measured_mm - trace.commanded_mm)[told]
-    if not trace.placed:  # nobody knows where the plate lay
-        off_mm = off_mm - off_mm.mean(axis=0)
+    off_mm = (trace.measured_mm - trace.commanded_mm - moved_mm)[told]
     return {
         "rows": len(trace),
         "measured": measured,

@@ -33,12 +33,12 @@ from printmend.infer.update import Renewed, both_seen, renewed
 from printmend.learn.learned import (
     DIGESTS,
     PLANE_FACTOR,
-    _trace_section,
     instrument_scatter_mm,
     known_digests,
     learn,
-    near_bed,
+    of_instrument,
     push_of,
+    trace_section,
     with_z,
 )  # fmt: skip
 from printmend.learn.order import in_order, passed_over
@@ -121,7 +121,7 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
     belief = believed(old)
     with threadpool_limits(1, user_api="blas"):
         once, copies = counted_once(trace)
-        ordered = in_order(near_bed(with_walls(once, old.printer), old.printer), old.printer)
+        ordered = in_order(with_walls(once, old.printer), old.printer)
         flat = with_heights(ordered.trace, old.printer)
         if heights_alone(flat):
             return _lifted(old, belief, flat, (*passed_over(once, copies), *ordered.found), digest)
@@ -224,7 +224,7 @@ def _updated(
     changes = [*changes_of(found), *_lift_changes(before, lift)]
     details: dict[str, Any] = {
         "diagnosis": [fault.row for fault in diagnosis.faults],
-        "trace": _trace_section(trace, PLANE_FACTOR * noise_mm),
+        "trace": trace_section(trace, found.fit.moved_mm(of_instrument(parts)), PLANE_FACTOR * noise_mm),
         "promise": {
             **belief_section(
                 replace(
@@ -372,7 +372,7 @@ def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> U
     belief = believed(old)
     with threadpool_limits(1, user_api="blas"):
         once, copies = counted_once(trace)
-        ordered = in_order(near_bed(with_walls(once, old.printer), old.printer), old.printer)
+        ordered = in_order(with_walls(once, old.printer), old.printer)
         if not ordered.trace.measured_rows.any() and not ordered.trace.wall_rows.any():
             raise TraceError(say("trace"), wanted=say("measured-marks"), came=say("none"), todo=say("check-trace"))
         scene = both_seen(belief.scene, scene_of(ordered.trace, old.printer, belief.scene.turns_mm))
