@@ -42,7 +42,7 @@ from printmend.machine import Mechanism
 from printmend.measure import write_trace
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.prediction import _beyond_seen
-from printmend.mend.update import QUANTITIES, _change
+from printmend.mend.update import _change
 from printmend.messages import GERMAN, Said, catalogue, say, translated
 from printmend.model.model import SavedModel, exact_model, saved_model, write_model
 from printmend.path import Trace
@@ -610,7 +610,8 @@ _KINDS = """scale harmonic-1 harmonic-2 harmonic-5 play loose-belt play-by-angle
 ripple-2 ripple-1 drift warp
 offset period-34.6 splice teeth
 skew axes bow wavy jump lead periodic-1 backlash wobble-1"""
-_OF_FRAME = ("skew", "axes", "bow", "wavy")
+_GROWING = "harmonic-3 harmonic-4 bump rub crooked distortion"  # … and what may grow beside them
+_OF_FRAME = ("skew", "axes", "bow", "wavy", "crooked", "distortion")
 # of Z, of one print, of older models
 _OTHERS = ("offset", "jump", "lead", "periodic-1", "backlash", "wobble-1")
 
@@ -665,7 +666,7 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
         told = row_words._other_turns(box)[0].words  # type: ignore[arg-type]
         assert f"repeats every {period / 3:.1f} mm" in told  # three equal waves in what was learned
         assert _german(told), period
-    for kind in (*_KINDS.split(), *QUANTITIES):
+    for kind in (*_KINDS.split(), *_GROWING.split()):
         if kind not in _OTHERS:
             before, now = (
                 NamedFault("frame" if kind in _OF_FRAME else "x", kind, size, 0.01, "mm", "") for size in (0.1, 0.3)

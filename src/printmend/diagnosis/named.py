@@ -13,7 +13,6 @@ import numpy as np
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
 from printmend.effects.effect import drawn_places
 from printmend.effects.homing import lasting
-from printmend.effects.pulley import shape_words
 from printmend.effects.wobble import LEAST_TURNS, OFTEN
 from printmend.effects.words import (
     LEAST,
@@ -281,14 +280,16 @@ def words_of_z(summary: str) -> list[Said]:
     return [part for part in said if part.values["a"] == "Z"]
 
 
+def part_words(part: str) -> str:
+    """Return the name of a fault's part: a motor in capitals, or the frame."""
+    return part.upper() if len(part) == 1 else say("part-frame") if part == "frame" else part
+
+
 def kind_words(kind: str) -> str:
-    """Return a fault's kind in words: ``harmonic-1`` is a pulley that is eccentric."""
-    name, _, order = kind.partition("-")
-    if name == "harmonic" and order.isdigit():
-        return say("pulley-of-shape", shape_words(int(order)))
-    if name == "period":
-        return say("kind-period", order)
-    return say(f"kind-{kind}") if f"kind-{kind}" in catalogue() else kind
+    """Return in words what a kind of fault is the size of: ``harmonic-1`` is a pulley's eccentricity."""
+    plain = kind.rstrip("0123456789.").removesuffix("-")
+    known = next((name for name in (kind, plain) if f"kind-{name}" in catalogue()), None)
+    return say(f"kind-{known}", kind[len(plain) + 1 :]) if known else kind.replace("_", " ")
 
 
 def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:

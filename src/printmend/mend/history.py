@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from printmend.diagnosis.advice import REPAIR_MM, SOON_MM, advise
-from printmend.diagnosis.named import kind_words
+from printmend.diagnosis.named import kind_words, part_words
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import ModelError
 from printmend.files import read_text, replacing
@@ -88,7 +88,7 @@ class Trend:
     @property
     def name(self) -> str:
         """The part and what is wrong with it."""
-        return say("motor-quantity", _part_of(self.fault.part), kind_words(self.fault.kind))
+        return say("motor-quantity", part_words(self.fault.part), kind_words(self.fault.kind))
 
     @property
     def is_sure(self) -> bool:
@@ -389,11 +389,6 @@ def _iso(time_s: float | None) -> str | None:
     return None if time_s is None else datetime.fromtimestamp(time_s, UTC).date().isoformat()
 
 
-def _part_of(part: str) -> str:
-    """Return a part's printed name: a motor in capitals, the frame as a word."""
-    return part.upper() if len(part) == 1 else say("part-frame") if part == "frame" else part
-
-
 def _month(time_s: float) -> str:
     when = datetime.fromtimestamp(time_s, UTC)
     return say(f"month-{when.month}", when.year)
@@ -452,7 +447,7 @@ def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
             faults = [
                 say(
                     "history-grown",
-                    _part_of(one["part"]),
+                    part_words(one["part"]),
                     kind_words(one["kind"]),
                     f"{abs(one['value']):.3f} {one['unit']}",
                 )

@@ -18,8 +18,10 @@ from printmend.diagnosis.named import (
     diagnose,
     find_lift,
     is_named,
+    kind_words,
     lift_of,
     misfits_of,
+    part_words,
     renewed_lift,
 )
 from printmend.effects import EFFECTS, Scene, scene_of
@@ -55,20 +57,6 @@ from printmend.promise.words import seen_scales
 
 LEAST_CHANGE = {"mm": 0.01, "%": 0.02, "°": 0.02}  # a smaller change is not reported
 PLAIN_CHANGE = 0.05  # a larger change is reported with two decimals
-# The quantity of a motor or the frame that grows or shrinks: its message by the kind of fault, without a number
-QUANTITIES = {
-    "play": "belt-play", "loose-belt": "belt-play", "play-by-angle": "belt-play",
-    "friction": "lost-motion", "scale": "scale-error", "drift": "change-scale-along-axis",
-    "harmonic-1": "pulley-eccentricity", "harmonic-2": "pulley-ovalness",
-    "harmonic-3": "pulley-three-corners", "harmonic-4": "pulley-four-corners",
-    "harmonic": "pulley-unevenness", "period": "idler-pulley-unevenness",
-    "elastic": "belt-stretch", "splice": "belt-joint-dent-2", "teeth": "belt-ripple",
-    "ripple": "motor-ripple", "bump": "belt-dent", "rub": "lost-motion-change",
-    "warp": "belt-guide-unevenness", "skew": "frame-skew", "axes": "difference-x-y",
-    "bow": "bend-guides", "wavy": "waves-guides", "crooked": "crookedness-guides",
-    "distortion": "distortion-bed",
-}  # fmt: skip
-OF_FRAME = ("skew", "axes", "bow", "wavy", "crooked", "distortion")  # kinds of fault that no motor has
 OF_ONE_PRINT = ("offset",)  # kinds of fault that differ from print to print, such as how the plate lies
 
 
@@ -298,18 +286,10 @@ def _change(was: Fault, new: Fault, sd: float) -> Change:
     grew = abs(new.value) > abs(was.value)
     digits, space = 2 if abs(new.value - was.value) >= PLAIN_CHANGE else 3, "" if new.unit == "°" else " "
     old, value = (round(each.value, digits) + 0.0 for each in (was, new))  # never −0
-    name = new.part.upper() if new.part != "frame" else say("the-frames")
+    name, what = part_words(new.part), say("motor-quantity", part_words(new.part), kind_words(new.kind))
     now = f"{value:.{digits}f}{space}{new.unit}"
-    words = say("grew" if grew else "shrank", _quantity(name, new.kind), f"{old:.{digits}f}", now, f"{sd:.3f}")
+    words = say("grew" if grew else "shrank", what, f"{old:.{digits}f}", now, f"{sd:.3f}")
     return Change(name, new.kind, was.value, new.value, sd, new.unit, words)
-
-
-def _quantity(name: str, kind: str) -> str:
-    """Return the name of the quantity that grows or shrinks, by the kind of fault."""
-    message = QUANTITIES.get(kind) or QUANTITIES.get(kind.rstrip("0123456789.").removesuffix("-"))
-    if message is None:
-        return say("motor-has", name, kind.replace("_", " "))
-    return say(message, name) if kind not in OF_FRAME else say(message)
 
 
 def _z_changed(was: Fault, new: Fault) -> str:
