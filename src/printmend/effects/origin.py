@@ -18,7 +18,7 @@ class Origin(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if not scene.placed:
-            # even a sheet that looks aligned has an origin of its own; the trace's was put near the bed's beforehand
+            # even a sheet that looks aligned has an origin of its own
             yield Term(self.name, 0, (), (FAR_MM, FAR_MM), ALWAYS)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
