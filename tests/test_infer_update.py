@@ -7,7 +7,7 @@ import pytest
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.effects import EFFECTS, Scene, places_of, scene_of
-from printmend.effects.uneven import COUNT
+from printmend.effects.uneven import Uneven
 from printmend.infer.fit import Fit, fitted
 from printmend.infer.machine import DRAWS, Part
 from printmend.infer.posterior import Posterior, posterior_of
@@ -116,7 +116,8 @@ def test_a_part_over_a_wider_span_is_the_same_belt(old: tuple[Fit, Posterior]) -
     narrow, wide = (
         replace(scene, homed=False, motor_span_mm=(span, (0.0, 200.0))) for span in ((60.0, 130.0), (6.0, 214.0))
     )
-    sizes = np.random.default_rng(1).normal(0, 0.05, (COUNT, DRAWS)) / np.arange(1, COUNT + 1)[:, None] ** 2
+    orders = np.arange(1, Uneven.count + 1)
+    sizes = np.random.default_rng(1).normal(0, 0.05, (len(orders), DRAWS)) / orders[:, None] ** 2
     part = Part("uneven", 0, (60.0, 130.0), sizes[:, 0], sizes)
     same = rebased(part, wide)
     assert same.shape == (6.0, 214.0)

@@ -7,11 +7,12 @@ import numpy as np
 
 from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives, each_share, share_of
+from printmend.effects.process import cosines, share_of_span, walk
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Told, Whole
 from printmend.messages import say
 
-# Cosines over the picture, of a random process whose power falls with the square of the frequency, and of how many
-# coordinates: along the carriage's way, where steps of its motor jitter from line to line, or, more smoothly, of both.
+# Cosines of a random walk over the picture, and of how many coordinates: along the carriage's way, where steps of its
+# motor jitter from line to line, or, more smoothly, of both.
 COURSES = ((64.0, 1.0), (24.0, 2.0))
 
 
@@ -28,22 +29,18 @@ class Carriage(Usual):
             share = each_share(share_of(self.name), len(COURSES))
             for axis in range(2):
                 for count, ways in COURSES:
-                    profile = tuple(np.tile(1.0 / np.arange(1, count + 1), int(ways)))
+                    profile = int(ways) * walk(int(count))
                     yield from alternatives(self.name, axis, [(count, ways)], profile, share=share)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        low, high = scene.bed_span_mm[where]
-        place = np.clip((places.bed_mm[:, where] - low) / max(high - low, 1.0), 0.0, 1.0)
-        series, ways = _series(place, shape), (where, 1 - where)[: int(shape[1])]
-        return np.concatenate([along(axis, series) for axis in ways], axis=2)
+        count, ways = map(int, shape)
+        share = np.clip(share_of_span(places.bed_mm[:, where], scene.bed_span_mm[where]), 0.0, 1.0)
+        return np.concatenate([along(axis, cosines(share, count)) for axis in (where, 1 - where)[:ways]], axis=2)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        moved = _series(np.linspace(0.0, 1.0, 241), found.shape) @ found.sizes_mm.reshape(int(found.shape[1]), -1).T
+        count, ways = map(int, found.shape)
+        moved = cosines(np.linspace(0.0, 1.0, 241), count) @ found.sizes_mm.reshape(ways, count).T
         largest = float(np.linalg.norm(moved, axis=1).max())
         if largest >= LEAST_SHOWN_MM:
             words = say("scanner-carriage-runs-unevenly-along-up", "XY"[found.where], f"{largest:.2f}")
             yield Told("carriage", words, is_harmless=True)
-
-
-def _series(place: np.ndarray, shape: tuple[float, ...]) -> np.ndarray:
-    return np.asarray(np.cos(np.pi * place[:, None] * np.arange(1, shape[0] + 1)))

@@ -4,37 +4,32 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along
-from printmend.effects.prior import alternatives
-from printmend.effects.uneven import COUNT, LENGTHS_MM, mirrored, spectrum
-from printmend.effects.words import LEAST_SHOWN_MM, PLACES, Care, Fault, Found, Whole
+from printmend.effects.effect import Acts, Places, Scene, along
+from printmend.effects.process import Process, cosines, plane_waves, rates_rad, share_of_span
+from printmend.effects.words import LEAST_SHOWN_MM, PLACES, Care, Fault, Found
 from printmend.messages import say
 
 
-class Crooked(Usual):
+class Crooked(Process):
     """Cosines over the measured span of one bed axis, which push along the other."""
 
     name = "crooked"
     acts = Acts.WAVE
-    keys = Whole()
-
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for axis in range(2):
-            span = scene.bed_span_mm[axis]
-            yield from alternatives(self.name, axis, [span], *(spectrum(span, each, COUNT) for each in LENGTHS_MM))
+    count = 40  # cosines: over 200 mm the shortest is 10 mm long
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return along(1 - where, mirrored(places.bed_mm[:, where], shape, COUNT))
+        """Return its cosines; beyond the span they come back, for the waves of a frame have no end."""
+        return along(1 - where, cosines(share_of_span(places.bed_mm[:, where], shape), self.count))
 
     def rows(self, where: int, shape: tuple[float, ...], sizes_mm: np.ndarray) -> np.ndarray:
         """Return its waves as rows [K, 6] of a frame."""
-        rates = np.zeros((COUNT, 2))
-        rates[:, where] = np.pi * np.arange(1, COUNT + 1) / max(shape[1] - shape[0], 1.0)
+        rates = np.zeros((self.count, 2))
+        rates[:, where] = rates_rad(shape, self.count)
         return plane_waves(rates, rates[:, where] * shape[0], 1 - where, sizes_mm)
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         place = np.linspace(found.shape[0], found.shape[1], PLACES)
-        series = mirrored(place, found.shape, COUNT)
+        series = self.series(place, found.shape)
         size, sd = found.size(lambda sizes: float(np.abs(series @ sizes).max()))
         if size >= LEAST_SHOWN_MM:
             most, names = place[np.abs(series @ found.sizes_mm).argmax()], ("XY"[found.where], "XY"[1 - found.where])
@@ -45,12 +40,3 @@ class Crooked(Usual):
         """Return the meaning and the repair of a crooked guide."""
         title, meaning = say("guide-crooked-or-dented"), say("head-pushed-aside-mm", f"{abs(fault.value):.2f}")
         return Care(title, meaning, abs(fault.value), say("feel-along-guides"))
-
-
-def plane_waves(rates: np.ndarray, phase_rad: np.ndarray, axis: int, sizes_mm: np.ndarray) -> np.ndarray:
-    """Return waves cos(r·place − phase) [K] with rates r [K, 2] in rad/mm that push along an axis, as rows [K, 6]."""
-    out = np.zeros((len(rates), 6))
-    out[:, 0] = np.arctan2(rates[:, 1], rates[:, 0]) * 2 / np.pi
-    out[:, 1] = 2 * np.pi / np.hypot(*rates.T)
-    out[:, 2 + 2 * axis], out[:, 3 + 2 * axis] = sizes_mm * np.cos(phase_rad), sizes_mm * np.sin(phase_rad)
-    return out

@@ -4,15 +4,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.crooked import plane_waves
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, drawn_places
-from printmend.effects.prior import alternatives
-from printmend.effects.uneven import mirrored, spectrum
+from printmend.effects.prior import alternatives, lengths_mm
+from printmend.effects.process import cosines, plane_waves, rates_rad, share_of_span, smooth
 from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Whole
 from printmend.messages import say
 
 COUNT = 7  # cosines along either axis: over 200 mm the shortest is 57 mm long
-LENGTHS_MM = (25.0, 40.0, 65.0)
 
 
 class Distortion(Usual):
@@ -23,23 +21,23 @@ class Distortion(Usual):
     keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        (x0, x1), (y0, y1) = scene.bed_span_mm
-        spectra = [[np.array(spectrum(span, each, COUNT)) for span in scene.bed_span_mm] for each in LENGTHS_MM]
-        profiles = [x[:, None] * y for x, y in spectra]
+        x_mm, y_mm = scene.bed_span_mm
+        lengths = lengths_mm(self.name)
+        profiles = [tuple(np.outer(smooth(x_mm, each, COUNT), smooth(y_mm, each, COUNT)).flat) for each in lengths]
         for axis in range(2):
-            yield from alternatives(self.name, axis, [(x0, x1, y0, y1)], *(tuple(each.ravel()) for each in profiles))
+            yield from alternatives(self.name, axis, [(*x_mm, *y_mm)], *profiles)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        x, y = (mirrored(places.bed_mm[:, axis], shape[2 * axis : 2 * axis + 2], COUNT) for axis in range(2))
-        return along(where, (x[:, :, None] * y[:, None, :]).reshape(len(places), x.shape[1] * y.shape[1]))
+        spans = shape[:2], shape[2:]
+        x, y = (cosines(share_of_span(places.bed_mm[:, axis], spans[axis]), COUNT) for axis in range(2))
+        return along(where, (x[:, :, None] * y[:, None, :]).reshape(len(places), COUNT**2))
 
     def rows(self, where: int, shape: tuple[float, ...], sizes_mm: np.ndarray) -> np.ndarray:
         """Return its waves as rows [2K, 6] of a frame: cos a cos b = (cos(a + b) + cos(a − b)) / 2."""
-        low, high = np.reshape(shape, (2, 2)).T
-        orders = np.stack(np.meshgrid(*2 * [np.arange(1, COUNT + 1)], indexing="ij"), axis=-1).reshape(-1, 2)
-        rates = np.pi * orders / np.maximum(high - low, 1.0)
-        both = [plane_waves(each, each @ low, where, sizes_mm / 2) for each in (rates, rates * [1.0, -1.0])]
-        return np.vstack(both)
+        one_way = np.meshgrid(rates_rad(shape[:2], COUNT), rates_rad(shape[2:], COUNT), indexing="ij")
+        rates = np.stack(one_way, axis=-1).reshape(-1, 2)
+        both = rates, rates * [1.0, -1.0]
+        return np.vstack([plane_waves(each, each @ np.array(shape[::2]), where, sizes_mm / 2) for each in both])
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         columns = found.columns(drawn_places(scene), scene)[:, found.where]

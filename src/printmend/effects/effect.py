@@ -215,6 +215,7 @@ class Usual:
     """The usual answers of an effect: it is of the machine, nothing holds it, and it stays. Homing removes its error at
     home, each place has at most one term, and its shape needs no refinement."""
 
+    name: str
     of = Of.MACHINE
     acts = Acts.NOT
     fate = STAYS

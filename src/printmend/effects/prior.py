@@ -27,6 +27,11 @@ def mild_shares() -> tuple[float, ...]:
     return tuple(_table()["mild"])
 
 
+def lengths_mm(name: str) -> tuple[float, ...]:
+    """Return the lengths over which a smooth process changes, one as likely as the other."""
+    return tuple(_table()[name]["lengths"])
+
+
 def share_of(name: str) -> float:
     """Return the share of printers that have an effect at one place."""
     return float(_table()[name]["share"])

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import OTHERWISE, Of, Places, Scene, Term, Usual, along
-from printmend.effects.prior import alternatives
-from printmend.effects.uneven import LENGTHS_MM, spectrum
+from printmend.effects.prior import alternatives, lengths_mm
+from printmend.effects.process import cosines, smooth, walk
 from printmend.effects.words import Found, Told, Whole
 from printmend.messages import say
 
@@ -22,13 +22,13 @@ class Wander(Usual):
     keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        smooth = [length for length in LENGTHS_MM if scene.way_mm < COUNT * length]
-        profiles = [spectrum((0.0, scene.way_mm), length, COUNT) for length in smooth]
+        lengths = [length for length in lengths_mm(self.name) if scene.way_mm < COUNT * length]
+        profiles = [walk(COUNT), *(smooth((0.0, scene.way_mm), length, COUNT) for length in lengths)]
         for axis in range(2):
-            yield from alternatives(self.name, axis, [()], tuple(1.0 / np.arange(1, COUNT + 1)), *profiles)
+            yield from alternatives(self.name, axis, [()], *profiles)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return along(where, np.cos(np.pi * np.clip(places.done, 0.0, 1.0)[:, None] * np.arange(1, COUNT + 1)))
+        return along(where, cosines(np.clip(places.done, 0.0, 1.0), COUNT))
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size_mm = float(np.sqrt(np.square(found.sizes_mm).sum() / 2))
