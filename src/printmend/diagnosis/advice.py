@@ -185,16 +185,15 @@ def _care_of(kind: str, fault: Fault, where: str) -> Care:
     for effect in EFFECTS.values():
         if hasattr(effect, "advice") and kind in getattr(effect, "kinds", (effect.name,)):
             return effect.advice(fault, where)
-    size = abs(fault.value)
-    said = f"{size:.2f}"
+    size = fault.size
     if kind == "lead":  # mm in 100 mm
         title = say("prints-come-out-too", say("tall" if fault.value > 0 else "low"))
-        return Care(title, say("mm-100-mm-height", said), size, say("nothing-repair-correct-z-steps-per"))
+        return Care(title, say("mm-100-mm-height", fault.shown), size, say("nothing-repair-correct-z-steps-per"))
     if kind == "periodic":
-        meaning = say("layers-too-thick-too-thin-turns", said)
+        meaning = say("layers-too-thick-too-thin-turns", fault.shown)
         return Care(say("z-screw-lifts-unevenly"), meaning, size, say("clean-grease-z-screw-replace-if"))
     if kind == "backlash":
-        meaning = say("after-each-z-hop-nozzle-mm", said)
+        meaning = say("after-each-z-hop-nozzle-mm", fault.shown)
         return Care(say("z-nut-has-play"), meaning, size, say("replace-z-nut-fit-one-spring"))
     effect_mm = size if fault.unit == "mm" else 0.0
     return Care(together(": ", [where, fault.kind]), fault.words, effect_mm, say("have-a-look"))
@@ -204,8 +203,7 @@ def _sure(fault: Fault) -> str:
     """Return how sure a fault is, and its range (two standard deviations)."""
     if fault.sd <= 0:
         return say("seen-size-estimate-without-error-bar")
-    size = abs(fault.value)
-    sigmas = size / fault.sd
+    size, sigmas = fault.size, fault.size / fault.sd
     word = say("certain" if sigmas >= CERTAIN_SIGMAS else "very-likely" if sigmas >= LIKELY_SIGMAS else "likely")
     digits = 3 if fault.sd < 0.01 else 2
     first, last = f"{max(size - 2 * fault.sd, 0):.{digits}f}", f"{size + 2 * fault.sd:.{digits}f}"

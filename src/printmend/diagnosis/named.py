@@ -434,7 +434,7 @@ def _plain(found: Found) -> str:
 
 def is_named(fault: Fault) -> bool:
     """Tell whether a fault is large enough, and sure enough, to have a name."""
-    return abs(fault.value) > max(NAMED_SIGMAS * fault.sd, LEAST.get(fault.unit, 0.0))
+    return fault.size > max(NAMED_SIGMAS * fault.sd, LEAST.get(fault.unit, 0.0))
 
 
 def _is_sure(group: _Group) -> bool:

@@ -37,8 +37,7 @@ class Aspect(Usual):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return how far squares come out as rectangles, and where to look."""
-        percent = abs(fault.value)  # mm in 100 mm
-        title = say("x-prints-larger" if fault.value > 0 else "x-prints-smaller", f"{percent:.2f}")
-        meaning = say("squares-come-out-rectangles-whichever-motor", f"{percent:.2f}")
-        repair = where_seen(percent, say("look-whether-belts-run-along-guides"), say("nothing-repair"))
-        return Care(title, meaning, percent, repair)
+        title = say("x-prints-larger" if fault.value > 0 else "x-prints-smaller", fault.shown)
+        meaning = say("squares-come-out-rectangles-whichever-motor", fault.shown)
+        repair = where_seen(fault.size, say("look-whether-belts-run-along-guides"), say("nothing-repair"))
+        return Care(title, meaning, fault.size, repair)  # mm in 100 mm

@@ -38,14 +38,10 @@ class Bend(Usual):
 
         size, sd = found.size(bow_mm)
         if size >= LEAST_SHOWN_MM:
-            words = say("fault-bend", f"{size:.2f}")
-            yield Fault(motor_name(scene, found.where), "drift", size, sd, "mm", words)
+            yield Fault(motor_name(scene, found.where), "drift", size, sd, "mm", say("fault-bend", f"{size:.2f}"))
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return by how much the scale changes along the axis, and where to look for the cause."""
-        size_mm = abs(fault.value)
-        title, meaning = (
-            say("stretches-unevenly-along-bed", where),
-            say("scale-changes-along-up-mm", where, f"{size_mm:.2f}"),
-        )
-        return Care(title, meaning, size_mm, say("look-along-belt-guide-bend-place"))
+        meaning = say("scale-changes-along-up-mm", where, fault.shown)
+        repair = say("look-along-belt-guide-bend-place")
+        return Care(say("stretches-unevenly-along-bed", where), meaning, fault.size, repair)

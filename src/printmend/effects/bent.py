@@ -32,14 +32,12 @@ class Bent(Usual):
         terms = _products(scene.off_middle(corners))
         size, sd = found.size(lambda sizes: float(np.hypot(*(sizes.reshape(2, -1) @ terms.T)).max()))
         if size >= LEAST_SHOWN_MM:
-            words = say("fault-bent", f"{size:.2f}")
-            yield Fault("frame", "bow", size, sd, "mm", words)
+            yield Fault("frame", "bow", size, sd, "mm", say("fault-bent", f"{size:.2f}"))
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return how far straight lines bow, and which part may be bent."""
-        size_mm = abs(fault.value)
-        repair = where_seen(size_mm, say("look-along-rods-rails-replace-bent"))
-        return Care(say("guides-bent"), say("straight-lines-bow-up-mm-bed", f"{size_mm:.2f}"), size_mm, repair)
+        repair = where_seen(fault.size, say("look-along-rods-rails-replace-bent"))
+        return Care(say("guides-bent"), say("straight-lines-bow-up-mm-bed", fault.shown), fault.size, repair)
 
 
 def _products(off_middle: np.ndarray) -> np.ndarray:

@@ -52,11 +52,10 @@ class Breathing(Usual):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return what stands still at a change of direction, and whether the belt or the pulley's screw is loose."""
-        size_mm = abs(fault.value)
         if fault.kind == "loose-belt":
-            meaning = say("after-each-change-direction-stands-still-2", where, f"{size_mm:.2f}")
+            meaning = say("after-each-change-direction-stands-still-2", where, fault.shown)
             repair = say("tighten-belt-pulley-pulls-tight-lets")
-            return Care(say("belt-loose-uneven-pulley", where), meaning, size_mm, repair, say("printmend-carries"))
-        meaning = say("after-each-change-direction-stands-still-3", where, f"{size_mm:.2f}")
+            return Care(say("belt-loose-uneven-pulley", where), meaning, fault.size, repair, say("printmend-carries"))
+        meaning = say("after-each-change-direction-stands-still-3", where, fault.shown)
         repair, carries = say("tighten-grub-screw-flat-motor-s"), say("printmend-carries-while-stays-loose-screw")
-        return Care(say("pulley-loose-shaft", where), meaning, size_mm, repair, carries)
+        return Care(say("pulley-loose-shaft", where), meaning, fault.size, repair, carries)

@@ -38,5 +38,5 @@ class Crooked(Process):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return the meaning and the repair of a crooked guide."""
-        title, meaning = say("guide-crooked-or-dented"), say("head-pushed-aside-mm", f"{abs(fault.value):.2f}")
-        return Care(title, meaning, abs(fault.value), say("feel-along-guides"))
+        title, meaning = say("guide-crooked-or-dented"), say("head-pushed-aside-mm", fault.shown)
+        return Care(title, meaning, fault.size, say("feel-along-guides"))

@@ -48,5 +48,5 @@ class Distortion(Usual):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return the meaning and the repair of a distortion."""
-        title, meaning = say("bed-distorted"), say("prints-off-here-and-there", f"{abs(fault.value):.2f}")
-        return Care(title, meaning, abs(fault.value), say("look-loose-frame-bed-head"))
+        title, meaning = say("bed-distorted"), say("prints-off-here-and-there", fault.shown)
+        return Care(title, meaning, fault.size, say("look-loose-frame-bed-head"))

@@ -53,9 +53,8 @@ class Elastic(Usual):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return where along the belt the pulley's error changes, and what else may look so."""
-        size_mm = abs(fault.value)
         if any(part.id in IDLERS for part in parts_of(fault.words)):
             title, meaning = say("belt-stretches-idler-wobbles", where), say("pulley-s-error-changes-along-belt")
-            return Care(title, meaning, size_mm, say("tighten-belt-unless-tight-look-whether"))
+            return Care(title, meaning, fault.size, say("tighten-belt-unless-tight-look-whether"))
         title, meaning = say("belt-stretches", where), say("pulley-s-error-felt-near-motor")
-        return Care(title, meaning, size_mm, say("tighten-belt-unless-tight"))
+        return Care(title, meaning, fault.size, say("tighten-belt-unless-tight"))

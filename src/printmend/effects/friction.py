@@ -36,9 +36,6 @@ class Friction(Usual):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return how far an axis lags behind, and what makes it run easily."""
-        size_mm = abs(fault.value)
-        title, meaning = (
-            say("runs-stiffly-belt-stretches", where),
-            say("after-change-direction-lags-mm-more", where, f"{size_mm:.2f}"),
-        )
-        return Care(title, meaning, size_mm, say("clean-oil-guides-look-wheel-bearing"), say("printmend-carries"))
+        title, repair = say("runs-stiffly-belt-stretches", where), say("clean-oil-guides-look-wheel-bearing")
+        meaning = say("after-change-direction-lags-mm-more", where, fault.shown)
+        return Care(title, meaning, fault.size, repair, say("printmend-carries"))

@@ -55,12 +55,9 @@ class Idler(Usual):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return how far lines swing and how often, and which part may wobble."""
-        size_mm, period_mm = abs(fault.value), fault.kind.removeprefix("period-")
-        title, meaning = (
-            say("swings-every-mm", where, period_mm),
-            say("lines-swing-mm-either-side-again", f"{size_mm:.2f}"),
-        )
-        return Care(title, meaning, size_mm, where_seen(size_mm, say("clean-idlers-look-them-wobbles-pulley")))
+        title = say("swings-every-mm", where, fault.kind.removeprefix("period-"))
+        repair = where_seen(fault.size, say("clean-idlers-look-them-wobbles-pulley"))
+        return Care(title, say("lines-swing-mm-either-side-again", fault.shown), fault.size, repair)
 
 
 def _is_another(period_mm: float, turn_mm: float) -> bool:

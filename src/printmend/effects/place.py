@@ -39,7 +39,7 @@ class Place(Usual):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return how far the whole print is shifted, which spoils no shape."""
-        meaning = say("everything-lies-mm-one-side-shapes", f"{abs(fault.value):.2f}")
+        meaning = say("everything-lies-mm-one-side-shapes", fault.shown)
         return Care(
             say("shifted", where), meaning, 0.0, say("nothing-repair"), say("printmend-firmware-s-home-offset-carries")
         )

@@ -28,15 +28,14 @@ class Play(Usual):
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         if not those_of("breathing", beside, found.where) and not those_of("friction", beside, found.where):
             mean, sd, *_ = play_mm(beside, found.where, scene)
-            words = say("fault-play", amount(mean, sd))
-            yield Fault(motor_name(scene, found.where), "play", mean, sd, "mm", words)
+            yield Fault(motor_name(scene, found.where), "play", mean, sd, "mm", say("fault-play", amount(mean, sd)))
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return what stands still at a change of direction, and what to tighten."""
-        size_mm = abs(fault.value)
-        meaning = say("after-each-change-direction-stands-still", where, f"{size_mm:.2f}")
-        repair = where_seen(size_mm, say("tighten-belt-then-look-pulley-s"), say("nothing-tighten"))
-        return Care(say("belt-has-play", where), meaning, size_mm, repair, say("printmend-carries-takes-slack-up-each"))
+        meaning = say("after-each-change-direction-stands-still", where, fault.shown)
+        repair = where_seen(fault.size, say("tighten-belt-then-look-pulley-s"), say("nothing-tighten"))
+        carries = say("printmend-carries-takes-slack-up-each")
+        return Care(say("belt-has-play", where), meaning, fault.size, repair, carries)
 
 
 def play_mm(beside: Sequence[Found], motor: int, scene: Scene) -> tuple[float, float, float, float]:

@@ -62,15 +62,15 @@ class Pulley(Usual):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return how far a pulley moves the lines from side to side, and whether a new one pays."""
-        order, size_mm = int(fault.kind.removeprefix("harmonic-")), abs(fault.value)
-        moves_mm = size_mm / order
+        order = int(fault.kind.removeprefix("harmonic-"))
+        moves_mm = fault.size / order
         if order == 1:
             title, repair = say("pulley-off-centre", where), say("replace-pulley-if-new-one-wobbles")
-            meaning = say("pulley-wobbles", f"{size_mm:.2f}", f"{moves_mm:.2f}")
+            meaning = say("pulley-wobbles", fault.shown, f"{moves_mm:.2f}")
         else:
             title = say("pulley", where, say(SHAPES.get(order, "shape-uneven")))
             repair = say("replace-pulley-worn-squeezed-badly-made")
-            meaning = say("pulley-out-of-round", f"{size_mm:.2f}", order, f"{moves_mm:.2f}")
+            meaning = say("pulley-out-of-round", fault.shown, order, f"{moves_mm:.2f}")
         return Care(title, meaning, moves_mm, where_seen(moves_mm, repair))
 
 

@@ -42,14 +42,12 @@ class Rail(Usual):
             size = float(sum(_largest_mm(each.sizes_mm) for each in rails))
             sd = float(np.std([[_largest_mm(one) for one in each.draws_mm.T] for each in rails], axis=1).max())
             lengths = together(" / ", [f"{each.shape[0]:.0f}" for each in rails])
-            words = say("fault-wavy", f"{size:.2f}", lengths)
-            yield Fault("frame", "wavy", size, sd, "mm", words)
+            yield Fault("frame", "wavy", size, sd, "mm", say("fault-wavy", f"{size:.2f}", lengths))
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return how far straight lines snake, and which part may be bent."""
-        size_mm = abs(fault.value)
-        repair = where_seen(size_mm, say("look-along-rods-rails-replace-bent"))
-        return Care(say("guides-wavy"), say("straight-lines-snake-up-mm", f"{size_mm:.2f}"), size_mm, repair)
+        repair = where_seen(fault.size, say("look-along-rods-rails-replace-bent"))
+        return Care(say("guides-wavy"), say("straight-lines-snake-up-mm", fault.shown), fault.size, repair)
 
 
 def _largest_mm(sizes: np.ndarray) -> float:

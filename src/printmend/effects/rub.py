@@ -29,8 +29,5 @@ class Rub(Process):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return the meaning and the repair of lost motion that varies along the axis."""
-        title, meaning = (
-            say("axis-binds-or-rubs", where),
-            say("lost-motion-changes-along-axis", f"{abs(fault.value):.2f}"),
-        )
-        return Care(title, meaning, abs(fault.value), say("move-by-hand-feel-where-binds"))
+        title, meaning = say("axis-binds-or-rubs", where), say("lost-motion-changes-along-axis", fault.shown)
+        return Care(title, meaning, fault.size, say("move-by-hand-feel-where-binds"))

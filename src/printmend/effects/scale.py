@@ -41,11 +41,10 @@ class Scale(Usual):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return how much too large or too small it prints, and whether the pulley may be a wrong one."""
-        percent, is_large = abs(fault.value), fault.value > 0  # mm in 100 mm
-        size = f"{percent:.2f}"
-        title = say("prints-too", where, size, say("large" if is_large else "small"))
-        meaning = say("every-100-mm-along-come-out", where, size, say("long" if is_large else "short"))
+        is_large = fault.value > 0
+        title = say("prints-too", where, fault.shown, say("large" if is_large else "small"))
+        meaning = say("every-100-mm-along-come-out", where, fault.shown, say("long" if is_large else "short"))
         repair = say("nothing-repair-correct-steps-per-millimetre")
-        if percent > WRONG_PERCENT:
+        if fault.size > WRONG_PERCENT:
             repair = say("look-pulley-s-size-number-teeth")
-        return Care(title, meaning, percent, repair, say("firmware-can-hold-printmend"))
+        return Care(title, meaning, fault.size, repair, say("firmware-can-hold-printmend"))

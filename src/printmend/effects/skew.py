@@ -42,9 +42,8 @@ class Skew(Usual):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return how far right angles come out off, and whether the frame needs squaring."""
-        angle_deg = abs(fault.value)
-        leans_mm = SCALE_MM * math.tan(math.radians(angle_deg))
-        meaning = say("right-angles-come-out-off-mm", f"{angle_deg:.2f}", f"{leans_mm:.2f}")
+        leans_mm = SCALE_MM * math.tan(math.radians(fault.size))
+        meaning = say("right-angles-come-out-off-mm", fault.shown, f"{leans_mm:.2f}")
         repair = where_seen(leans_mm, say("loosen-frame-square-tighten"), say("nothing-repair"))
         carries = say("firmware-can-hold-printmend-export-printmend")
         return Care(say("frame-not-square"), meaning, leans_mm, repair, carries)

@@ -34,10 +34,6 @@ class Skip(AtOneMoment):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return what a lost place does to a print, which no file mends."""
-        size_mm = abs(fault.value)
-        title, meaning = (
-            say("lost-place-during-print", where),
-            say("from-one-point-everything-lies-mm", f"{size_mm:.2f}"),
-        )
+        title, meaning = say("lost-place-during-print", where), say("from-one-point-everything-lies-mm", fault.shown)
         repair, carries = say("tighten-belt-oil-guides-print-slower"), say("software-cannot-carry-nobody-knows-when")
-        return Care(title, meaning, max(size_mm, REPAIR_MM), repair, carries)
+        return Care(title, meaning, max(fault.size, REPAIR_MM), repair, carries)

@@ -19,7 +19,6 @@ class AtOnePlace(Usual):
 
     acts = Acts.DRIVE
     keys = Numbers(shape=("at_mm", "width_mm"))
-    name: str
     words: str
     title: str
     meaning: str
@@ -33,9 +32,8 @@ class AtOnePlace(Usual):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return its meaning; if it is large, advise a new belt."""
-        size_mm = abs(fault.value)
-        title, meaning = say(self.title, where), say(self.meaning, where, f"{size_mm:.2f}")
-        return Care(title, meaning, size_mm, where_seen(size_mm, say(self.replace)))
+        title, meaning = say(self.title, where), say(self.meaning, where, fault.shown)
+        return Care(title, meaning, fault.size, where_seen(fault.size, say(self.replace)))
 
 
 class Splice(AtOnePlace):

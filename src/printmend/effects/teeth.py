@@ -60,12 +60,11 @@ class Teeth(Usual):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return a ripple's effect on walls, and what helps."""
-        size_mm = abs(fault.value)
         if fault.kind == "teeth":
-            meaning = say("walls-show-fine-lines-every-mm", f"{TOOTH_MM:g}", f"{size_mm:.3f}")
+            meaning = say("walls-show-fine-lines-every-mm", f"{TOOTH_MM:g}", f"{fault.size:.3f}")
             repair = say("nothing-repair-walls-look-good-else-4")
-            return Care(say("belt-ripples-tooth-tooth", where), meaning, size_mm, repair)
+            return Care(say("belt-ripples-tooth-tooth", where), meaning, fault.size, repair)
         _, _, count = fault.kind.partition("-")
         title, todo = SAID.get(float(count or 1), DETENT)
-        meaning = say("walls-show-very-fine-lines-mm", f"{size_mm:.3f}")
-        return Care(say(title, where), meaning, size_mm, say(todo))
+        meaning = say("walls-show-very-fine-lines-mm", f"{fault.size:.3f}")
+        return Care(say(title, where), meaning, fault.size, say(todo))

@@ -29,9 +29,5 @@ class Uneven(Process):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return how far lines swing, and which part may be worn."""
-        size_mm = abs(fault.value)
-        title, meaning = (
-            say("runs-unevenly-along-way", where),
-            say("along-print-swings-up-mm-same", where, f"{size_mm:.2f}"),
-        )
-        return Care(title, meaning, size_mm, where_seen(size_mm, say("look-along-belt-worn-stretched-stretch")))
+        title, meaning = say("runs-unevenly-along-way", where), say("along-print-swings-up-mm-same", where, fault.shown)
+        return Care(title, meaning, fault.size, where_seen(fault.size, say("look-along-belt-worn-stretched-stretch")))

@@ -47,9 +47,8 @@ class Wobble(Usual):
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return how far a bent screw pushes layers aside, and how to find the bend."""
-        size_mm = abs(fault.value)
-        meaning = say("pushes-layers-aside-mm-pattern-repeats", f"{size_mm:.2f}")
-        return Care(say("z-screw-bent"), meaning, size_mm, say("roll-z-screw-flat-table-replace"))
+        meaning = say("pushes-layers-aside-mm-pattern-repeats", fault.shown)
+        return Care(say("z-screw-bent"), meaning, fault.size, say("roll-z-screw-flat-table-replace"))
 
 
 def turns_of(scene: Scene) -> float:

@@ -195,6 +195,16 @@ class Fault:
     is_mended: bool = True
 
     @property
+    def size(self) -> float:
+        """How large it is, whichever way."""
+        return abs(self.value)
+
+    @property
+    def shown(self) -> str:
+        """Its size with two decimals."""
+        return f"{self.size:.2f}"
+
+    @property
     def row(self) -> dict[str, str | float | bool]:
         """The fault as a row of a model file's diagnosis."""
         sizes = {"value": round(self.value, 6), "sd": round(self.sd, 6)}

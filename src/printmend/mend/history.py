@@ -98,7 +98,7 @@ class Trend:
     @property
     def words(self) -> str:
         """Say how large the fault is, which size it has passed and will reach, and what to do."""
-        unit, size = self.fault.unit, abs(self.fault.value)
+        unit, size = self.fault.unit, self.fault.size
         said = say("history-now", f"{size:.3f}", unit)
         if len(self.sizes) - self.since < LEAST_RUN:
             said = say("history-few", said)

@@ -283,7 +283,7 @@ def _acting(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]
 def _change(was: Fault, new: Fault, sd: float) -> Change:
     if new.part == "z":
         return Change("Z", new.kind, was.value, new.value, sd, new.unit, _z_changed(was, new))
-    grew = abs(new.value) > abs(was.value)
+    grew = new.size > was.size
     digits, space = 2 if abs(new.value - was.value) >= PLAIN_CHANGE else 3, "" if new.unit == "°" else " "
     old, value = (round(each.value, digits) + 0.0 for each in (was, new))  # never −0
     name, what = part_words(new.part), say("motor-quantity", part_words(new.part), kind_words(new.kind))
