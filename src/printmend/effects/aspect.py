@@ -25,7 +25,7 @@ class Aspect(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.corexy:
-            yield from alternatives(self.name, 0, [()], (1.0,))
+            yield from alternatives(self.name, 0)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return (scene.off_middle(places.bed_mm) * SHARES)[:, :, None]

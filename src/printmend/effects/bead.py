@@ -5,11 +5,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Of, Places, Scene, Term, Usual
-from printmend.effects.prior import size_mm
+from printmend.effects.prior import number_of, size_mm
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Told
 from printmend.messages import say
-
-LOG_ODDS = 7.0  # lines of exactly the width that was set are one case in a thousand
 
 
 class Bead(Usual):
@@ -20,7 +18,7 @@ class Bead(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.walls:
-            yield Term(self.name, 0, (), (size_mm(self.name),), LOG_ODDS)
+            yield Term(self.name, 0, (), (size_mm(self.name),), number_of(self.name, "log_odds"))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return np.asarray(places.normal[:, :, None])

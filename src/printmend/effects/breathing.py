@@ -6,13 +6,13 @@ import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.play import play_mm
-from printmend.effects.prior import alternatives, turning_share
+from printmend.effects.prior import alternatives, number_of, turning_share
 from printmend.effects.pulley import first, harmonic_faults, is_loose
 from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_name, those_of
 from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 17.0)
-PROFILE = HARMONICS**-2.0  # of their sizes
+PROFILE = HARMONICS ** -number_of("breathing", "falls")  # of their sizes
 _SAID = {  # messages by the kind of the fault, and whether play depends on the place, too
     ("loose-belt", False): "fault-loose-belt",
     ("loose-belt", True): "fault-loose-belt-by-place",

@@ -27,7 +27,7 @@ class Bump(AtOnePlace):
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
             shapes = [(float(at), width) for width in WIDTHS_MM for at in np.arange(low, high, SPACING * width)]
-            yield from alternatives(self.name, motor, shapes, (1.0,))
+            yield from alternatives(self.name, motor, shapes)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         at, width = shape

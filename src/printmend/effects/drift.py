@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Fate, Of, Places, Scene, Term, Usual, carrier
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import Of, Places, Scene, Term, Usual, carrier
+from printmend.effects.prior import alternatives, fate_of
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say
 
@@ -15,11 +15,11 @@ class Drift(Usual):
 
     name = "drift"
     of = Of.SESSION
-    fate = Fate(anew=0.3, stays=0.4)
+    fate = fate_of(name)
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for where in range(4 if scene.corexy else 2):
-            yield from alternatives(self.name, where, [()], (1.0,))
+            yield from alternatives(self.name, where)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         course = places.done

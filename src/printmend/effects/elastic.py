@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.prior import alternatives, turning_share
-from printmend.effects.pulley import LEAST_EFFECT_MM, wave_sizes
+from printmend.effects.pulley import LEAST_EFFECT_MM, SMOOTH, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Care, Fault, Found, Waves, amount, motor_name
 from printmend.messages import parts_of, say
 
@@ -23,7 +23,7 @@ class Elastic(Usual):
     keys = Waves(tuple(map(int, HARMONICS)))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        profile = tuple(np.tile(HARMONICS**-2.5, 2))
+        profile = tuple(np.tile(SMOOTH[HARMONICS.astype(int) - 1], 2))
         for motor in range(2):
             yield from alternatives(
                 self.name, motor, [scene.motor_span_mm[motor]], profile, share=turning_share(self.name, scene, motor)

@@ -20,7 +20,7 @@ class Friction(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
-            yield from alternatives(self.name, motor, [scene.motor_span_mm[motor]], (1.0, 0.5))
+            yield from alternatives(self.name, motor, [scene.motor_span_mm[motor]])
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x = scene.motor_off_middle(where, places.motor_mm[:, where])

@@ -17,7 +17,7 @@ class Lag(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2 * scene.corexy):
-            yield from alternatives(self.name, axis, [()], (1.0,), positive=True)
+            yield from alternatives(self.name, axis, positive=True)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, -0.5 * places.ways[:, [where]])

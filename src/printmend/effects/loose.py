@@ -17,7 +17,7 @@ class Loose(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if all(high > low for low, high in scene.bed_span_mm):  # along one line it is the same as play
-            yield from alternatives(self.name, 0, [()], (1.0,), positive=True)
+            yield from alternatives(self.name, 0, positive=True)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return -0.5 * places.headings()[:, :, None]

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from printmend.effects.effect import SCALE_MM, Scene, Term
+from printmend.effects.effect import SCALE_MM, Fate, Scene, Term
 
 NEAR_SHARE = 0.02  # a turn that differs less from the printer's is its pulley's
 
@@ -17,9 +17,14 @@ def _table() -> dict[str, Any]:
     return tomllib.loads((Path(__file__).parent / "priors.toml").read_text())
 
 
+def number_of(name: str, key: str) -> float:
+    """Return a number of an effect's own row, beside its share and its size."""
+    return float(_table()[name][key])
+
+
 def size_mm(name: str) -> float:
     """Return the standard deviation of an effect's size on a damaged machine."""
-    return float(_table()[name]["sd"])
+    return number_of(name, "sd")
 
 
 def mild_shares() -> tuple[float, ...]:
@@ -34,7 +39,18 @@ def lengths_mm(name: str) -> tuple[float, ...]:
 
 def share_of(name: str) -> float:
     """Return the share of printers that have an effect at one place."""
-    return float(_table()[name]["share"])
+    return number_of(name, "share")
+
+
+def fate_of(name: str) -> Fate:
+    """Return the fate of an effect that may begin anew in the next print, or go on."""
+    return Fate(**_table()[name]["fate"])
+
+
+def profile_of(name: str) -> tuple[float, ...]:
+    """Return the standard deviations [P] of an effect's sizes over the usual one; it has one size unless the table says
+    otherwise."""
+    return tuple(_table().get(name, {}).get("profile", (1.0,)))
 
 
 def happens_share(event: str) -> float:
@@ -102,7 +118,7 @@ def each_share(share: float, count: int) -> float:
 def alternatives(
     name: str,
     where: int,
-    shapes: Sequence[tuple[float, ...]],
+    shapes: Sequence[tuple[float, ...]] = ((),),
     *profiles: Sequence[float],
     share: float | None = None,
     sd_mm: float | None = None,
@@ -111,10 +127,11 @@ def alternatives(
 ) -> Iterator[Term]:
     """Yield a term for each shape, profile and share of the usual size, as alternatives of one another.
 
-    A profile [P] holds the sizes' standard deviations relative to the usual one. ``share``, ``sd_mm`` and ``mild``, the
-    shares of the usual size, are the table's unless given; an effect of another package gives the first two.
+    A profile [P] holds the sizes' standard deviations relative to the usual one. ``profiles``, ``share``, ``sd_mm`` and
+    ``mild``, the shares of the usual size, are the table's unless given; an effect of another package gives ``share``
+    and ``sd_mm``.
     """
-    sd = size_mm(name) if sd_mm is None else sd_mm
+    sd, profiles = size_mm(name) if sd_mm is None else sd_mm, profiles or (profile_of(name),)
     sizes = [tuple(factor * sd * each for each in profile) for profile in profiles for factor in mild or mild_shares()]
     chance = share_of(name) if share is None else share
     log_odds = math.log(chance / max(1.0 - chance, 1e-6)) - math.log(max(len(shapes), 1) * len(sizes))

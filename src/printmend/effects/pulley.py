@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed, waves
-from printmend.effects.prior import NEAR_SHARE, alternatives, turning_share
+from printmend.effects.prior import NEAR_SHARE, alternatives, number_of, turning_share
 from printmend.effects.words import (
     LEAST,
     NAMED_SIGMAS,
@@ -21,15 +21,15 @@ from printmend.effects.words import (
 from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 33.0)  # number of harmonics: corners need so many
-SMOOTH = HARMONICS**-2.5  # their sizes on a smooth pulley
+SMOOTH = HARMONICS ** -number_of("pulley", "falls")  # their sizes on most pulleys
 FOLDS = (2, 3, 4, 5, 6)  # of symmetric pulleys: oval, three-cornered, …
-OFF_FOLD = 0.08  # size of what breaks a symmetry, as a share of the usual
 
 
 def profiles() -> list[np.ndarray]:
-    """Return profiles of the harmonics' sizes [32]: all alike, smooth, eccentric alone, or those of one symmetry."""
-    symmetric = [np.where(HARMONICS % fold == 0, 1.0, OFF_FOLD) * SMOOTH for fold in FOLDS]
-    return [SMOOTH, HARMONICS**-4.0, np.where(HARMONICS == 1, 1.0, OFF_FOLD) * SMOOTH, *symmetric]
+    """Return profiles of the harmonics' sizes [32]: usual, smoother, eccentric alone, or those of one symmetry."""
+    large = [HARMONICS == 1, *(HARMONICS % fold == 0 for fold in FOLDS)]
+    few = [np.where(each, 1.0, number_of("pulley", "beside")) * SMOOTH for each in large]
+    return [SMOOTH, HARMONICS ** -number_of("pulley", "smoother"), *few]
 
 
 LEAST_EFFECT_MM = 0.003  # a smaller wave is not named: no print shows it

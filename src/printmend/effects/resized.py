@@ -1,13 +1,12 @@
 """A picture of another size than it says: a wrong resolution, a sheet that was fitted to its page. Until a length is
 known, nobody can tell it from a printer whose axes are both off by the same."""
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Fate, Of, Places, Scene, Term, Usual
-from printmend.effects.prior import share_of
+from printmend.effects.effect import SCALE_MM, Of, Places, Scene, Term, Usual
+from printmend.effects.prior import alternatives, fate_of
 from printmend.effects.words import Numbers
 
 
@@ -16,13 +15,12 @@ class Resized(Usual):
 
     name = "resized"
     of = Of.SESSION
-    fate = Fate(anew=0.5)
+    fate = fate_of(name)
     keys = Numbers(("percent",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if sd := scene.instrument.resized_sd:
-            share = share_of(self.name)
-            yield Term(self.name, 0, (), (SCALE_MM * sd,), math.log(share / (1 - share)))
+            yield from alternatives(self.name, 0, sd_mm=SCALE_MM * sd, mild=(1.0,))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         # where healthy belts would be: beside a scale of the motors, what they really do would stand for all that is

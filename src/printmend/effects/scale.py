@@ -22,7 +22,7 @@ class Scale(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
-            yield from alternatives(self.name, motor, [()], (1.0,))
+            yield from alternatives(self.name, motor)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, scene.motor_off_middle(where, places.motor_mm[:, [where]]))

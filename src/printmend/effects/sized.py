@@ -9,6 +9,7 @@ import numpy as np
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.effect import MOST_LAYERS, Key, at_places, belt_places
 from printmend.errors import ConfigError
+from printmend.filament import material_of
 from printmend.machine import Frame, Mechanism, ScrewDrive, Transmission, share_behind, z_grid_mm
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
 from printmend.messages import say
@@ -17,7 +18,6 @@ from printmend.printer import Printer
 
 GRID = 7  # places along either axis of the bed at which a frame's terms are taken
 ROWS = 2048  # of a table that are evaluated at once: their columns stay in the processor's cache
-SHRINKS_SD = 0.002  # of parts in the usual filaments (materials.toml)
 TINY_MM = 1e-9  # what a model file rounds to
 FEW = 97  # places of a table at which both sides are compared
 
@@ -56,7 +56,7 @@ def scene_of_printer(printer: Printer, way_mm: float = 1.0) -> Scene:
     bed = [(axis.min_mm, axis.max_mm) for axis in printer.axes[:2]]
     return Scene(
         printer, printer.mm_per_turn, (spans[0], spans[1]), (bed[0], bed[1]), way_mm, homed=True, instrument=RESIZED,
-        walls=True, shrinkage_sd=SHRINKS_SD, layers=(printer.z.min_mm, printer.z.max_mm, MOST_LAYERS),
+        walls=True, shrinkage_sd=material_of("petg").sd, layers=(printer.z.min_mm, printer.z.max_mm, MOST_LAYERS),
     )  # fmt: skip
 
 

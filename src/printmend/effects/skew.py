@@ -21,7 +21,7 @@ class Skew(Usual):
     def terms(self, scene: Scene) -> Iterator[Term]:
         # without a place the leaning axis is unknown: the alternative is the same shape, turned
         for axis in range(2 if scene.placed else 1):
-            yield from alternatives(self.name, axis, [()], (1.0,))
+            yield from alternatives(self.name, axis)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, scene.off_middle(places.bed_mm)[:, [1 - where]])

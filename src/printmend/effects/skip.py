@@ -23,7 +23,7 @@ class Skip(AtOneMoment):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
-            yield from alternatives(self.name, motor, self.breaks(scene), (1.0,), mild=MILD)
+            yield from alternatives(self.name, motor, self.breaks(scene), mild=MILD)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, (places.done > shape[0])[:, None] * 1.0)

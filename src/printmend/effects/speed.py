@@ -19,7 +19,7 @@ class Speed(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
-            yield from alternatives(self.name, motor, [()], (1.0,))
+            yield from alternatives(self.name, motor)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         fast = np.minimum(places.move_mm / LONG_MM, 1.0)

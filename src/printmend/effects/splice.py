@@ -50,7 +50,7 @@ class Splice(AtOnePlace):
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
             shapes = [(float(at), WIDTH_MM) for at in np.arange(low + STEP_MM, high, STEP_MM)]
-            yield from alternatives(self.name, motor, shapes, (1.0,))
+            yield from alternatives(self.name, motor, shapes)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         at, width = shape

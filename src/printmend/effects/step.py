@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Fate, Of, Places, Scene, Term, Usual, about, carrier
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import Of, Places, Scene, Term, Usual, about, carrier
+from printmend.effects.prior import alternatives, fate_of
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
 
@@ -31,12 +31,12 @@ class Step(AtOneMoment):
     """A shift of one belt, or on a CoreXY of an axis."""
 
     name = "step"
-    fate = Fate(anew=0.1, stays=0.4)
+    fate = fate_of(name)
     most = 2
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for where in range(4 if scene.corexy else 2):
-            yield from alternatives(self.name, where, self.breaks(scene), (1.0,))
+            yield from alternatives(self.name, where, self.breaks(scene))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return carrier(scene, where, (places.done > shape[0])[:, None] * 1.0)

@@ -5,11 +5,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import FAR_MM, GONE, SCALE_MM, Of, Places, Scene, Term, Usual
-from printmend.effects.prior import alternatives
+from printmend.effects.prior import alternatives, number_of
 from printmend.effects.words import Found, Numbers, Told
 from printmend.messages import say
-
-ALWAYS = 0.999  # the turn of a sheet on a scanner is unknown
 
 
 class Turn(Usual):
@@ -21,8 +19,8 @@ class Turn(Usual):
     keys = Numbers(("angle_deg",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        share, sd_mm = (None, None) if scene.placed else (ALWAYS, FAR_MM)
-        yield from alternatives(self.name, 0, [()], (1.0,), share=share, sd_mm=sd_mm)
+        share, sd_mm = (None, None) if scene.placed else (number_of(self.name, "unplaced"), FAR_MM)
+        yield from alternatives(self.name, 0, share=share, sd_mm=sd_mm)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x, y = scene.off_middle(places.bed_mm).T

@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, Places, Scene, Term, Usual, onto_bed, waves
-from printmend.effects.prior import alternatives, turning_share
+from printmend.effects.prior import alternatives, profile_of, turning_share
 from printmend.effects.words import Found, Told, Waves, carrier_name, span_mm
 from printmend.messages import say
 
-HARMONICS, PROFILE = (1, 2, 3), (1.0, 0.7, 0.5)  # harmonics, and the size of each over that of the first
+HARMONICS = (1, 2, 3)
 ANGLES = 120  # of a turn at which two ends are compared
 
 
@@ -22,7 +22,7 @@ class TwoMotors(Usual):
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(0 if scene.corexy else 2):
             share = turning_share(self.name, scene, axis)
-            yield from alternatives(self.name, axis, [()], PROFILE * 2, share=share)
+            yield from alternatives(self.name, axis, [()], 2 * profile_of(self.name), share=share)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         other = scene.off_middle(places.bed_mm)[:, [1 - where]]

@@ -22,7 +22,7 @@ class UnevenPlay(Usual):
         for motor in range(2):
             axes = (0, 1) if scene.corexy else (1 - motor,)
             shapes = [(float(axis), float(at)) for axis in axes for at in borders_mm(scene, axis)]
-            yield from alternatives(self.name, motor, shapes, (1.0,))
+            yield from alternatives(self.name, motor, shapes)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         axis, at = shape

@@ -21,7 +21,7 @@ class Wear(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
-            yield from alternatives(self.name, motor, [()], (1.0,), positive=True)
+            yield from alternatives(self.name, motor, positive=True)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, (0.5 * places.side[:, where] * places.done)[:, None])

@@ -5,14 +5,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, waves
-from printmend.effects.prior import alternatives
+from printmend.effects.prior import alternatives, profile_of
 from printmend.effects.pulley import wave_sizes
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Care, Fault, Found, Waves, amount, is_first, those_of
 from printmend.messages import say, together
 
 HARMONICS = np.array([1.0, 2.0])
 LEAST_TURNS = 0.75  # of the screw that layers must span; on fewer a wave looks like a slope
-TWICE_SHARE = 0.3  # size of the wave that comes twice a turn, over that of the other
 OFTEN = ("once-a-turn", "twice-a-turn")
 
 
@@ -26,7 +25,7 @@ class Wobble(Usual):
     def terms(self, scene: Scene) -> Iterator[Term]:
         if turns_of(scene) >= LEAST_TURNS:
             for axis in range(2):
-                yield from alternatives(self.name, axis, [()], tuple(np.tile([1.0, TWICE_SHARE], 2)))
+                yield from alternatives(self.name, axis, [()], 2 * profile_of(self.name))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, waves(places.heights_mm(scene), scene.printer.z.mm_per_turn, HARMONICS))

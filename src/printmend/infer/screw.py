@@ -24,7 +24,7 @@ from printmend.metrics.robust import scale_of, weights_of
 from printmend.model.branches import HARMONICS, waves_of
 from printmend.printer import Printer
 
-PROFILES = {"lead": (1.0,), "periodic": (1.0, 1.0, *(0.3,) * (2 * HARMONICS - 2)), "backlash": (1.0,)}
+TERMS = ("lead", "periodic", "backlash")
 ORIGIN_SD_MM = 1e3  # of where the heights are counted from: anywhere
 FIRST_BACKLASH_MM, FIRST_SIGMA_MM = 0.1, 0.1  # where the search for contacts begins
 PASSES = 12  # of contacts, then search, at most
@@ -96,7 +96,7 @@ def _fitted(
 def _blocks() -> tuple[Block, ...]:
     """Return the origin of the heights, and the terms of the lift with all their sizes."""
     origin = Block("origin", 0, (), slice(0, 1), np.array([[ORIGIN_SD_MM]]), np.zeros(1))
-    terms = (alternatives(name, 0, [()], profile, positive=name == "backlash") for name, profile in PROFILES.items())
+    terms = (alternatives(name, 0, positive=name == "backlash") for name in TERMS)
     return laid_side_by_side((origin, *(block_of(list(each)) for each in terms)))
 
 
