@@ -31,7 +31,7 @@ class Aspect(Usual):
         return (scene.off_middle(places.bed_mm) * SHARES)[:, :, None]
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        percent, sd = found.size(lambda sizes: float(sizes[0]))  # mm in 100 mm
+        percent, sd = found.size()  # mm in 100 mm
         words = say("x-larger-than-y" if percent > 0 else "x-smaller-than-y", amount(abs(percent), sd, "%"))
         yield Fault("frame", "axes", percent, sd, "%", words)
 

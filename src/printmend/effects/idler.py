@@ -4,11 +4,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, finer_periods, onto_bed, parts_periods_mm, waves
+from printmend.effects.effect import Scene, Term, finer_periods, parts_periods_mm
 from printmend.effects.prior import alternatives
 from printmend.effects.pulley import LEAST_EFFECT_MM
-from printmend.effects.teeth import TOOTH_MM
-from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_name, where_seen
+from printmend.effects.teeth import TOOTH_MM, OfOnePeriod
+from printmend.effects.words import Care, Fault, Found, amount, motor_name, where_seen
 from printmend.messages import say
 
 SHORTEST_MM = 12.0  # of a period: no idler is smaller
@@ -16,26 +16,17 @@ IDLERS, NEAR_TEETH = (16, 18, 20), 0.1  # teeth of common idlers; a period count
 OWN_SHARE = 0.02  # a period this near to a fraction of the turn is the pulley's own
 
 
-class Idler(Usual):
+class Idler(OfOnePeriod):
     """A wave of another length than the motor's turn."""
 
     name = "idler"
     kinds = ("period",)
-    acts = Acts.DRIVE
-    most = 2
-    keys = Waves(shape=("period_mm",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             periods = parts_periods_mm(SHORTEST_MM, scene.motor_span_mm[motor])
             shapes = [(each,) for each in periods if _is_another(each, scene.turns_mm[motor])]
             yield from alternatives(self.name, motor, shapes, (1.0, 1.0))
-
-    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return onto_bed(scene, where, waves(places.motor_mm[:, where], shape[0]))
-
-    def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return np.array(shape)
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         finer = finer_periods(shape[0], round_)

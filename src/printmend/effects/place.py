@@ -33,7 +33,7 @@ class Place(Usual):
         """Report a shift only for a motor without other faults; otherwise it goes with those."""
         others = [each for each in beside if each.acts and each is not found and each.where == found.where]
         if scene.placed and not others:
-            value, sd = found.size(lambda sizes: float(sizes[0]))
+            value, sd = found.size()
             words = say("fault-shifted", amount(value, sd))
             yield Fault(motor_name(scene, found.where), "offset", value, sd, "mm", words)
 

@@ -7,7 +7,6 @@ import numpy as np
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed, waves
 from printmend.effects.prior import NEAR_SHARE, alternatives, number_of, turning_share
 from printmend.effects.words import (
-    LEAST,
     NAMED_SIGMAS,
     Care,
     Fault,
@@ -129,7 +128,7 @@ def harmonic_faults(found: Found, beside: Sequence[Found], scene: Scene) -> Iter
     for part, share in parts:
         for order, (amplitude, sd) in enumerate(zip(*wave_sizes(part), strict=True), 1):
             size, sd = amplitude * share * order, sd * share * order
-            if size > max(NAMED_SIGMAS * sd, LEAST["mm"], LEAST_EFFECT_MM * order, sizes.get(order, (0.0, 0.0))[0]):
+            if size > max(NAMED_SIGMAS * sd, LEAST_EFFECT_MM * order, sizes.get(order, (0.0, 0.0))[0]):
                 sizes[order] = size, sd
     name, turn_mm = motor_name(scene, motor), scene.turns_mm[motor]
     if sizes and abs(turn_mm / scene.printer.axes[motor].mm_per_turn - 1) >= NEAR_SHARE:

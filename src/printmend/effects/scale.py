@@ -28,7 +28,7 @@ class Scale(Usual):
         return onto_bed(scene, where, scene.motor_off_middle(where, places.motor_mm[:, [where]]))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        percent, sd = found.size(lambda sizes: float(sizes[0]))  # mm in 100 mm
+        percent, sd = found.size()  # mm in 100 mm
         turn_mm, own_mm = scene.turns_mm[found.where], scene.printer.axes[found.where].mm_per_turn
         toothed = abs(turn_mm / TOOTH_MM - round(turn_mm / TOOTH_MM)) < 1e-9  # else an idler's turn, or the belt's
         radius = (turn_mm if toothed else own_mm) / (2 * np.pi)

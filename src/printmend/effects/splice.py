@@ -26,7 +26,7 @@ class AtOnePlace(Usual):
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         at, _ = found.shape
-        size, sd = found.size(lambda sizes: float(sizes[0]))
+        size, sd = found.size()
         words = say(self.words, f"{at:.0f}", amount(size, sd))
         yield Fault(motor_name(scene, found.where), self.name, size, sd, "mm", words)
 

@@ -25,14 +25,25 @@ SAID = {
 }
 
 
-class Teeth(Usual):
+class OfOnePeriod(Usual):
+    """A wave along one belt; its shape is the period."""
+
+    acts = Acts.DRIVE
+    most = 2
+    keys = Waves(shape=("period_mm",))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return onto_bed(scene, where, waves(places.motor_mm[:, where], shape[0]))
+
+    def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return np.array(shape)
+
+
+class Teeth(OfOnePeriod):
     """A wave of one belt tooth, or of a half to four full steps."""
 
     name = "teeth"
     kinds = ("teeth", "ripple")
-    acts = Acts.DRIVE
-    most = 2
-    keys = Waves(shape=("period_mm",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
@@ -42,12 +53,6 @@ class Teeth(Usual):
             for period in periods:
                 sd_mm = min(size_mm(self.name), period / (2 * np.pi * BACK_SIGMAS))
                 yield from alternatives(self.name, motor, [(period,)], (1.0, 1.0), share=share, sd_mm=sd_mm)
-
-    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return onto_bed(scene, where, waves(places.motor_mm[:, where], shape[0]))
-
-    def waves_mm(self, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return np.array(shape)
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         size, sd = found.size(lambda sizes: float(np.hypot(*sizes)))

@@ -272,9 +272,10 @@ class Found:
         """Return where places move [N, 2, P] mm for one unit of each size."""
         return self.law.columns(places, self.where, self.shape, scene)
 
-    def size(self, measure: Callable[[np.ndarray], float]) -> tuple[float, float]:
-        """Return a measure of the sizes [P], and its standard deviation towards 0 over the drawn machines that have it:
-        that of a normal law with their median and a low quantile, for a few may be much larger."""
+    def size(self, measure: Callable[[np.ndarray], float] = lambda sizes: float(sizes[0])) -> tuple[float, float]:
+        """Return a measure of the sizes [P], by default the first, and its standard deviation towards 0 over the drawn
+        machines that have it: that of a normal law with their median and a low quantile, for a few may be much larger.
+        """
         size = float(measure(self.sizes_mm))
         drawn = [np.sign(size) * measure(each) for each in self.draws_mm[:, self.draws_mm.any(axis=0)].T] or [0.0]
         low, middle = np.quantile(drawn, [BELOW_SHARE, 0.5])

@@ -13,7 +13,7 @@ from printmend.effects.effect import SCALE_MM, TIMES_FINER, done_of
 from printmend.effects.prior import mild_shares, share_of, size_mm
 from printmend.effects.pulley import SMOOTH
 from printmend.effects.sized import Sized, guided
-from printmend.effects.switch import spread_mm
+from printmend.effects.switch import STEPS_A_TURN, spread_mm
 from printmend.effects.teeth import TOOTH_MM
 from printmend.infer.gram import (
     Block,
@@ -468,7 +468,7 @@ STILL = (
 FEW = (*STILL, "pulley", "breathing", "elastic", "idler", "bent")
 REPEATING = ("pulley", "breathing", "elastic", "idler")  # effects whose place a turn of another length takes
 TEETH = range(8, 43)  # of a pulley: no printer has others
-TOOTH_STEPS, LOST_STEPS = 10, 4  # full steps of a tooth that is skipped and of a turn that a motor loses
+TOOTH_STEPS = 10  # full steps of a tooth that is skipped
 ALIKE_MM = 0.2  # by which a skip may differ from such a number: a turn that is lost also turns the pulley
 NEAR_SPACING = 0.0025  # half the distance of lengths that are tried, as a share
 NEAR_SHARES = 2 * NEAR_SPACING * np.arange(-8, 9)  # by which calibrated steps let a turn differ from the printer's
@@ -529,11 +529,11 @@ def _as_turned(trace: Trace, fit: Fit) -> Trace:
     done = _done(trace.commanded_mm, fit.scene)
     for part in fit.parts():
         axis = fit.scene.printer.axes[part.where]
-        turns, teeth = (part.sizes_mm[0] / (count * axis.mm_per_step) for count in (LOST_STEPS, TOOTH_STEPS))
-        off, other = (abs(each - round(each)) * count for each, count in ((turns, LOST_STEPS), (teeth, TOOTH_STEPS)))
+        turns, teeth = (part.sizes_mm[0] / (count * axis.mm_per_step) for count in (STEPS_A_TURN, TOOTH_STEPS))
+        off, other = (abs(each - round(each)) * count for each, count in ((turns, STEPS_A_TURN), (teeth, TOOTH_STEPS)))
         if part.effect == "skip" and off < other and off * axis.mm_per_step < ALIKE_MM:
             after = done > part.shape[0]
-            lost_mm[after, part.where] += round(turns) * LOST_STEPS * axis.mm_per_step
+            lost_mm[after, part.where] += round(turns) * STEPS_A_TURN * axis.mm_per_step
     if not lost_mm.any():
         return trace
     return replace(trace, commanded_mm=trace.commanded_mm + fit.scene.printer.from_motor(lost_mm))

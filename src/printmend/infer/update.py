@@ -20,6 +20,7 @@ from printmend.effects.homing import waves_of
 from printmend.effects.prior import happens_share, wear_share
 from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.effects.switch import drawn_shifts_mm, spread_mm
+from printmend.effects.words import along_motor_mm
 from printmend.infer.fit import (
     FINER_ROUNDS,
     WEIGHINGS,
@@ -53,7 +54,6 @@ from printmend.path import Trace
 STEP_MM = 0.01  # shift of a motor by which the direction of shifts is taken
 FAR_RAD = 0.3  # angle of a wave up to which that direction serves
 OPEN_RAD = 0.03  # standard deviation of an angle that was found
-GRID = 201  # places along a motor at which a series is taken
 TURNING = {"pulley": ROUNDS, "breathing": BREATHS, "elastic": STRETCHES}  # effects that turn with a motor's pulley
 
 
@@ -221,8 +221,7 @@ def rebased(part: Part, scene: Scene) -> Part:
     if effect.acts is not Acts.DRIVE or len(shapes) != 1 or part.shape in shapes:
         return part
     (shape,) = shapes
-    low, high = scene.motor_span_mm[part.where]
-    motor_mm = np.linspace(low, high, GRID)
+    motor_mm = along_motor_mm(scene, part.where)
 
     def series(shape: tuple[float, ...], side: float) -> np.ndarray:
         return np.asarray(effect.columns(belt_places(part.where, motor_mm, side), part.where, shape, scene))
@@ -230,7 +229,7 @@ def rebased(part: Part, scene: Scene) -> Part:
     old, new = series(part.shape, 1.0), series(shape, 1.0)
     if np.array_equal(old, series(part.shape, -1.0)):  # a shift of all is the belt's place
         old, new = old - old.mean(axis=0), new - new.mean(axis=0)
-    old, new = old.reshape(2 * GRID, -1), new.reshape(2 * GRID, -1)
+    old, new = (each.reshape(2 * len(motor_mm), -1) for each in (old, new))
     onto = np.linalg.lstsq(new, old, rcond=None)[0]
     return replace(part, shape=shape, acts_mm=onto @ part.acts_mm, draws_mm=onto @ part.draws_mm)
 
