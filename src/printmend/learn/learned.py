@@ -282,6 +282,8 @@ def trace_section(trace: Trace, moved_mm: np.ndarray, left_mm: float, lost: np.n
     if lost is not None and 0 < count <= MOST_LOST * measured:
         told = told & ~lost
     off_mm = (trace.measured_mm - trace.commanded_mm - moved_mm)[told]
+    if not trace.placed:  # nobody knows where the plate lay
+        off_mm = off_mm - off_mm.mean(axis=0)
     return {
         "rows": len(trace),
         "measured": measured,
