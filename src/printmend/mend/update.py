@@ -286,7 +286,8 @@ def _change(was: Fault, new: Fault, sd: float) -> Change:
     grew = new.size > was.size
     digits, space = 2 if abs(new.value - was.value) >= PLAIN_CHANGE else 3, "" if new.unit == "°" else " "
     old, value = (round(each.value, digits) + 0.0 for each in (was, new))  # never −0
-    name, what = part_words(new.part), say("motor-quantity", part_words(new.part), kind_words(new.kind))
+    name = part_words(new.part)
+    what = say("quantity-of-part", name, kind_words(new.kind))
     now = f"{value:.{digits}f}{space}{new.unit}"
     words = say("grew" if grew else "shrank", what, f"{old:.{digits}f}", now, f"{sd:.3f}")
     return Change(name, new.kind, was.value, new.value, sd, new.unit, words)
