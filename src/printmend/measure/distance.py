@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 
 from printmend.errors import TraceError
-from printmend.measure.callipers import DOUBTED_SIGMAS
 from printmend.measure.plan import ProbePlan
 from printmend.measure.ruler import Ruler
 from printmend.measure.walls import RASTER_MM, Walls
@@ -26,6 +25,9 @@ from printmend.path import Instrument
 
 LONGEST_ASKED_MM, SHORTEST_ASKED_MM = 145.0, 40.0  # limits of a distance to ask for: common callipers open 150 mm
 READING_MM = 0.06  # standard deviation of a reading: the callipers, the hand, the rims of two dots
+SLIP_MM = 2.0  # standard deviation of a slip: a line of the scale misread, jaws on another edge
+SLIP_SHARE = RESIZED_SHARE = 0.02  # of readings, and of pictures of another size than they say (priors.toml, `resized`)
+SLIPPED = 0.5  # chance of a slip above which an owner is asked to measure again
 MOST_SCALE_SHARE = 0.02  # no instrument is off by more: such a distance is not the one asked for
 UNIT_SHARE = 0.05  # a length that fits another unit to within this share is taken to be in that unit
 
@@ -110,8 +112,6 @@ def scaled_by(
         )  # fmt: skip
     angle = math.atan2(other[1] - one[1], other[0] - one[0])
     stretch, left, note = settled(excess, angle, distance_mm, instrument)
-    if abs(excess) > DOUBTED_SIGMAS * math.hypot(_scale_sd(angle, instrument), READING_MM / distance_mm):
-        note = say("image-scale-strange", note, f"{seen:.2f}")
     middle = np.nanmean(measured_mm, axis=0)
     return (measured_mm - middle) @ np.linalg.inv(stretch).T + middle, left, note
 
@@ -131,7 +131,7 @@ def scaled_by_rulers(
         seen = ruler.on_bed(matrix).stretched(taken)
         angle = math.atan2(seen.along[1], seen.along[0])
         stretch, instrument, note = settled(
-            seen.excess, angle, seen.length_mm, instrument, reading_mm=seen.sd * seen.length_mm
+            seen.excess, angle, seen.length_mm, instrument, reading_mm=seen.sd * seen.length_mm, slip_share=0.0
         )
         taken = stretch @ taken
         share, known = f"{100 * ruler.excess:+.2f}", note.values["b"]
@@ -140,30 +140,40 @@ def scaled_by_rulers(
     return (places_mm - middle) @ np.linalg.inv(taken).T + middle, instrument, notes
 
 
-def _scale_sd(angle_rad: float, instrument: Instrument) -> float:
-    """Return the standard deviation, as a share, of an instrument's scale at an angle on the bed."""
-    row = _row(angle_rad)
-    return math.sqrt(row @ instrument.covariance @ row)
-
-
 def _row(angle_rad: float) -> np.ndarray:
     """Return the derivative of a length at an angle by scale, by half the axes' difference, and by half their lean."""
     return np.array([1.0, math.cos(2 * angle_rad), math.sin(2 * angle_rad)])
 
 
 def settled(
-    excess: float, angle_rad: float, distance_mm: float, instrument: Instrument, *, reading_mm: float = READING_MM
-) -> tuple[np.ndarray, Instrument, Said]:
+    excess: float, angle_rad: float, distance_mm: float, instrument: Instrument, *, reading_mm: float = READING_MM,
+    slip_share: float = SLIP_SHARE,
+) -> tuple[np.ndarray, Instrument, Said]:  # fmt: skip
     """Return an image's stretch [2, 2], the instrument with what remains uncertain, and a note, after one length at an
-    angle came out too long by the share ``excess``. ``reading_mm`` is the standard deviation of the reading."""
-    row = _row(angle_rad)
-    prior = instrument.covariance
-    gain = prior @ row / (row @ prior @ row + (reading_mm / distance_mm) ** 2)
-    common, half, lean = gain * excess
-    left = prior - np.outer(gain, row @ prior)
+    angle came out too long by the share ``excess``. ``reading_mm`` is the standard deviation of the reading.
+
+    Either the instrument is as it says, or its picture is of another size, or the reading slipped: their mean and
+    covariance hold by how likely each makes the excess.
+    """
+    row, plain, usual = _row(angle_rad), instrument.covariance, (reading_mm / distance_mm) ** 2
+    resized = plain + np.diag([instrument.resized_sd**2, 0.0, 0.0])
+    shares = np.array([1.0, RESIZED_SHARE * (instrument.resized_sd > 0.0), slip_share])
+    cases = ((plain, usual), (resized, usual), (plain, usual + (SLIP_MM / distance_mm) ** 2))
+    spreads = np.array([row @ prior @ row + noise for prior, noise in cases])
+    likely = shares * np.exp((excess**2 / spreads.max() - excess**2 / spreads) / 2) / np.sqrt(spreads)
+    likely /= likely.sum()
+    gains = [prior @ row / spread for (prior, _), spread in zip(cases, spreads, strict=True)]
+    mean = excess * (likely @ gains)
+    left = sum(
+        share * (prior - np.outer(gain, row @ prior) + np.outer(gain * excess - mean, gain * excess - mean))
+        for share, (prior, _), gain in zip(likely, cases, gains, strict=True)
+    )
+    common, half, lean = mean
     sds = np.sqrt(np.diag(left))
     stretch = np.array([[1 + common + half, lean], [lean, 1 + common - half]])
     note = say("image-too-large-by-callipers", f"{100 * excess:+.2f}", f"{100 * math.sqrt(row @ left @ row):.2f}")
+    if likely[2] > SLIPPED:
+        note = say("image-scale-strange", note, f"{distance_mm * (1 + excess):.2f}")
     together = left / np.maximum(np.outer(sds, sds), 1e-18)
     known = replace(
         instrument, scale_sd=float(sds[0]), axes_sd=float(sds[1]), lean_sd=float(sds[2]),

@@ -36,14 +36,13 @@ from printmend.measure.page import (
     inside_mm,
     is_bare_scan,
     refuse_bare_photo,
-    scanned_at,
     sheet_said,
     tags_said,
 )
 from printmend.measure.plan import ProbePlan
 from printmend.measure.ruler import Ruler, find_rulers
 from printmend.messages import say
-from printmend.path import Instrument, Motion
+from printmend.path import FLATBED, Instrument, Motion
 from printmend.units import MM_PER_INCH, SIGMA_PER_MEDIAN
 
 MOST_SCALE_FACTOR = (
@@ -105,7 +104,7 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None) ->
     refuse_bare_photo(path, tags, camera=camera)
     said_dpi, dpi = dpi, dpi or stated or USUAL_DPI
     dots = find_dots(image, dpi / MM_PER_INCH, plan, subject=str(path))
-    dots_mm, scale, instrument = _scaled(dots, tags, dpi, stated)
+    dots_mm, scale, instrument = _scaled(dots, tags, dpi)
     sheet, marks = _shown(dots_mm, dots.diameter_px * MM_PER_INCH / dpi, plan)
     if marks is None or _scale_ratio(dots, marks, dpi, plan.sheets[sheet]) is not None:
         raise _resolution_error(path, image, dots, dpi, plan)
@@ -161,18 +160,18 @@ def _scales(dots_mm: np.ndarray, marks: Marks, plan: ProbePlan) -> tuple[float, 
     return float(x), float(y)
 
 
-def _scaled(dots: Dots, tags: Tags, dpi: float, stated: float | None) -> tuple[np.ndarray, str, Instrument]:
+def _scaled(dots: Dots, tags: Tags, dpi: float) -> tuple[np.ndarray, str, Instrument]:
     """Return the dots [N, 2] in mm, by the reference sheet if the scan shows it, else by the resolution; the source of
     the scale; and its uncertainty."""
     plain = dots.centre_px * (MM_PER_INCH / dpi)
     if len(tags) < LEAST_TAGS:
-        return plain, say("scale-from-dpi", f"{dpi:g}"), scanned_at(dpi, stated)
+        return plain, say("scale-from-dpi", f"{dpi:g}"), FLATBED
     fit, _ = fit_affine(tags)
     if np.ptp(tag_corners_mm()[tags.ids].reshape(-1, 2), axis=0).min() >= LEAST_TAG_SPREAD_MM:
         placed = np.hstack([dots.centre_px, np.ones((len(dots), 1))]) @ fit
         return placed, say("scale-axes-from-tags", len(tags)), SHEET
     told = say("scale-from-tags", len(tags))
-    return dots.centre_px * np.sqrt(abs(np.linalg.det(fit[:2]))), told, scanned_at(dpi, None)
+    return dots.centre_px * np.sqrt(abs(np.linalg.det(fit[:2]))), told, FLATBED
 
 
 def _scale_ratio(dots: Dots, marks: Marks, dpi: float, plan: ProbePlan) -> float | None:

@@ -251,7 +251,8 @@ def _shown(model: SavedModel, filament: str | None) -> Entry:
         known = {each.name for each in fields(Instrument)}
         own = Instrument(**{key: value for key, value in instrument_of(model).items() if key in known}).covariance
         half = np.array([1.0, -1.0])
-        sd = np.sqrt(sd**2 + own[0, 0] + own[1, 1] + 2 * half * own[0, 1])
+        resized2 = sum(float(np.mean(np.square(part.draws_mm))) for part in belief.of("resized")) / SCALE_MM**2
+        sd = np.sqrt(sd**2 + own[0, 0] + own[1, 1] + 2 * half * own[0, 1] + resized2)
     else:
         drawn = axis_scales(belief.scene, belief.parts)[1] + np.zeros((2, DRAWS))
         for part in belief.of("shrinkage"):
