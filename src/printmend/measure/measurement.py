@@ -332,7 +332,8 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     on_bed = [np.where(one[:, None], place[number], np.nan) for place, one in zip(laid, seen, strict=True)]
     sigmas = [_among_all(reading.sigma_mm, own) for reading, own in zip(readings, mine, strict=True)]
     measured, sigma = _merged(on_bed, sigmas)
-    wave_mm = wave_left_mm(on_bed, plan.marks_mm)
+    _, first = np.unique(number, return_index=True)
+    wave_mm = wave_left_mm(laid, plan.marks_mm[first])
     instrument = replace(readings[0].instrument, wave_mm=max(readings[0].instrument.wave_mm, wave_mm))
     instrument = instrument_on_bed(instrument, pose.matrix, settled=settled)
     if wave_mm > LEAST_DISAGREEMENT_MM:
@@ -367,7 +368,7 @@ def _among_all(values: np.ndarray, own: np.ndarray) -> np.ndarray:
 
 
 def wave_left_mm(on_bed: Sequence[np.ndarray], marks_mm: np.ndarray) -> float:
-    """Estimate from the scans' disagreement how uneven their mean [K × [M, 2]] still is (RMS of one coordinate).
+    """Estimate from the scans' disagreement how uneven their mean [K × [S, 2]] still is (RMS of one coordinate).
 
     All scans show the same print. Reading errors are independent from mark to mark; an uneven carriage moves
     neighbours alike. So the covariance between neighbours of the difference of two scans is twice the variance of one
