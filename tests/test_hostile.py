@@ -249,6 +249,7 @@ def test_a_fault_of_our_own_is_one_line(folder: Path, monkeypatch: pytest.Monkey
 
     monkeypatch.setattr("printmend.model.read_model", broken)
     monkeypatch.setattr("signal.signal", lambda number, handler: None)
+    monkeypatch.setenv("PRINTMEND_TRACEBACK", "0")
     monkeypatch.setattr(sys, "argv", ["printmend", "export", "-m", "x", "--to", "marlin"])
     with pytest.raises(SystemExit) as caught:
         main.main()

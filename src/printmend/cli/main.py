@@ -189,7 +189,7 @@ def main() -> None:
     except Exception as error:
         if isinstance(error, ImportError) and (missing := missing_extra(error)) is not None:
             _end(terminal.say(missing.message), missing.exit_code)
-        if os.environ.get("PRINTMEND_TRACEBACK"):
+        if os.environ.get("PRINTMEND_TRACEBACK") == "1":
             raise
         told = " ".join(f"{type(error).__name__}: {error}".split())[:300]
         _end(terminal.say(say("terminal-own-fault", told)), 1)
