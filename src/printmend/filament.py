@@ -49,6 +49,11 @@ def _names() -> dict[str, Material]:
     return {**table, **{also: table[polymer] for also, polymer in _ALSO.items()}, UNNAMED: any_polymer}
 
 
+def said_name(name: str) -> str:
+    """Return a filament's name as a sentence has it."""
+    return say("filament-unnamed") if name == UNNAMED else name
+
+
 def polymers() -> tuple[str, ...]:
     """Return the names of the polymers that are known."""
     return tuple(_table())

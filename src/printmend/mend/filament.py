@@ -14,7 +14,7 @@ import numpy as np
 from printmend.diagnosis.named import diagnose, words_of_z
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ConfigError, ModelError
-from printmend.filament import UNNAMED, material_of
+from printmend.filament import UNNAMED, material_of, said_name
 from printmend.infer.machine import DRAWS, Part
 from printmend.learn.learned import AUTO, SEARCH, learn_model
 from printmend.machine import Frame, Mechanism
@@ -203,7 +203,7 @@ def filament_words(model: SavedModel) -> tuple[str, ...]:
         lines.append(say("machines-own-scale", say("scale-x-and-y", *own)))
     for name, parts in known_filaments(model).items():
         by = (f"{part.draws_mm.mean():.2f} ± {part.draws_mm.std():.2f}" for part in parts)
-        lines.append(say("parts-shrink-by", name, say("scale-x-and-y", *by)))
+        lines.append(say("parts-shrink-by", said_name(name), say("scale-x-and-y", *by)))
     return tuple(lines)
 
 
@@ -417,7 +417,7 @@ def _untold(entries: Sequence[Entry], axes: Sequence[int]) -> str:
         shares = [
             say("percent-in-axis", f"{100 * last.scale[a]:+.2f}", "XY"[a]) for a in axes if np.isfinite(last.scale[a])
         ]
-        seen.append(say("scale-of-filament", _both(shares), name))
+        seen.append(say("scale-of-filament", _both(shares), said_name(name)))
     which = _both(["XY"[axis] for axis in axes])
     if any(each.filament is None for each in entries):
         return say("whose-scale-not-settled", which)
