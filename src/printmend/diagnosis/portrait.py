@@ -19,6 +19,7 @@ from printmend.units import TURN_RAD
 
 POINTS = 1201  # points of a curve
 ANGLES = 720  # points of a hull's outline, and of a circle
+LEAST_SEEN_SHARE = 0.95  # of a belt's direction that a point must show: a wall's normal lies within 13° of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +86,15 @@ def portrait(parts: Sequence[Part], scene: Scene, motor: int, contacts: Contacts
 
 
 def contacts_of_fit(fit: Fit, motor: int) -> Contacts:
-    """Return the points that a search saw this motor's belt touch; walls tell one number each, and are none."""
-    rows, left = fit.rows, fit.left_mm()
-    x, y = (np.flatnonzero((rows.along == way).all(axis=1)) for way in np.eye(2))
-    if not len(x) or not np.array_equal(rows.mark[x], rows.mark[y]):
-        return Contacts(np.zeros(0), np.zeros(0), np.zeros(0))
-    mark, left_mm = rows.mark[x], fit.scene.printer.to_motor(np.stack([left[x], left[y]], axis=1))[:, motor]
-    side = fit.places.side[mark, motor]
-    return Contacts(fit.places.motor_mm[mark, motor][side != 0], side[side != 0], left_mm[side != 0])
+    """Return the points that a search saw this motor's belt touch; of walls, those that face along it."""
+    rows, count, printer = fit.rows, len(fit.places), fit.scene.printer
+    along = printer.to_motor(np.eye(2))[:, motor]
+    way = along / np.linalg.norm(along)
+    seen_share = rows.at_places(rows.along @ way, count) @ way
+    side = fit.places.side[:, motor]
+    at = np.flatnonzero((seen_share > LEAST_SEEN_SHARE) & (side != 0))
+    left_mm = rows.at_places(fit.left_mm(), count) @ along
+    return Contacts(fit.places.motor_mm[at, motor], side[at], left_mm[at])
 
 
 def _scale_percent(acts: Sequence[Found]) -> float:

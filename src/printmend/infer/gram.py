@@ -76,6 +76,13 @@ class Rows:
         """Return some of the rows."""
         return Rows(*(value[which] for value in vars(self).values()))
 
+    def at_places(self, sizes_mm: np.ndarray, count: int) -> np.ndarray:
+        """Return numbers [M], one for each row, as vectors at ``count`` places [count, 2]: of a wall along its normal
+        alone, 0 where nothing was measured."""
+        found = np.zeros((count, 2))
+        np.add.at(found, self.mark, sizes_mm[:, None] * self.along)
+        return found
+
 
 def seen(key: Key, places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     """Return the rows' columns [M, P] of an effect at one place with one shape."""

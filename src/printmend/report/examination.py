@@ -8,6 +8,7 @@ import numpy as np
 import printmend
 from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, WORK, Advice, advised
 from printmend.diagnosis.portrait import Circle, Portrait, Positioning, circle, contacts_of_fit, portrait, positioning
+from printmend.effects import EFFECTS, Of
 from printmend.errors import InputError
 from printmend.infer.fit import Fit
 from printmend.learn.learned import learn, scatter_words, todo
@@ -122,18 +123,32 @@ def examine(
     found = advised(saved.document)
     advice = [one for _, one in found if one.effect_mm >= LEAST_ADVICE_MM or one.urgency in WORK]
     advice.sort(key=lambda one: (order.index(one.urgency), -one.effect_mm))
-    after = fit.left_by_mark_mm(flat)
-    shown = np.flatnonzero(flat.measured_rows & np.isfinite(after).all(axis=1))
-    shown = shown[:: max(1, len(shown) // MOST_ARROWS)]
     mechanism = saved.mechanism
     return Examination(
         saved, tuple(advice), (_portrait(saved, fit, 0), _portrait(saved, fit, 1)),
         (positioning(mechanism, 0), positioning(mechanism, 1)), circle(mechanism),
-        flat.commanded_mm[shown], (flat.measured_mm - flat.commanded_mm)[shown], after[shown],
-        None if part is None else part.name, None if part is None else check_gcode(part, saved),
+        *_arrows(flat, fit), None if part is None else part.name,
+        None if part is None else check_gcode(part, saved),
         sum(one not in advice and row["kind"] != "offset" for row, one in found),
         (*scale_words(saved), *misfit_words(saved.document)), expectation(saved, flat),
     )  # fmt: skip
+
+
+def _arrows(trace: Trace, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return some measured places [N, 2], their errors before mending and the unexplained part: of a wall, across it.
+
+    What the instrument did is no error.
+    """
+    rows, count = fit.rows, len(trace)
+    of_instrument = (part for part in fit.parts() if EFFECTS[part.effect].of is Of.INSTRUMENT)
+    off_mm = trace.measured_mm - trace.commanded_mm - fit.moved_mm(of_instrument)
+    if not trace.placed:  # nobody knows where the plate lay
+        off_mm = off_mm - np.nanmean(off_mm, axis=0)
+    before_mm = rows.at_places(np.einsum("mc,mc->m", rows.along, off_mm[rows.mark]), count)
+    shown = np.unique(rows.mark)
+    shown = shown[np.isfinite(before_mm[shown]).all(axis=1)]
+    shown = shown[:: max(1, len(shown) // MOST_ARROWS)]
+    return trace.commanded_mm[shown], before_mm[shown], rows.at_places(fit.left_mm(), count)[shown]
 
 
 def _portrait(saved: SavedModel, fit: Fit, motor: int) -> Portrait:
@@ -168,7 +183,7 @@ def numbers(examination: Examination) -> list[tuple[str, str]]:
         found.append(before_and_after(prediction, say("number-your-part", examination.part or "")))
     return [
         *found,
-        (say("mm-2", f"{examination.before_rms_mm:.3f}"), say("number-test-print")),
+        (say("mm-2", f"{examination.before_rms_mm:.3f}"), say("number-measured-print")),
         (
             say("mm-2", f"{examination.after_rms_mm:.3f}"),
             say("number-unexplained", scatter_words(examination.saved)),
