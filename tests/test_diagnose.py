@@ -187,6 +187,35 @@ def test_most_points_lie_in_the_band(examined: Examination) -> None:
         assert 0.92 < np.mean(off < 1) < 1.0
 
 
+def test_a_part_gets_a_report_too(folder: Path, tmp_path: Path, rng: np.random.Generator) -> None:
+    """Its walls show one direction only; each is drawn across itself, and at the motor along which it faces."""
+    dots = probe_trace(BROKEN, ENDER3)
+    walls = np.flatnonzero(dots.measured_rows)[::2]
+    normal = np.full((len(dots), 2), np.nan)
+    normal[walls] = rng.permutation(np.resize([[1, 0], [0, 1], [-1, 0], [0, -1], [0.6, 0.8]], (len(walls), 2)))
+    out_mm = np.sum(normal * (dots.measured_mm - dots.commanded_mm), axis=1) + 0.05
+    unread = np.full((len(dots), 2), np.nan)
+    trace = replace(dots, measured_mm=unread, normal=normal, offset_mm=out_mm, placed=False, instrument=FLATBED)
+    part = examine(trace, ENDER3, part=folder / "part <1>.gcode", rng=rng)
+    assert {"X pulley is off its centre", "Y pulley is oval", "X belt has play"} <= {one.title for one in part.advice}
+    assert all(len(one.point_side) > 50 for one in part.portraits)
+    shown = {tuple(place): way for place, way in zip(dots.commanded_mm[walls], normal[walls], strict=True)}
+    ways = np.array([shown[tuple(place)] for place in part.places_mm])
+    for arrows in (part.before_mm, part.after_mm):
+        assert np.abs(arrows[:, 0] * ways[:, 1] - arrows[:, 1] * ways[:, 0]).max() < 1e-9
+    before, after = (np.sqrt(np.mean(np.sum(each**2, axis=1))) for each in (part.before_mm, part.after_mm))
+    assert before > 0.2
+    assert after == pytest.approx(0.02, abs=0.003)
+    assert part.prediction is not None
+    write_examination(tmp_path / "part.pdf", part)
+    write_examination(tmp_path / "teil.html", part, language="de")
+    page = html.unescape((tmp_path / "teil.html").read_text())
+    assert "<p>part <1>.gcode, geheilt: Unsicherheitsbudget" in page
+    combined = f"{part.prediction.after.rms_mm:.4f}".replace(".", ",")
+    assert f"<td>kombiniert</td><td></td><td>{combined}</td>" in page
+    assert "(Filament ohne Namen)" in page
+
+
 def test_a_healthy_printer_needs_nothing(rng: np.random.Generator, tmp_path: Path) -> None:
     examination = examine(probe_trace(HEALTHY, ENDER3), ENDER3, rng=rng)
     assert examination.advice == ()

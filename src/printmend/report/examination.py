@@ -36,7 +36,7 @@ class Examination:
     """A trace's fit with everything that its report shows; ``part`` and ``prediction`` if a part was given.
 
     ``finer`` is the number of faults too small to show. ``misfit`` holds the findings that the model does not fit.
-    ``expected`` is the promise for a mended copy of the test print.
+    ``expected`` is the promise for the mended part, without one for a mended copy of the test print.
     """
 
     saved: SavedModel
@@ -123,14 +123,17 @@ def examine(
     found = advised(saved.document)
     advice = [one for _, one in found if one.effect_mm >= LEAST_ADVICE_MM or one.urgency in WORK]
     advice.sort(key=lambda one: (order.index(one.urgency), -one.effect_mm))
-    mechanism = saved.mechanism
+    mechanism, prediction = saved.mechanism, None if part is None else check_gcode(part, saved)
+    if prediction is None:
+        expected = expectation(saved, flat)
+    else:
+        expected = None if prediction.gain_mm is None else prediction.after
     return Examination(
         saved, tuple(advice), (_portrait(saved, fit, 0), _portrait(saved, fit, 1)),
         (positioning(mechanism, 0), positioning(mechanism, 1)), circle(mechanism),
-        *_arrows(flat, fit), None if part is None else part.name,
-        None if part is None else check_gcode(part, saved),
+        *_arrows(flat, fit), None if part is None else part.name, prediction,
         sum(one not in advice and row["kind"] != "offset" for row, one in found),
-        (*scale_words(saved), *misfit_words(saved.document)), expectation(saved, flat),
+        (*scale_words(saved), *misfit_words(saved.document)), expected,
     )  # fmt: skip
 
 

@@ -82,4 +82,5 @@ def _metrology(examination: Examination, tell: Tell) -> Iterator[Block]:
         yield circle_picture(examination.circle, tell)
         yield Numbers(say("standard-said"), standard_rows(examination), words=2)
     if examination.expected is not None:
-        yield Numbers(say("budget-said"), budget_rows(examination.expected))
+        of = examination.part or say("budget-measured-print")
+        yield Numbers(say("budget-said", of), budget_rows(examination.expected))

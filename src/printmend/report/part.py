@@ -82,7 +82,7 @@ def _blocks(
         yield layers_picture(prediction.layers, name, tell)
     if prediction.gain_mm is not None:
         yield Words("heading", say("report-causes"))
-        yield Numbers(say("budget-said"), budget_rows(prediction.after))
+        yield Numbers(say("budget-said", name), budget_rows(prediction.after))
     yield Words("heading", say("report-printer"))
     yield Words("text", model.printer.name)
     yield Items(model.findings)
