@@ -15,6 +15,7 @@ from printmend.model.model import SavedModel, said_of
 from printmend.plan import Planner
 from printmend.plan import layout as k
 from printmend.promise.belief import parse_belief
+from printmend.promise.filament import UNTOLD
 from printmend.promise.predict import Errors, PathPlaces, Promise, best_shift, promised, shape_of, without_doubt
 from printmend.promise.words import in_a_line, in_words, knows_a_length, knows_all_but_a_reading
 
@@ -360,6 +361,9 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
         if whole:
             return (say("rest-left-open", say("second-test-print-taken-printmend-learn")),)
         return (say("rest-not-shown", say("whole-printmend-probe-printed-measured-settles")),)
+    untold = [gap for gap in model.findings[1:] if is_one_of(gap, UNTOLD)]
+    if name == "instrument" and untold:
+        return (say("rest-not-shown", untold[0]),)
     if name == "instrument" and knows_all_but_a_reading(model):
         return (say("rest-is-callipers"),)
     if name == "instrument" and knows_a_length(model):
