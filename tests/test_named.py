@@ -92,6 +92,24 @@ def test_play_is_named_once_by_its_most_telling_form() -> None:
     assert sticks.kind == "sticking"
 
 
+@pytest.mark.parametrize(
+    ("effect", "shape", "sizes", "grew", "shrank"),
+    [
+        ("uneven_play", (1.0, 100.0), [0.2], ("mm more play", "mm mehr Spiel"), ("mm less play", "mm weniger Spiel")),
+        ("wear", (), [0.2], ("grew by", "wuchs"), ("shrank by", "schrumpfte")),
+        ("warmth", (0.2,), [0.2, 0.0, 0.0, 0.0], ("grew by", "wuchs"), ("shrank by", "schrumpfte")),
+    ],
+)
+def test_a_verb_says_which_way_and_no_sign_does(
+    effect: str, shape: tuple[float, ...], sizes: list[float], grew: tuple[str, str], shrank: tuple[str, str]
+) -> None:
+    for sign, said in ((1, grew), (-1, shrank)):
+        (told,) = misfits_of([part(effect, 0, [sign * size for size in sizes], shape)], SCENES["ender3"])
+        for words, verb in zip((told.words, translated(told.words, GERMAN)), said, strict=True):
+            assert verb in words
+            assert re.search(r"[-+−]0\.", words) is None, words
+
+
 @pytest.mark.parametrize("angle_rad", [0.0, 0.7, 1.3])
 def test_a_push_along_one_line_is_as_large_as_it_goes_either_way(angle_rad: float) -> None:
     way = np.cos(angle_rad), np.sin(angle_rad)

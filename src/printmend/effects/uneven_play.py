@@ -35,5 +35,7 @@ class UnevenPlay(Usual):
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         carrier, axis = carrier_name(scene, found.where), "XY"[int(found.shape[0])]
-        words = say("mm-more-play-upper-part-model", carrier, f"{found.sizes_mm[0]:+.2f}", axis)
+        size = float(found.sizes_mm[0])
+        message = "mm-more-play-upper-part-model" if size > 0 else "mm-less-play-upper-part-model"
+        words = say(message, carrier, f"{abs(size):.2f}", axis)
         yield Told("halves-play", words)

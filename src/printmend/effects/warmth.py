@@ -39,5 +39,9 @@ class Warmth(Usual):
         grown = course * found.sizes_mm[:2] * [span_mm(scene, axis) / SCALE_MM for axis in range(2)]
         moved = course * found.sizes_mm[2:]
         which = int(np.argmax(np.abs([*grown, *moved])))
-        message = "grew-mm-end-end-while-print" if which < 2 else "moved-mm-while-print-went-machine"
-        yield Told("thermal", say(message, "XY"[which % 2], f"{[*grown, *moved][which]:+.2f}"))
+        name, size = "XY"[which % 2], float([*grown, *moved][which])
+        if which < 2:
+            message = "grew-mm-end-end-while-print" if size > 0 else "shrank-mm-end-end-while-print"
+            yield Told("thermal", say(message, name, f"{abs(size):.2f}"))
+        else:
+            yield Told("thermal", say("moved-mm-while-print-went-machine", name, f"{size:+.2f}"))

@@ -30,5 +30,5 @@ class Wear(Usual):
         size = float(found.sizes_mm[0])
         grew = size > 0
         message = "play-changed-mm-while-print-went-3" if grew else "play-changed-mm-while-print-went"
-        words = say(message, carrier_name(scene, found.where), f"{size:+.2f}")
+        words = say(message, carrier_name(scene, found.where), f"{abs(size):.2f}")
         yield Told("wear" if grew else "sticking", together(". ", [words, OF_END]) if found.acts else words)
