@@ -56,7 +56,7 @@ def read_off(distances, machine, rng=None, width=0.05) -> np.ndarray:
 
 
 def estimates_by_hand(distances, readings) -> list[Estimate]:
-    return by_hand._estimates(by_hand._machines(distances, readings, printer_of(distances.plan)))
+    return by_hand._estimates(by_hand._machines(distances, readings, printer_of(distances.plan)), readings)
 
 
 @cache
@@ -122,6 +122,21 @@ def test_a_lean_is_told_from_two_opposite_scales():
                if item.name == "skew")  # fmt: skip
     assert skew.corrected
     assert np.tan(np.radians(skew.value)) == pytest.approx(0.01, abs=0.002)
+
+
+@pytest.mark.parametrize(("play", "absent"), [(0.0, True), (0.8, False)])
+def test_no_deviation_is_surer_than_the_readings(play, absent):
+    printer, distances = case_of("ender3")
+    readings = read_off(distances, broken(printer, play=play))
+    said = estimates_by_hand(distances, readings)
+    for item in said:
+        if item.words == f"{item.name}: none found":
+            assert not item.corrected
+        elif item.unit == "mm" and not item.corrected and item.name != "dot width":
+            assert item.sd >= READING_SD_MM / np.sqrt(len(readings))
+        assert "0.000 ± 0.000" not in item.words
+    assert all(item.words.endswith("none found") for item in said if "scale" in item.name)
+    assert all(item.absent == absent and item.corrected != absent for item in said if "play" in item.name)
 
 
 def test_a_single_slip_is_not_believed():

@@ -12,8 +12,8 @@ from printmend.effects.effect import SCALE_MM
 from printmend.effects.pulley import HARMONICS
 from printmend.errors import TraceError
 from printmend.infer.distances import ByHand, machines_by_hand, printer_of
-from printmend.infer.machine import DRAWS, machine_of, those_acting
-from printmend.measure.callipers import Distances
+from printmend.infer.machine import DRAWS, LIKELY, machine_of, those_acting
+from printmend.measure.callipers import READING_SD_MM, Distances
 from printmend.messages import say
 from printmend.model import SavedModel, saved_model
 from printmend.printer import Printer
@@ -47,8 +47,9 @@ OF_WHOLE = (
 
 @dataclass(frozen=True)
 class Estimate:
-    """One quantity, ``value`` ± ``sd``; ``supported`` says that the distances tell it, and not the prior alone, and
-    ``corrected`` that it acts."""
+    """One quantity, ``value`` ± ``sd``; ``supported`` says that the distances tell it, and not the prior alone,
+    ``corrected`` that it acts, and ``absent`` that the distances show none: most drawn machines have none, and those
+    that do spread it less than readings can resolve, so that its deviation would look surer than any reading is."""
 
     name: str
     value: float
@@ -56,6 +57,7 @@ class Estimate:
     unit: str
     supported: bool
     corrected: bool
+    absent: bool
 
     @property
     def words(self) -> str:
@@ -63,6 +65,8 @@ class Estimate:
         said = say("estimate", self.name, f"{self.value:+.3f}", f"{self.sd:.3f}", self.unit)
         if not self.supported:
             return say("these-distances-cannot-tell", said)
+        if self.absent:
+            return say("estimate-absent", self.name)
         return said if self.corrected else say("not-corrected", said)
 
 
@@ -73,18 +77,18 @@ def model_by_hand(distances: Distances, readings_mm: np.ndarray, printer: Printe
     """
     found = _machines(distances, readings_mm, printer)
     mechanism, branches = machine_of(found.scene, those_acting(found.parts))
-    findings = tuple(_said(found))
+    findings = tuple(_said(found, readings_mm))
     details = {"promise": belief_section(found.scene, found.parts, by_hand=True)}
     return saved_model(mechanism, learner="callipers", branches=branches, findings=findings, details=details)
 
 
 def said_by_hand(distances: Distances, readings_mm: np.ndarray) -> list[str]:
     """Return a line for each estimate, and for each reading that may be a slip."""
-    return list(_said(_machines(distances, readings_mm, printer_of(distances.plan))))
+    return list(_said(_machines(distances, readings_mm, printer_of(distances.plan)), readings_mm))
 
 
-def _said(found: ByHand) -> Iterator[str]:
-    yield from (each.words for each in _estimates(found))
+def _said(found: ByHand, readings_mm: np.ndarray) -> Iterator[str]:
+    yield from (each.words for each in _estimates(found, readings_mm))
     yield from (say("reading-may-be-misread", number + 1, f"{off_mm:+.1f}") for number, off_mm in found.misread)
 
 
@@ -94,8 +98,9 @@ def _machines(distances: Distances, readings_mm: np.ndarray, printer: Printer) -
     return machines_by_hand(distances, readings_mm, printer, np.random.default_rng(SEED))
 
 
-def _estimates(by_hand: ByHand) -> list[Estimate]:
+def _estimates(by_hand: ByHand, readings_mm: np.ndarray) -> list[Estimate]:
     """Return estimates of scale, play and first harmonic of each motor, of the skew, and of the dots' width."""
+    resolved_mm = READING_SD_MM / math.sqrt(np.isfinite(readings_mm).sum())  # by the mean of all readings
     scene, parts = by_hand.scene, by_hand.parts
     asked = [
         (motor, each._replace(words=say("motor-quantity", name.upper(), each.words)))
@@ -105,10 +110,13 @@ def _estimates(by_hand: ByHand) -> list[Estimate]:
     found = []
     for where, each in asked:
         mine = [part for part in parts if (part.effect, part.where) == (each.effect, where)]
-        drawn = each.factor * sum((part.draws_mm[each.size] for part in mine), np.zeros(DRAWS))
+        drawn_mm = sum((part.draws_mm[each.size] for part in mine), np.zeros(DRAWS))
         acts = any(bool(part.acts_mm[each.size]) for part in mine)
-        sd, prior_sd = float(drawn.std()), each.factor * _prior_sd(scene, each, where)
-        found.append(Estimate(each.words, float(drawn.mean()), sd, each.unit, sd < SUPPORTED_SHARE * prior_sd, acts))
+        sd_mm = float(drawn_mm.std())
+        supported = sd_mm < SUPPORTED_SHARE * _prior_sd(scene, each, where)
+        absent = int(np.count_nonzero(drawn_mm)) < LIKELY * DRAWS and sd_mm < resolved_mm
+        value, sd = each.factor * float(drawn_mm.mean()), each.factor * sd_mm
+        found.append(Estimate(each.words, value, sd, each.unit, supported, acts, absent))
     return found
 
 
