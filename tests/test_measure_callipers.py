@@ -300,6 +300,8 @@ def test_odd_readings_end_in_one_line(case):
         ("\n".join([good[0], "long"]), "distance 2"),
         (f"{distances.across_mm[0] / 25.4:.3f}", "25.4"),
         ("3", "distance 1"),
+        (f"9-{good[0].replace('.', ',')}", f"'9-{good[0].replace('.', ',')}'.*like 123.45"),
+        (f"2;{good[0]}", "distance 1 in mm.*in the order of the list"),
     ):
         with pytest.raises(TraceError, match=named):
             parse_readings(text, distances, subject="list")
@@ -375,6 +377,19 @@ def test_callipers_talk(tmp_path):
 
 
 @pytest.mark.parametrize(("line", "value"), [("146,25", 146.25), ("146.25", 146.25), ("3,146.25", 146.25),
-                                             ("146,25 mm", 146.25), ("so", None)])  # fmt: skip
+                                             ("146,25 mm", 146.25), ("so", None), ("9.146,25", 25.0),
+                                             ("146.25 147.25", None)])  # fmt: skip
 def test_a_decimal_comma_is_read(line, value):
     assert number_in(line, 146.0) == value
+
+
+@pytest.mark.parametrize("front", ["{};", "{}: ", "{}. ", "{}\t", "{}  ", "{} ; ", "{},", "{})"])
+@pytest.mark.parametrize("comma", [".", ","])
+def test_a_line_may_begin_with_its_number(front, comma):
+    _, distances = case_of("ender3")
+    about = enumerate(distances.across_mm, start=1)
+    lines = [front.format(at) + f"{mm:.2f}".replace(".", comma) for at, mm in about]
+    lines[3] = front.format(4)  # not measured
+    came = parse_readings("\n".join(lines), distances, subject="list")
+    assert np.flatnonzero(np.isnan(came)).tolist() == [3]
+    assert np.delete(came, 3) == pytest.approx(np.delete(distances.across_mm, 3), abs=0.006)

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,6 +20,8 @@ SHORTEST_MM, LONGEST_MM = 20.0, 145.0  # the common callipers open 150 mm
 SURE_OF_SIDE_MM = 4.0  # after this much travel one way, the side that pushes the belt is known: no play is wider
 DOUBTED_SIGMAS = 4.0  # a reading farther from its expected value than this is doubted
 SLIP_SHARE = 0.25  # a reading off by more than this share of its distance is a slip of the hand
+# A line's number in front of its reading: "9;", "9:", "9,", "9)", "9. ", "9 ", or alone, where no reading was taken.
+_IN_FRONT = re.compile(r"(\d{1,3})(?:\s*[;:,)]\s*|\.?\s+|\.?$)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +79,8 @@ def describe(distances: Distances) -> list[str]:
 def parse_readings(text: str, distances: Distances, *, subject: str) -> np.ndarray:
     """Read distances [K] in mm, one a line (or the last cell of a CSV line), NaN where a line is empty.
 
-    Raises `TraceError` for text, too many lines, and readings that cannot be of these dots (inches are named).
+    A line may begin with its own number. Raises `TraceError` for text, too many lines, the number of another line, and
+    readings that cannot be of these dots (inches are named).
     """
     lines = [line.strip() for line in text.splitlines()]
     if lines and lines[0] and _is_header(lines[0]):
@@ -89,17 +93,22 @@ def parse_readings(text: str, distances: Distances, *, subject: str) -> np.ndarr
         )
     readings = np.full(len(distances.pairs), np.nan)
     for row, line in enumerate(lines):
-        cell = line.rsplit(",", 1)[-1].strip()
-        if not cell:
+        number = row + 1
+        front, rest = _numbered(line)
+        if not (rest if front == number else line.rsplit(",", 1)[-1]):
             continue
         about_mm = float(distances.across_mm[row])
         value = number_in(line, about_mm)
         if value is None:
             raise TraceError(
-                subject, wanted=say("distance-mm", row + 1), came=repr(cell[:30]), todo=say("write-numbers-like-123-45")
+                subject, wanted=say("distance-mm", number), came=repr(line[:30]), todo=say("write-numbers-like-123-45")
+            )
+        _check_reading(subject, number, value, about_mm, line)
+        if front not in (None, number) and front <= len(readings) and value == number_in(rest, value):
+            raise TraceError(
+                subject, wanted=say("distance-mm", number), came=repr(line[:30]), todo=say("write-in-order-list")
             )
         readings[row] = value
-        _check_reading(subject, row + 1, value, about_mm)
     if not np.isfinite(readings).any():
         raise TraceError(subject, wanted=say("least-distance"), came=say("none"), todo=say("measure-few-list"))
     return readings
@@ -112,21 +121,28 @@ def read_readings(path: str | Path, distances: Distances) -> np.ndarray:
 
 
 def number_in(line: str, about_mm: float) -> float | None:
-    """Return the number of a line, or None: 146.25, 146,25, or the last cell of a table's row.
+    """Return the number of a line, or None: 146.25, 146,25, what follows a number in front, or the last cell of a
+    table's row.
 
-    If a line can be read in two ways, the value nearer to ``about_mm`` counts.
+    If a line can be read in several ways, the value nearest to ``about_mm`` counts.
     """
     line = line.strip().removesuffix("mm").strip()
-    whole, cell = line.replace(",", ".", 1), line.rsplit(",", 1)[-1]
-    values = [float(text) for text in (cell, whole) if _is_number(text) and "," not in text]
+    texts = (line, _numbered(line)[1], line.rsplit(",", 1)[-1])
+    values = [value for text in texts if math.isfinite(value := _number(text.replace(",", ".", 1)))]
     return min(values, key=lambda value: abs(value - about_mm)) if values else None
 
 
-def _is_number(line: str) -> bool:
+def _numbered(line: str) -> tuple[int | None, str]:
+    """Return a line's number in front of its reading, None without one, and what follows it."""
+    front = _IN_FRONT.match(line)
+    return (int(front[1]), line[front.end() :]) if front else (None, line)
+
+
+def _number(text: str) -> float:
     try:
-        return math.isfinite(float(line.rsplit(",", 1)[-1]))
+        return float(text)
     except ValueError:
-        return False
+        return math.nan
 
 
 def _is_header(line: str) -> bool:
@@ -135,13 +151,13 @@ def _is_header(line: str) -> bool:
     return line.lower() != "nan" and not any(map(str.isdigit, line))
 
 
-def _check_reading(subject: str, number: int, came_mm: float, about_mm: float) -> None:
+def _check_reading(subject: str, number: int, came_mm: float, about_mm: float, line: str) -> None:
     if abs(came_mm / about_mm - 1) <= SLIP_SHARE:
         return
     inches = abs(came_mm * 25.4 / about_mm - 1) <= SLIP_SHARE
     raise TraceError(
         subject,
         wanted=say("distance-about-mm", number, f"{about_mm:.1f}"),
-        came=say("inches-factor", f"{came_mm:g}") if inches else f"{came_mm:g}",
+        came=say("inches-factor", f"{came_mm:g}") if inches else repr(line[:30]),
         todo=say("measure-again-mm-leave-line-empty"),
     )
