@@ -25,6 +25,7 @@ from printmend.corruption import Corruption, Drive
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.toml import corruption_toml, parse_corruption
 from printmend.demo.contour import demo_body_gcode
+from printmend.infer.distances import choose_distances
 from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
 from printmend.measure.table import write_trace
@@ -117,6 +118,8 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     moved = Twin.of(fault, printer).follow(phase.waypoints_mm)[phase.rows]
     seen = render_scan(moved, phase, dpi=200, degradations=CLEAN, rng=np.random.default_rng(3))
     write_image(here / "phase.png", seen.image, dpi=200)
+    across_mm = choose_distances(plan).across_mm
+    (here / "distances.txt").write_text("".join(f"{at};{mm:.2f}\n" for at, mm in enumerate(across_mm, start=1)))
     write_trace(here / "part.csv", measure_scans([here / "scan.png"], plan).trace)
     write_trace(here / "trace2.csv", measure_scans([here / "scan-turned.png"], plan).trace)
     write_trace(here / "tower.csv", measured(SCREW, tower(), frame=fault.frame, drives=drives))

@@ -41,7 +41,9 @@ MOST_NAMED = 40  # most missing marks that are named one by one
 @click.option("--scanner-error", "scanner_percent", metavar="PERCENT", type=Finite(min=0.005, max=2),
               help="RMS error of lengths in your scanner's scans, if you know it [default: 0.13]",
               )  # fmt: skip
-@click.option("--callipers", is_flag=True, help="Without a scan: ask for a few distances. SCAN may be a list of them.")
+@click.option("--callipers", is_flag=True,
+              help="Without a scan: ask for a few distances. SCAN may be a list of them, one a line; </dev/null shows "
+              "which.")  # fmt: skip
 @click.option("--printer", "printer_name", metavar="NAME|FILE.toml",
               help="With --gcode: the printer. With --callipers: learn a model of it.")  # fmt: skip
 @click.option("--filament", metavar="NAME", help="With --gcode: the filament of the part, as pla-black.")
