@@ -16,16 +16,20 @@ from printmend.errors import GcodeError, RefusedError, ScanError, TraceError
 from printmend.gcode.read import read_gcode
 from printmend.gcode.sliced import is_test_print
 from printmend.learn.learned import learn_model
-from printmend.measure import read_trace, write_trace
+from printmend.measure import page, read_trace, write_trace
 from printmend.measure.distance import choose_widths, scaled_by_widths
 from printmend.measure.image import read_image
+from printmend.measure.measurement import measure_scans
 from printmend.measure.ruler import find_rulers
 from printmend.measure.walls import read_walls
 from printmend.mend.mend import mend_gcode
 from printmend.mend.part import PartMeasurement, measure_part
 from printmend.mend.verify import verify
+from printmend.messages import GERMAN, translated
 from printmend.path import FLATBED, Instrument
 from printmend.printer import read_printer
+from printmend.probe import design_probe
+from printmend.twin.scanner import CLEAN, render_scan
 from tests import foreign_layer as foreign
 
 PRINTER = read_printer("ender3")
@@ -67,6 +71,21 @@ def test_one_part_teaches_how_to_print_another(scanned):
     assert after < LIMIT_MM
     with pytest.raises(TraceError, match="the measurement that the model was learned from"):
         verify(model, trace)
+
+
+def test_a_picture_without_a_resolution_says_which_is_assumed(scanned, tmp_path, monkeypatch):
+    """Of a part as of dots: the usual resolution is taken, and the first note says so."""
+    monkeypatch.setattr(page, "USUAL_DPI", 300.0)
+    plan = design_probe(PRINTER, size_mm=50, marks=100)
+    dots = render_scan(plan.marks_mm, plan, dpi=300, degradations=CLEAN, rng=np.random.default_rng(1)).image
+    Image.fromarray(dots[..., ::-1]).save(tmp_path / "dots.png")
+    Image.open(scanned / "gear.jpg").save(tmp_path / "gear.png", dpi=(96, 96))  # as an editor writes it
+    part = measure_part(tmp_path / "gear.png", scanned / "gear.gcode", PRINTER).notes[0]
+    for note in (part, measure_scans([tmp_path / "dots.png"], plan).notes[0]):
+        assert "scale from 300 dpi, assumed: the file states no scanner's resolution; if it is another, give" in note
+        assert "angenommen" in translated(note, GERMAN)
+    stated = (page.read_page(scanned / "gear.jpg"), page.read_page(tmp_path / "gear.png", dpi=300.0))
+    assert [(one.scale, one.unsure) for one in stated] == 2 * [("scale from 300 dpi", False)]
 
 
 def test_a_swinging_pulley_is_no_width_of_holes(tmp_path):

@@ -34,7 +34,7 @@ from printmend.measure.fiducials import (
     window_mm,
 )
 from printmend.measure.image import read_image
-from printmend.messages import say
+from printmend.messages import is_one_of, say
 from printmend.path import FLATBED, Instrument
 from printmend.units import MM_PER_INCH
 
@@ -48,6 +48,7 @@ PAPER_RIM_MM = 3.0  # width of the paper's rim that is ignored: the shadow of it
 WINDOW_RIM_MM = 1.0  # width of the window's rim that is ignored: the line along which it is cut
 MOST_SHEET_SCALE = 0.012  # the sheet was printed to another scale if a print on it is off by more than this share …
 AXES_AGREE_SHARE = 0.004  # … and x and y agree to this share
+_ASSUMED = "scale-from-assumed-dpi"  # the message of a scale that nobody stated
 _EXIF, _EXPOSURE, _FOCAL, _FOCAL_FILM = 0x8769, 0x829A, 0x920A, 0xA405
 
 
@@ -55,14 +56,13 @@ _EXIF, _EXPOSURE, _FOCAL, _FOCAL_FILM = 0x8769, 0x829A, 0x920A, 0xA405
 class Page:
     """A picture to scale: ``image`` [H, W, 3] at ``px_per_mm``, the uncertainty of its scale and axes, and in words
     where the scale came from. ``eye_mm`` [3] is where a photo's camera was, in the picture's own mm, the height above
-    the sheet last; None for a flatbed. ``unsure`` marks a picture without a stated resolution."""
+    the sheet last; None for a flatbed."""
 
     image: np.ndarray
     px_per_mm: float
     instrument: Instrument
     scale: str
     eye_mm: np.ndarray | None = None
-    unsure: bool = False
 
     @property
     def dpi(self) -> float:
@@ -73,10 +73,22 @@ class Page:
         """True if the scale comes from a sheet of tags."""
         return source_of(self.scale) == "sheet"
 
+    @property
+    def unsure(self) -> bool:
+        """True if neither the owner nor the file stated a resolution."""
+        return is_one_of(self.scale, (_ASSUMED,))
+
 
 def photo_todo() -> str:
     """Return what to do for a photo whose scale is known."""
     return say("print-sheet-tags-printmend-probe-sheet")
+
+
+def resolution(given: float | None, stated: float | None) -> tuple[float, str]:
+    """Return the resolution [dpi] of a scan, and words for it: what the owner has ``given``, else what the picture's
+    file ``stated``, else the usual one."""
+    dpi = given or stated or USUAL_DPI
+    return dpi, say("scale-from-dpi" if given or stated else _ASSUMED, f"{dpi:g}")
 
 
 def is_bare_scan(instrument: Instrument) -> bool:
@@ -97,8 +109,8 @@ def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.
         if dpi is None and (camera or stated is None) and (sheet := find_sheet(image)) is not None:
             return _photographed(image, sheet.lens, inside_mm(sheet), PAPER, sheet_said(sheet), focal_mm, tall_mm)
         refuse_bare_photo(path, tags, camera=camera and dpi is None)
-        scale = dpi or stated or USUAL_DPI
-        return Page(image, scale / MM_PER_INCH, FLATBED, f"{scale:g} dpi", unsure=dpi is None and stated is None)
+        taken, said = resolution(dpi, stated)
+        return Page(image, taken / MM_PER_INCH, FLATBED, said)
     lens, error_mm = fit_lens(tags, image.shape)
     if is_flat(tags, error_mm):
         flat, _, px_per_mm = rectify(image, lens, *_window())

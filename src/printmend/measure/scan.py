@@ -30,12 +30,12 @@ from printmend.measure.marks import Marks, narrowing, read_marks
 from printmend.measure.page import (
     PHOTO,
     SHEET,
-    USUAL_DPI,
     check_sheet,
     exposure,
     inside_mm,
     is_bare_scan,
     refuse_bare_photo,
+    resolution,
     sheet_said,
     tags_said,
 )
@@ -102,15 +102,15 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None) ->
         shown = inside_mm(paper)
         return _read_photo(path, image, paper.lens, shown, PAPER, sheet_said(paper), plan)
     refuse_bare_photo(path, tags, camera=camera)
-    said_dpi, dpi = dpi, dpi or stated or USUAL_DPI
+    given, (dpi, said) = dpi, resolution(dpi, stated)
     dots = find_dots(image, dpi / MM_PER_INCH, plan, subject=str(path))
-    dots_mm, scale, instrument = _scaled(dots, tags, dpi)
+    dots_mm, scale, instrument = _scaled(dots, tags, dpi, said)
     sheet, marks = _shown(dots_mm, dots.diameter_px * MM_PER_INCH / dpi, plan)
     if marks is None or _scale_ratio(dots, marks, dpi, plan.sheets[sheet]) is not None:
         raise _resolution_error(path, image, dots, dpi, plan)
     if instrument is SHEET:
         check_sheet(path, _scales(dots_mm, marks, plan.sheets[sheet]))
-    elif said_dpi is None and (share := narrowing(marks.measured_mm, plan.sheets[sheet])):
+    elif given is None and (share := narrowing(marks.measured_mm, plan.sheets[sheet])):
         raise ScanError(
             path, wanted=say("flat-scan"), came=say("picture-narrows-one-side-photo-does", f"{share:.1%}"),
             todo=say("photo-or-say-dpi"),
@@ -160,12 +160,11 @@ def _scales(dots_mm: np.ndarray, marks: Marks, plan: ProbePlan) -> tuple[float, 
     return float(x), float(y)
 
 
-def _scaled(dots: Dots, tags: Tags, dpi: float) -> tuple[np.ndarray, str, Instrument]:
-    """Return the dots [N, 2] in mm, by the reference sheet if the scan shows it, else by the resolution; the source of
-    the scale; and its uncertainty."""
-    plain = dots.centre_px * (MM_PER_INCH / dpi)
+def _scaled(dots: Dots, tags: Tags, dpi: float, said: str) -> tuple[np.ndarray, str, Instrument]:
+    """Return the dots [N, 2] in mm, by the reference sheet if the scan shows it, else by the resolution and what is
+    ``said`` of that; the source of the scale; and its uncertainty."""
     if len(tags) < LEAST_TAGS:
-        return plain, say("scale-from-dpi", f"{dpi:g}"), FLATBED
+        return dots.centre_px * (MM_PER_INCH / dpi), said, FLATBED
     fit, _ = fit_affine(tags)
     if np.ptp(tag_corners_mm()[tags.ids].reshape(-1, 2), axis=0).min() >= LEAST_TAG_SPREAD_MM:
         placed = np.hstack([dots.centre_px, np.ones((len(dots), 1))]) @ fit
