@@ -14,8 +14,7 @@ _HALF = 24  # rows below which dividing costs more than it saves
 
 def log_below(z: np.ndarray) -> np.ndarray:
     """Return the logarithm of the probability that a standard normal value is below each of ``z``."""
-    with np.errstate(over="ignore", under="ignore"):  # as it should: the logarithm is -inf then, or 0
-        return np.asarray(_LOG_BELOW(z), float)
+    return np.fromiter(map(_one, z.ravel().tolist()), float, z.size).reshape(z.shape)
 
 
 def _one(z: float) -> float:
@@ -25,8 +24,6 @@ def _one(z: float) -> float:
     return -0.5 * (z * z + math.log(2 * math.pi)) - math.log(-z) + math.log1p(-small + 3 * small * small)
 
 
-_LOG_BELOW = np.vectorize(_one, otypes=[float])
-
 
 def inverse_of(lower: np.ndarray) -> np.ndarray:
     """Return the inverse of a lower triangular matrix [P, P], by halves: `numpy.linalg.inv` takes thrice as long."""
@@ -34,7 +31,10 @@ def inverse_of(lower: np.ndarray) -> np.ndarray:
     if half < _HALF:
         return np.asarray(np.linalg.inv(lower))
     first, last = inverse_of(lower[:half, :half]), inverse_of(lower[half:, half:])
-    return np.block([[first, np.zeros((half, len(last)))], [-last @ lower[half:, :half] @ first, last]])
+    out = np.zeros(lower.shape)  # `numpy.block` takes longer than the products
+    out[:half, :half], out[half:, half:] = first, last
+    out[half:, :half] = -last @ lower[half:, :half] @ first
+    return out
 
 
 LEAST_SIGMA_MM = 1e-4  # tables are written no finer

@@ -14,7 +14,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS
 from printmend.infer import kernels
-from printmend.infer.gram import Block, Dictionary, Gram, Rows, gram_of, laid_side_by_side, products
+from printmend.infer.gram import Block, Dictionary, Gram, Rows, gram_of, laid_side_by_side, products, slices
 from printmend.infer.scatter import inverse_of, log_below
 
 LEAST_SIGMA_MM = 2e-3  # of any instrument; tables and G-code are written to half of it
@@ -92,11 +92,12 @@ class Search:
         columns, sd = self._prior_of(members)
         odds = sum(float(self.dictionary.blocks[b].log_odds[v]) for b, v in members)
         matrix, slope = self.gram.between(columns, columns), self.gram.slope[columns]
-        scaled, scaled_slope = matrix * np.outer(sd, sd), slope * sd
+        scaled, scaled_slope = matrix * (sd[:, None] * sd), slope * sd
+        one = np.eye(len(sd))
         newer = max(sigma_mm, LEAST_SIGMA_MM) ** 2
         for at in range(rounds + 1):
             variance = newer
-            factor = np.linalg.cholesky(np.eye(len(sd)) + scaled / variance)
+            factor = np.linalg.cholesky(one + scaled / variance)
             inverse = inverse_of(factor)
             covariance, pull = inverse.T @ inverse, scaled_slope / variance
             mean = covariance @ pull
@@ -185,10 +186,18 @@ class Search:
         """Yield the number of each group that has any of some blocks, and which of its blocks [B] these are."""
         chosen = np.zeros(len(self.dictionary.blocks), bool)
         chosen[blocks] = True
-        for number, group in enumerate(self.groups):
-            mine = chosen[group.blocks]
-            if mine.any():
-                yield number, mine
+        if not len(blocks):
+            return
+        grouped, at = self._grouped
+        chosen = chosen[grouped]
+        for number in np.flatnonzero(np.logical_or.reduceat(chosen, [one.start for one in at])).tolist():
+            yield number, chosen[at[number]]
+
+    @cached_property
+    def _grouped(self) -> tuple[np.ndarray, list[slice]]:
+        """The numbers of the blocks, group by group, and which of these are each group's."""
+        which = [group.blocks for group in self.groups]
+        return np.concatenate(which), list(slices(map(len, which)))
 
     def offered(self, members: Set, without: int | None = None) -> np.ndarray:
         """Return the blocks that a set may take in, but none of the slot of the block ``without``."""
