@@ -15,6 +15,7 @@ from printmend.effects.idler import OWN_SHARE
 from printmend.effects.prior import share_of
 from printmend.effects.sized import Sized, frame_of
 from printmend.effects.words import Found
+from printmend.infer import kernels
 from printmend.infer.fit import fitted, home_sd_of, weighed, worn
 from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, gram_of, seen
 from printmend.infer.machine import DRAWS, Part, machine_of
@@ -541,6 +542,28 @@ def test_a_cause_that_stands_for_two_takes_their_place(rng: np.random.Generator)
     stuck = searched(search, ((0, 0), (1, 0)), 0.01)
     assert stuck.members == ((0, 0), (1, 0))
     assert doubted(search, stuck).members == ((2, 0),)
+
+
+def test_a_kernel_gains_what_the_formula_says(rng: np.random.Generator) -> None:
+    """For blocks of every width, side by side; what is not asked for is left alone."""
+    shapes = [(2, 3, 1), (3, 1, 2), (1, 4, 7), (2, 2, 12)]
+    blocks = [
+        [(at.T @ at, rng.standard_normal(p), rng.uniform(0, 2, (v, p))) for at in rng.standard_normal((b, p + 3, p))]
+        for b, v, p in shapes
+    ]
+    information, pull, sds = (
+        np.concatenate([block[part].ravel() for group in blocks for block in group]) for part in range(3)
+    )
+    asked = rng.uniform(size=sum(b * v for b, v, _ in shapes)) < 0.7
+    out = np.full(len(asked), 9.0)
+    kernels.gains(np.array(shapes), information, pull, sds, asked, out)
+    wanted = []
+    for told, pulled, sizes in itertools.chain(*blocks):
+        for sd in sizes:
+            whole = np.eye(len(sd)) + sd[:, None] * told * sd
+            scaled = sd * pulled
+            wanted.append(0.5 * scaled @ np.linalg.solve(whole, scaled) - 0.5 * np.linalg.slogdet(whole)[1])
+    np.testing.assert_allclose(out, np.where(asked, wanted, 9.0), rtol=1e-9, atol=1e-12)
 
 
 def test_a_triangle_is_inverted_by_halves(rng: np.random.Generator) -> None:

@@ -24,7 +24,6 @@ def _one(z: float) -> float:
     return -0.5 * (z * z + math.log(2 * math.pi)) - math.log(-z) + math.log1p(-small + 3 * small * small)
 
 
-
 def inverse_of(lower: np.ndarray) -> np.ndarray:
     """Return the inverse of a lower triangular matrix [P, P], by halves: `numpy.linalg.inv` takes thrice as long."""
     half = len(lower) // 2

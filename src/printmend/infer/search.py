@@ -270,19 +270,27 @@ class Beside:
             self._information[number] = told
         return self._information[number]
 
-    def told(self, number: int) -> np.ndarray:
-        """Return what each alternative [B, V] of the group of this number adds to the state's score."""
-        if number not in self._told:
-            group = self.search.groups[number]
-            self._told[number] = group.gains(self.information(number), self.slope[group.columns])
-        return self._told[number]
+    def told(self, numbers: Sequence[int]) -> list[np.ndarray]:
+        """Return what each alternative [B, V] of the groups of these numbers adds to the state's score."""
+        new = [number for number in numbers if number not in self._told]
+        groups = [self.search.groups[number] for number in new]
+        asked = [
+            _Asked(group, self.information(number), self.slope[group.columns], group.sds_mm, group.log_odds)
+            for number, group in zip(new, groups, strict=True)
+        ]
+        self._told.update(zip(new, _gained(asked), strict=True))
+        return [self._told[number] for number in numbers]
 
     def gains(self, offered: np.ndarray) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the state's score."""
-        found = []
-        for number, mine in self.search.chosen(offered):
-            found.append((self.search.groups[number].keys[mine].reshape(-1, 2), self.told(number)[mine].ravel()))
-        return _gathered(found)
+        chosen = list(self.search.chosen(offered))
+        told = self.told([number for number, _ in chosen])
+        return _gathered(
+            [
+                (self.search.groups[number].keys[mine].reshape(-1, 2), gains[mine].ravel())
+                for (number, mine), gains in zip(chosen, told, strict=True)
+            ]
+        )
 
     def without(self, member: tuple[int, int]) -> "Less":
         """Return the same beside the state without a member: its sizes are 0.
@@ -321,10 +329,12 @@ class Less:
     def gains(self, offered: np.ndarray, least: float) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the score without the member, where that may
         be ``least`` above the state's."""
-        found = []
-        for number, mine in self.beside.search.chosen(offered):
+        asked, keys = [], []
+        chosen = list(self.beside.search.chosen(offered))
+        told = self.beside.told([number for number, _ in chosen])
+        for (number, mine), gains in zip(chosen, told, strict=True):
             group = self.beside.search.groups[number]
-            may = mine[:, None] & (group.positive | (self.beside.told(number) + self.more > least))
+            may = mine[:, None] & (group.positive | (gains + self.more > least))
             which = np.flatnonzero(may.any(axis=1))
             if not len(which):
                 continue
@@ -332,8 +342,10 @@ class Less:
             freed = self.freed[columns]
             information = self.beside.information(number)[which] + freed @ np.swapaxes(freed, 1, 2)
             slope = self.beside.slope[columns] + freed @ self.pull
-            found.append((group.keys[may], group.gains(information, slope, which, may[which])[may[which]]))
-        return _gathered(found)
+            asked.append(_Asked(group, information, slope, group.sds_mm[which], group.log_odds[which], may[which]))
+            keys.append(group.keys[may])
+        values = [gains[each.which] for each, gains in zip(asked, _gained(asked), strict=True)]
+        return _gathered(list(zip(keys, values, strict=True)))
 
 
 def _gathered(found: Sequence[tuple[np.ndarray, np.ndarray]]) -> Gains:
@@ -363,18 +375,42 @@ class _Group:
         """The block and the number of each alternative [B, V, 2]."""
         return np.stack(np.broadcast_arrays(self.blocks[:, None], np.arange(self.sds_mm.shape[1])), axis=2)
 
-    def gains(
-        self, information: np.ndarray, pull: np.ndarray, which: np.ndarray | slice = slice(None),
-        asked: np.ndarray | None = None,
-    ) -> np.ndarray:  # fmt: skip
-        """Return what ``which`` blocks [B] add to a score [B, V], given their ``information`` [B, P, P] and how they
-        ``pull`` [B, P]; only alternatives that are ``asked`` [B, V] for."""
-        sds_mm = self.sds_mm[which]
-        out = np.zeros(sds_mm.shape[:2])
-        kernels.gains(information, pull, sds_mm, np.ones(out.shape, bool) if asked is None else asked, out)
-        if self.positive:
-            out += log_below(pull / np.sqrt(sds_mm[:, :, 0] ** -2 + np.maximum(information[:, :, 0], 0.0))) + np.log(2)
-        return out + self.log_odds[which]
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """Blocks of a group [B]: their ``information`` [B, P, P], how they ``pull`` [B, P], their sizes [B, V, P] and log
+    odds [B, V], and ``which`` [B, V] of their alternatives are asked for, all without."""
+
+    group: _Group
+    information: np.ndarray
+    pull: np.ndarray
+    sds_mm: np.ndarray
+    log_odds: np.ndarray
+    which: np.ndarray | None = None
+
+    def whole(self, gains: np.ndarray) -> np.ndarray:
+        """Return what the alternatives add to a score [B, V], given what normal sizes gain [B · V]."""
+        out = gains.reshape(self.log_odds.shape)
+        if self.group.positive:
+            sd = np.sqrt(self.sds_mm[:, :, 0] ** -2 + np.maximum(self.information[:, :, 0], 0.0))
+            out += log_below(self.pull / sd) + np.log(2)
+        return np.asarray(out + self.log_odds)
+
+
+def _gained(asked: Sequence[_Asked]) -> list[np.ndarray]:
+    """Return what the alternatives of each of some groups' blocks add to a score [B, V]."""
+    if not asked:
+        return []
+    ends = list(slices(each.log_odds.size for each in asked))
+    which, out = np.ones(ends[-1].stop, bool), np.zeros(ends[-1].stop)
+    for each, own in zip(asked, ends, strict=True):
+        if each.which is not None:
+            which[own] = each.which.ravel()
+    information, pull, sds_mm = (
+        np.concatenate([getattr(each, name).ravel() for each in asked]) for name in ("information", "pull", "sds_mm")
+    )
+    kernels.gains(np.array([each.sds_mm.shape for each in asked]), information, pull, sds_mm, which, out)
+    return [each.whole(out[own]) for each, own in zip(asked, ends, strict=True)]
 
 
 def searched(search: Search, start: Set, sigma_mm: float) -> State:
