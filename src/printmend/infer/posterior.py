@@ -47,14 +47,18 @@ class Few:
 
 @dataclass(frozen=True, eq=False)
 class _Slot:
-    """What may be at one place of an effect: nothing first, then (block, size). ``chance`` [A] and ``kernels``
-    [A, K, K] are their prior chances and the covariances that they give to the numbers. ``positive`` [A, K] is what
-    sizes that cannot be below 0 do to the numbers, 0 for others."""
+    """What may be at one place of an effect: nothing first, then (block, size). ``chances`` [A] are their prior chances,
+    each with all those before it. ``kernels`` [A, K, K] are the covariances that they give to the numbers.
+    ``positive`` [A, K] is what sizes that cannot be below 0 do to the numbers, 0 for others."""
 
     states: tuple[tuple[int, int], ...]
-    chance: np.ndarray
+    chances: np.ndarray
     kernels: np.ndarray
     positive: np.ndarray
+
+    def drawn(self, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+        """Draw states by their chances, as `rng.choice` does, which checks these every time."""
+        return self.chances.searchsorted(rng.random(shape), side="right")
 
 
 def _slots(few: Few) -> list[_Slot]:
@@ -73,7 +77,8 @@ def _slots(few: Few) -> list[_Slot]:
                 odds.append(float(np.exp(log_odds)))
                 kernels.append(scaled @ scaled.T)
                 positive.append(scaled[:, 0] * block.positive)
-        found.append(_Slot(tuple(states), np.array(odds) / sum(odds), np.array(kernels), np.array(positive)))
+        chances = np.cumsum(np.array(odds) / sum(odds))
+        found.append(_Slot(tuple(states), chances / chances[-1], np.array(kernels), np.array(positive)))
     return found
 
 
@@ -86,15 +91,16 @@ def drawn_sizes(few: Few, rng: np.random.Generator, *, sweeps: int = SWEEPS) -> 
         noise = own[:, :, None] * (factor * few.sigma_mm) ** 2 * np.eye(len(few.error_mm))
         whole = noise + _sum(slots, there)
         for at, slot in enumerate(slots):
-            beside = whole - slot.kernels[there[at]]
-            offered = rng.choice(len(slot.chance), (DRAWS, OFFERED), p=slot.chance)
-            offered = np.concatenate([there[at][:, None], offered], axis=1)
+            its = slot.kernels[there[at]]
+            whole -= its
+            offered = np.concatenate([there[at][:, None], slot.drawn((DRAWS, OFFERED), rng)], axis=1)
             mine = np.flatnonzero((offered != offered[:, :1]).any(axis=1))  # others have no choice
             offered = offered[mine]
-            weight = _evidence_each(beside[mine], slot, offered, few.error_mm)
+            weight = _evidence_each(whole[mine], slot, offered, few.error_mm)
             noisy = weight + rng.gumbel(size=weight.shape)  # the largest is one drawn by its weight
             there[at, mine] = offered[np.arange(len(mine)), np.argmax(noisy, axis=1)]
-            whole = beside + slot.kernels[there[at]]
+            its[mine] = slot.kernels[there[at, mine]]
+            whole += its
         if number >= len(AFAR):  # a number far off counts as a slip only in the last sweeps
             away2 = (_noise_drawn(few, noise, whole, rng) / few.sigma_mm) ** 2
             own = (DEGREES + away2) / (2 * rng.gamma((DEGREES + 1) / 2, size=away2.shape))
@@ -119,7 +125,7 @@ def _evidence_each(beside: np.ndarray, slot: _Slot, offered: np.ndarray, error_m
     draw, place = np.nonzero(first == np.arange(offered.shape[1]))
     state, weight = offered[draw, place], np.empty(offered.shape)
     weight[draw, place] = _evidence(beside[draw] + slot.kernels[state], error_mm, slot.positive[state])
-    return np.take_along_axis(weight, first, axis=1)
+    return weight[np.arange(len(first))[:, None], first]
 
 
 def _evidence(covariance: np.ndarray, error_mm: np.ndarray, positive: np.ndarray) -> np.ndarray:
@@ -129,7 +135,8 @@ def _evidence(covariance: np.ndarray, error_mm: np.ndarray, positive: np.ndarray
     standard deviation, which must be ``positive`` [..., K], does to the errors.
     """
     factor = np.linalg.cholesky(covariance)
-    both = np.stack([np.broadcast_to(error_mm, positive.shape), positive], axis=-1)
+    both = np.empty((*positive.shape, 2))
+    both[..., 0], both[..., 1] = error_mm, positive
     white = np.linalg.solve(factor, both)
     log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
     (square, pull), own = np.einsum("...k,...kj->j...", white[..., 0], white), np.square(white[..., 1]).sum(axis=-1)
