@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from printmend.effects.sized import Sized, guided
 from printmend.effects.switch import STEPS_A_TURN, spread_mm
 from printmend.effects.teeth import TOOTH_MM
 from printmend.infer.gram import (
+    Among,
     Block,
     Dictionary,
     Gram,
@@ -493,19 +494,13 @@ class Turn:
         return replace(scene, turns_mm=(lengths[0], lengths[1]))
 
 
-@lru_cache  # so that what is kept by it is known again
-def among(names: tuple[str, ...]) -> Callable[[Term], bool]:
-    """Return which terms are of some effects."""
-    return lambda term: term.effect in names
-
-
 def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
     """Return a fit of few effects, in whose scene the motors' turns are as long as the trace says, and the trace as the
     motors really went: where one lost steps, its pulley turned by less. Each length is judged at its own contacts, and
     so is play: a loose nozzle resembles it where belts are thought to touch everywhere."""
 
     def told(scene: Scene, before: Fit | None, names: tuple[str, ...] = FEW) -> Fit:
-        fit = fitted(trace, scene, before, kept=among(names), quick=True)
+        fit = fitted(trace, scene, before, kept=Among(names), quick=True)
         places, rows = narrowed(fit.places, fit.rows)
         return replace(fit, places=places, rows=rows)
 

@@ -47,9 +47,9 @@ class Few:
 
 @dataclass(frozen=True, eq=False)
 class _Slot:
-    """What may be at one place of an effect: nothing first, then (block, size). ``chances`` [A] are their prior chances,
-    each with all those before it. ``kernels`` [A, K, K] are the covariances that they give to the numbers.
-    ``positive`` [A, K] is what sizes that cannot be below 0 do to the numbers, 0 for others."""
+    """What may be at one place of an effect: nothing first, then (block, size). ``chances`` [A] are the prior chances
+    of each and all before it, ``kernels`` [A, K, K] the covariances that they give to the numbers. ``positive`` [A, K]
+    is what sizes that cannot be below 0 do to the numbers, 0 for others."""
 
     states: tuple[tuple[int, int], ...]
     chances: np.ndarray
