@@ -114,23 +114,27 @@ Try = tuple[float, bool, float]  # overlap, mirrored, turn [°]
 def _tried(shown: np.ndarray, wanted: np.ndarray) -> list[Try]:
     """Return (overlap, mirrored, turn [°]) of every pose that was tried, in finer steps around the likely ones."""
     found: list[Try] = []
+    room = np.empty_like(shown), np.empty_like(shown)
+    wanted = np.ascontiguousarray(wanted)
     for mirrored in (False, True):
-        picture = shown[:, ::-1] if mirrored else shown
-        rough = [(_overlap(picture, wanted, turn), turn) for turn in np.arange(0.0, 360.0, TURNS_DEG)]
+        picture = np.ascontiguousarray(shown[:, ::-1] if mirrored else shown)
+        rough = [(_overlap(picture, wanted, turn, room), turn) for turn in np.arange(0.0, 360.0, TURNS_DEG)]
         for _, turn in sorted(rough, reverse=True)[:FINER_TURNS]:
             for near in np.arange(turn - TURNS_DEG / 2, turn + TURNS_DEG / 2 + 0.01, FINE_DEG):
-                rough.append((_overlap(picture, wanted, float(near)), float(near)))
+                rough.append((_overlap(picture, wanted, float(near), room), float(near)))
         found += [(overlap, mirrored, (turn + 180) % 360 - 180) for overlap, turn in rough]
     return found
 
 
-def _overlap(shown: np.ndarray, wanted: np.ndarray, turn_deg: float) -> float:
-    """Return the intersection over the union of two soft masks, the shown one turned."""
+def _overlap(shown: np.ndarray, wanted: np.ndarray, turn_deg: float, room: tuple[np.ndarray, np.ndarray]) -> float:
+    """Return the intersection over the union of two soft masks, the shown one turned; pictures like them have ``room``
+    for what is between."""
     middle = (len(shown) - 1) / 2
-    turned = cv2.warpAffine(
-        shown, cv2.getRotationMatrix2D((middle, middle), -turn_deg, 1.0), shown.shape[::-1], flags=cv2.INTER_LINEAR
-    )
-    return float(np.minimum(turned, wanted).sum() / max(np.maximum(turned, wanted).sum(), 1e-6))
+    turned, each = room
+    turn = cv2.getRotationMatrix2D((middle, middle), -turn_deg, 1.0)
+    cv2.warpAffine(shown, turn, shown.shape[::-1], dst=turned, flags=cv2.INTER_LINEAR)
+    both = np.minimum(turned, wanted, out=each).sum()
+    return float(both / max(np.maximum(turned, wanted, out=each).sum(), 1e-6))
 
 
 def _pieces(plastic: np.ndarray) -> int:

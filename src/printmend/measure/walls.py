@@ -166,14 +166,13 @@ def _waypoints(moves: Moves, printer: Printer) -> tuple[np.ndarray, np.ndarray, 
     moved = known & (moves.end_mm[:, :2] != moves.start_mm[:, :2]).any(axis=1)
     if not moved.any():
         raise GcodeError("G-code", wanted=say("moves-from-known-place"), came=say("none"), todo=say("home-g28-first"))
-    points, row_of, place = [home], np.full(len(moves), -1), home
-    for index in np.flatnonzero(moved):
-        if not np.array_equal(moves.start_mm[index, :2], place):  # a macro went there
-            points.append(moves.start_mm[index, :2])
-        place = moves.end_mm[index, :2]
-        row_of[index] = len(points)
-        points.append(place)
-    return np.array(points), row_of, True
+    start, end = moves.start_mm[moved, :2], moves.end_mm[moved, :2]
+    jumps = (start != np.vstack([home, end[:-1]])).any(axis=1)  # a macro went there
+    ends = np.cumsum(1 + jumps)
+    points, row_of = np.empty((1 + ends[-1], 2)), np.full(len(moves), -1)
+    points[0], points[ends], points[ends[jumps] - 1] = home, end, start[jumps]
+    row_of[moved] = ends
+    return points, row_of, True
 
 
 def _height(moves: Moves, index: int) -> float:
