@@ -175,9 +175,10 @@ def _grow_from(
     seed: int, basis: np.ndarray, dots: np.ndarray, tree: cKDTree, classes: Classes
 ) -> dict[tuple[int, int], int]:
     """Grow a lattice from one dot: always the cell with the most known neighbours next."""
-    cells = {(0, 0): seed}
-    taken = {seed}
+    cells: dict[tuple[int, int], int] = {}
+    taken: set[int] = set()
     tried: dict[tuple[int, int], int] = {}
+    around: dict[tuple[int, int], int] = {}  # how many known neighbours each cell has
     queue: list[tuple[int, int, tuple[int, int]]] = []
     ticket = 0
     reach = int(np.ceil(REACH_PITCHES))
@@ -187,61 +188,81 @@ def _grow_from(
         for j in range(-reach, reach + 1)
         if 0 < i * i + j * j <= REACH_PITCHES**2
     ]
+    predict = _Prediction.of(window, basis, dots, classes)
 
-    def ask(cell: tuple[int, int]) -> None:
+    def take(cell: tuple[int, int], dot: int) -> None:
         nonlocal ticket
+        cells[cell] = dot
+        taken.add(dot)
+        for i, j in window:
+            beside = (cell[0] + i, cell[1] + j)
+            around[beside] = around.get(beside, 0) + 1
         for di, dj in ((1, 0), (-1, 0), (0, 1), (0, -1)):
             free = (cell[0] + di, cell[1] + dj)
             if free not in cells:
-                support = sum((free[0] + i, free[1] + j) in cells for i, j in window)
+                support = around[free]
                 if support > tried.get(free, -1):
                     ticket += 1
                     heapq.heappush(queue, (-support, ticket, free))
 
-    ask((0, 0))
+    take((0, 0), seed)
     while queue:
         support, _, cell = heapq.heappop(queue)
         if cell in cells or tried.get(cell, -1) >= -support:
             continue
         tried[cell] = -support
-        known = [
-            (offset, cells[key]) for offset in window if (key := (cell[0] + offset[0], cell[1] + offset[1])) in cells
-        ]
-        place, local = _predict(cell, known, basis, dots, classes)
+        known = [cells.get((cell[0] + i, cell[1] + j), -1) for i, j in window]
+        place, local = predict.at(cell, known)
         step = np.sqrt(abs(np.linalg.det(local)))
         distance, near = tree.query(place, k=2)
         # With a second dot almost as near, it is unclear which of the two is meant.
         if distance[0] > NEAR_PITCHES * step or near[0] in taken or distance[1] < 1.5 * distance[0]:
             continue
-        cells[cell] = int(near[0])
-        taken.add(int(near[0]))
-        ask(cell)
+        take(cell, int(near[0]))
     return cells
 
 
-def _predict(
-    cell: tuple[int, int],
-    known: list[tuple[tuple[int, int], int]],
-    basis: np.ndarray,
-    dots: np.ndarray,
-    classes: Classes,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return where ``cell`` should lie, from an affine fit to its neighbours, and the local basis [2, 2].
+@dataclass(frozen=True, eq=False)
+class _Prediction:
+    """Affine fits to the neighbours of cells, those in a ``window`` of W offsets.
 
-    The neighbours of another class may be shifted as a whole. Where they are few or lie on one line, the fit is held
-    towards ``basis`` and no shift.
+    ``design`` [W, 6] and ``weight`` [W, 1] are of all of these, but for the classes that the last three columns tell
+    apart. The neighbours of another class may be shifted as a whole. Where they are few or lie on one line, a fit is
+    held by ``prior`` [6, 6] towards the usual basis and no shift, which pulls by ``pull`` [6, 2].
     """
-    offsets = np.array([offset for offset, _ in known], float)
-    places = dots[[dot for _, dot in known]]
-    weight = np.exp(-(offsets**2).sum(axis=1) / 6.0)
-    own = classes(*cell)
-    other = np.array([[classes(cell[0] + i, cell[1] + j) == (own + k) % 4 for k in (1, 2, 3)] for (i, j), _ in known])
-    design = np.hstack([np.ones((len(offsets), 1)), offsets, other])
-    prior = np.diag([0.0, 0.15, 0.15, *([0.1 if classes is not _one_class else 1.0] * 3)])
-    target = np.vstack([np.zeros(2), basis, np.zeros((3, 2))])
-    normal = design.T @ (weight[:, None] * design) + prior
-    fit = np.linalg.solve(normal, design.T @ (weight[:, None] * places) + prior @ target)
-    return fit[0], fit[1:3]
+
+    window: list[tuple[int, int]]
+    dots: np.ndarray
+    classes: Classes
+    design: np.ndarray
+    weight: np.ndarray
+    prior: np.ndarray
+    pull: np.ndarray
+
+    @classmethod
+    def of(cls, window: list[tuple[int, int]], basis: np.ndarray, dots: np.ndarray, classes: Classes) -> "_Prediction":
+        offsets = np.array(window, float)
+        weight = np.exp(-(offsets**2).sum(axis=1) / 6.0)[:, None]
+        design = np.hstack([np.ones((len(offsets), 1)), offsets, np.zeros((len(offsets), 3))])
+        prior = np.diag([0.0, 0.15, 0.15, *([0.1 if classes is not _one_class else 1.0] * 3)])
+        pull = prior @ np.vstack([np.zeros(2), basis, np.zeros((3, 2))])
+        return cls(window, dots, classes, design, weight, prior, pull)
+
+    def at(self, cell: tuple[int, int], known: list[int]) -> tuple[np.ndarray, np.ndarray]:
+        """Return where ``cell`` should lie, and the local basis [2, 2]; ``known`` [W] are the dots of its neighbours,
+        −1 for none."""
+        dot = np.array(known)
+        there = np.flatnonzero(dot >= 0)
+        design, weight, places = self.design[there], self.weight[there], self.dots[dot[there]]
+        if self.classes is not _one_class:
+            own = self.classes(*cell)
+            for row, number in enumerate(there.tolist()):
+                i, j = self.window[number]
+                if other := (self.classes(cell[0] + i, cell[1] + j) - own) % 4:
+                    design[row, 2 + other] = 1.0
+        normal = design.T @ (weight * design) + self.prior
+        fit = np.linalg.solve(normal, design.T @ (weight * places) + self.pull)
+        return fit[0], fit[1:3]
 
 
 def _is_big(diameters: np.ndarray, plan: ProbePlan) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Identify the marks of one scan, place them in the bed's frame, and check each against the others."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -242,11 +243,12 @@ def _sided(columns: np.ndarray, side: np.ndarray) -> np.ndarray:
 
 def _contacts_by_run(motor: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return for each way-point itself as its contact, the side it is pushed from, and whether that side is sure."""
-    side, run = np.zeros(len(motor)), np.zeros(len(motor))
-    for row, move in enumerate(np.diff(motor).tolist(), start=1):
-        side[row] = np.sign(move) or side[row - 1]
-        run[row] = abs(move) + (run[row - 1] if side[row] == side[row - 1] else 0.0)
-    return np.arange(len(motor)), side, run >= SURE_OF_SIDE_MM
+    side, run = [0.0], [0.0]
+    for move in np.diff(motor).tolist():
+        pushed = math.copysign(1.0, move) if move else side[-1]
+        run.append(abs(move) + (run[-1] if pushed == side[-1] else 0.0))
+        side.append(pushed)
+    return np.arange(len(motor)), np.array(side), np.array(run) >= SURE_OF_SIDE_MM
 
 
 def _contacts_by_play(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
