@@ -95,13 +95,11 @@ class MachineLearned(ABC):
 
 def _advance_gains(mechanism: GainMechanism, state: State, controls: np.ndarray) -> State:
     bed = np.array(mechanism.printer.bed_steps)
-    nominal = np.broadcast_to(state.nominal_steps, (len(controls), 2))
-    moved = np.empty((len(controls), 2))
+    nominal = np.broadcast_to(state.nominal_steps, (len(controls), 2)).astype(np.int64)
+    moved, each = np.empty((len(controls), 2)), np.empty(len(controls))
     for axis in range(2):
-        gains = mechanism.gains[axis]
-        moved[:, axis] = [
-            kernels.gain_displacement(n, c, gains) for n, c in zip(nominal[:, axis], controls[:, axis], strict=True)
-        ]
+        kernels.displace(nominal[:, axis].copy(), controls[:, axis].copy(), mechanism.gains[axis], each)
+        moved[:, axis] = each
     return State(np.clip(nominal + controls, 0, bed), state.position_steps + moved, state.memory)
 
 

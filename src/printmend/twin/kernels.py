@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from printmend.jit import entry
+from printmend.jit import entry, inner
 
 
-@entry
-def gain_displacement(nominal, control, gains):
+@inner
+def _displacement(nominal, control, gains):
     """Return the published displacement of ``control`` from ``nominal`` (physics.md §8.1)."""
     size = gains.shape[0]
     x = float(nominal)
@@ -21,13 +21,20 @@ def gain_displacement(nominal, control, gains):
 
 
 @entry
+def displace(nominal, controls, gains, out):
+    """Fill out [K] with the published displacements of controls [K], each from its nominal position [K]."""
+    for k in range(controls.shape[0]):
+        out[k] = _displacement(nominal[k], controls[k], gains)
+
+
+@entry
 def run_gain(controls, axis, nominal, gains, bed, out):
     """Follow the controls [T, 2] of one axis by the published rules; fill out[:, axis] [T + 1]."""
     printed = float(nominal)
     out[0, axis] = printed
     for t in range(controls.shape[0]):
         c = controls[t, axis]
-        printed = min(max(printed + gain_displacement(nominal, c, gains), 0.0), float(bed))
+        printed = min(max(printed + _displacement(nominal, c, gains), 0.0), float(bed))
         nominal = min(max(nominal + c, 0), bed)
         out[t + 1, axis] = printed
 
@@ -38,4 +45,4 @@ def tabulate_gain(gains, table):
     c_max = table.shape[1] // 2
     for nominal in range(table.shape[0]):
         for control in range(-c_max, c_max + 1):
-            table[nominal, control + c_max] = gain_displacement(nominal, control, gains)
+            table[nominal, control + c_max] = _displacement(nominal, control, gains)
