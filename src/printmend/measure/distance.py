@@ -108,7 +108,7 @@ def scaled_by(
         raise TraceError(
             say("distance-option"), wanted=say("about-mm-from-dot-dot-outer", f"{seen:.2f}", span[0], span[1]),
             came=together("", [f"{distance_mm:g}", inches(distance_mm, seen)]),
-            todo=say("measure-these-two-dots-again-mm"),
+            todo=say("measure-again-in-mm"),
         )  # fmt: skip
     angle = math.atan2(other[1] - one[1], other[0] - one[0])
     stretch, left, note = settled(excess, angle, distance_mm, instrument)
@@ -173,7 +173,7 @@ def settled(
     stretch = np.array([[1 + common + half, lean], [lean, 1 + common - half]])
     note = say("image-too-large-by-callipers", f"{100 * excess:+.2f}", f"{100 * math.sqrt(row @ left @ row):.2f}")
     if likely[2] > SLIPPED:
-        note = say("image-scale-strange", note, f"{distance_mm * (1 + excess):.2f}")
+        note = say("image-scale-strange", note, f"{distance_mm * (1 + excess):.2f}", f"{100 * (1 + excess):.2f}")
     together = left / np.maximum(np.outer(sds, sds), 1e-18)
     known = replace(
         instrument, scale_sd=float(sds[0]), axes_sd=float(sds[1]), lean_sd=float(sds[2]),
