@@ -203,6 +203,8 @@ def test_a_distance_that_slipped_makes_no_printer_faulty(rng: np.random.Generato
         assert left.scale_sd > 0.003
         assert "Measure again" in note
         assert is_healthy(learn_model(Trace(points, settled_mm, homed=True, placed=False, instrument=left), ENDER3))
+    twice = settled(0.02, 0.0, 140.0, settled(0.0, 0.0, 140.0, FLATBED)[1], reading_mm=0.01, slip_share=0.0)[0]
+    assert twice[0, 0] == pytest.approx(1.02, abs=0.001)  # a ruler's lines do not slip, whatever was known before
     usual = settled(0.0015, np.pi / 4, 140.0, FLATBED)
     assert usual[1].scale_sd < 0.0007
     assert "Measure again" not in usual[2]

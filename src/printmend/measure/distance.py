@@ -160,7 +160,9 @@ def settled(
     shares = np.array([1.0, RESIZED_SHARE * (instrument.resized_sd > 0.0), slip_share])
     cases = ((plain, usual), (resized, usual), (plain, usual + (SLIP_MM / distance_mm) ** 2))
     spreads = np.array([row @ prior @ row + noise for prior, noise in cases])
-    likely = shares * np.exp((excess**2 / spreads.max() - excess**2 / spreads) / 2) / np.sqrt(spreads)
+    with np.errstate(divide="ignore"):  # what never happens
+        logs = np.log(shares) - (excess**2 / spreads + np.log(spreads)) / 2
+    likely = np.exp(logs - logs.max())
     likely /= likely.sum()
     gains = [prior @ row / spread for (prior, _), spread in zip(cases, spreads, strict=True)]
     mean = excess * (likely @ gains)
