@@ -125,7 +125,7 @@ def test_a_lean_is_told_from_two_opposite_scales():
 
 
 @pytest.mark.parametrize(("play", "absent"), [(0.0, True), (0.8, False)])
-def test_no_deviation_is_surer_than_the_readings(play, absent):
+def test_distances_that_find_none_say_so(play, absent):
     printer, distances = case_of("ender3")
     readings = read_off(distances, broken(printer, play=play))
     said = estimates_by_hand(distances, readings)
@@ -291,6 +291,8 @@ def test_odd_readings_end_in_one_line(case):
     good = [f"{value:.2f}" for value in distances.across_mm]
     assert np.isfinite(parse_readings("mm\n" + "\n".join(good), distances, subject="list")).all()
     assert np.isnan(parse_readings("\n" + "\n".join(good[1:]), distances, subject="list")[0])
+    for empty in ("2,131,", "2,a,", "2;"):
+        assert np.isnan(parse_readings("\n".join([good[0], empty, *good[2:]]), distances, subject="list")[1]), empty
     units = "\n".join(f"{each} mm" for each in good)
     assert np.isfinite(parse_readings(units, distances, subject="list")).all()  # the first is no header
     for text, named in (

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, CrookedFrame, Drive, Play
+from printmend.effects.prior import share_of
 from printmend.errors import RefusedError, TraceError
 from printmend.export.supported import export_supported
 from printmend.learn.learned import learn_model, report
 from printmend.machine import Frame
-from printmend.measure.distance import scaled_by, settled
+from printmend.measure.distance import RESIZED_SHARE, scaled_by, settled
 from printmend.measure.fiducials import PAPER
 from printmend.measure.measurement import instrument_on_bed
 from printmend.measure.table import read_trace, write_trace
@@ -205,6 +206,7 @@ def test_a_distance_that_slipped_makes_no_printer_faulty(rng: np.random.Generato
         assert is_healthy(learn_model(Trace(points, settled_mm, homed=True, placed=False, instrument=left), ENDER3))
     twice = settled(0.02, 0.0, 140.0, settled(0.0, 0.0, 140.0, FLATBED)[1], reading_mm=0.01, slip_share=0.0)[0]
     assert twice[0, 0] == pytest.approx(1.02, abs=0.001)  # a ruler's lines do not slip, whatever was known before
+    assert share_of("resized") == RESIZED_SHARE
     usual = settled(0.0015, np.pi / 4, 140.0, FLATBED)
     assert usual[1].scale_sd < 0.0007
     assert "Measure again" not in usual[2]

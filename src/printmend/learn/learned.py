@@ -265,8 +265,9 @@ def instrument_scatter_mm(trace: Trace) -> float | None:
 
 
 def of_instrument(parts: Sequence[Part]) -> Iterator[Sized]:
-    """Yield what parts say that the instrument and its origin did, in the mean."""
-    yield from (Sized(*part.key, part.mean_mm) for part in parts if EFFECTS[part.effect].of is Of.INSTRUMENT)
+    """Yield what parts say that the instrument and its origin did, in the mean, but for turns: rows are turned back."""
+    own = (part for part in parts if EFFECTS[part.effect].of is Of.INSTRUMENT and part.effect != "turn")
+    yield from (Sized(*part.key, part.mean_mm) for part in own)
 
 
 def trace_section(trace: Trace, moved_mm: np.ndarray, left_mm: float, lost: np.ndarray | None = None) -> dict[str, Any]:

@@ -95,7 +95,8 @@ def parse_readings(text: str, distances: Distances, *, subject: str) -> np.ndarr
     for row, line in enumerate(lines):
         number = row + 1
         front, rest = _numbered(line)
-        if not (rest if front == number else line.rsplit(",", 1)[-1]):
+        last = line.rsplit(",", 1)[-1]
+        if not (rest and last if front == number else last):
             continue
         about_mm = float(distances.across_mm[row])
         value = number_in(line, about_mm)

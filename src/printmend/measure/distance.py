@@ -28,7 +28,7 @@ READING_MM = 0.06  # standard deviation of a reading: the callipers, the hand, t
 SLIP_MM = 2.0  # standard deviation of a slip: a line of the scale misread, jaws on another edge
 SLIP_SHARE = RESIZED_SHARE = 0.02  # of readings, and of pictures of another size than they say (priors.toml, `resized`)
 SLIPPED = 0.5  # chance of a slip above which an owner is asked to measure again
-MOST_SCALE_SHARE = 0.02  # no instrument is off by more: such a distance is not the one asked for
+MOST_SCALE_SHARE = 0.02  # a distance that is off by more is hardly the one asked for
 UNIT_SHARE = 0.05  # a length that fits another unit to within this share is taken to be in that unit
 
 _SIDES = (  # messages, by thirds of a plate
@@ -175,7 +175,7 @@ def settled(
     stretch = np.array([[1 + common + half, lean], [lean, 1 + common - half]])
     note = say("image-too-large-by-callipers", f"{100 * excess:+.2f}", f"{100 * math.sqrt(row @ left @ row):.2f}")
     if likely[2] > SLIPPED:
-        note = say("image-scale-strange", note, f"{distance_mm * (1 + excess):.2f}", f"{100 * (1 + excess):.2f}")
+        note = say("image-scale-strange", note, f"{distance_mm * (1 + excess):.2f}")
     together = left / np.maximum(np.outer(sds, sds), 1e-18)
     known = replace(
         instrument, scale_sd=float(sds[0]), axes_sd=float(sds[1]), lean_sd=float(sds[2]),

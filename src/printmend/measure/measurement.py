@@ -383,7 +383,9 @@ def wave_left_mm(on_bed: Sequence[np.ndarray], marks_mm: np.ndarray) -> float:
         apart = apart[both] - apart[both].mean(axis=0)
         _, near = cKDTree(marks_mm[both]).query(marks_mm[both], k=2)
         found.append(float((apart * apart[near[:, 1]]).sum(axis=1).mean()) / 2)
-    return math.sqrt(max(max(found), 0.0) / (2 * len(on_bed)))
+    shown = np.isfinite(np.stack(on_bed)[..., 0])
+    scans = shown.sum() / max(shown.any(axis=0).sum(), 1)  # of a mark: sheets share few
+    return math.sqrt(max(max(found), 0.0) / (2 * scans))
 
 
 def instrument_on_bed(instrument: Instrument, matrix: np.ndarray, *, settled: bool) -> Instrument:

@@ -287,7 +287,8 @@ def _change(was: Fault, new: Fault, sd: float) -> Change:
     digits, space = 2 if abs(new.value - was.value) >= PLAIN_CHANGE else 3, "" if new.unit == "°" else " "
     old, value = (round(each.value, digits) + 0.0 for each in (was, new))  # never −0
     name = part_words(new.part)
-    what = say("quantity-of-part", name, kind_words(new.kind))
+    what = kind_words(new.kind)
+    what = what if new.part == "frame" else say("quantity-of-part", name, what)
     now = f"{value:.{digits}f}{space}{new.unit}"
     words = say("grew" if grew else "shrank", what, f"{old:.{digits}f}", now, f"{sd:.3f}")
     return Change(name, new.kind, was.value, new.value, sd, new.unit, words)
