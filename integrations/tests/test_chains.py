@@ -134,7 +134,7 @@ def test_wear_is_dated_though_every_update_believes_the_last(tmp_path: Path) -> 
         how = ["--update", str(model)] if month else ["--printer", "ender3", "-o", str(model)]
         done = CliRunner().invoke(group, ["learn", str(tmp_path / "trace.csv"), *how, "--date", day])
         assert done.exit_code == 0, done.output
-    play = next(one for one in trends_of(read_history(model)) if one.name.upper().startswith("X PLAY"))
+    play = next(one for one in trends_of(read_history(model)) if one.name.upper().startswith("X BELT PLAY"))
     assert play.is_sure
     assert play.crossing_s is not None
     crossing = (play.crossing_s - START.timestamp()) / MONTH.total_seconds()
