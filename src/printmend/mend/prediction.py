@@ -362,7 +362,7 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
             return (say("rest-left-open", say("second-test-print-taken-printmend-learn")),)
         return (say("rest-not-shown", say("whole-printmend-probe-printed-measured-settles")),)
     untold = [gap for gap in model.findings[1:] if is_one_of(gap, UNTOLD)]
-    if name in ("instrument", "scale") and untold:
+    if name == "instrument" and untold:
         return (say("rest-not-shown", untold[0]),)
     if name == "instrument" and knows_all_but_a_reading(model):
         return (say("rest-is-callipers"),)

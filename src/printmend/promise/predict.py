@@ -301,7 +301,7 @@ def _parts(belief: Belief, path: PathPlaces, now: Places, fates: np.ndarray) -> 
     for part, drawn in zip(belief.parts, fates, strict=True):
         effect, fate, acts = EFFECTS[part.effect], EFFECTS[part.effect].fate, part.acts_mm[:, None]
         name = part.effect
-        if not belief.placed and scene.instrument.covariance.any() and name in LINEAR:
+        if not belief.placed and not belief.by_hand and name in LINEAR:
             name = "instrument"
         elif effect.of is Of.MACHINE and part.acts_mm.any():
             name = "parameters"
