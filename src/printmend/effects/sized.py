@@ -13,7 +13,7 @@ from printmend.filament import material_of
 from printmend.machine import Frame, Mechanism, ScrewDrive, Transmission, share_behind, z_grid_mm
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
 from printmend.messages import say
-from printmend.path import FLATBED
+from printmend.path import RESIZED
 from printmend.printer import Printer
 
 GRID = 7  # places along either axis of the bed at which a frame's terms are taken
@@ -55,7 +55,7 @@ def scene_of_printer(printer: Printer, way_mm: float = 1.0) -> Scene:
     spans = [printer.motor_range_mm(motor) for motor in range(2)]
     bed = [(axis.min_mm, axis.max_mm) for axis in printer.axes[:2]]
     return Scene(
-        printer, printer.mm_per_turn, (spans[0], spans[1]), (bed[0], bed[1]), way_mm, homed=True, instrument=FLATBED,
+        printer, printer.mm_per_turn, (spans[0], spans[1]), (bed[0], bed[1]), way_mm, homed=True, instrument=RESIZED,
         walls=True, shrinkage_sd=material_of("petg").sd, layers=(printer.z.min_mm, printer.z.max_mm, MOST_LAYERS),
     )  # fmt: skip
 

@@ -21,7 +21,7 @@ from printmend.measure.plan import ProbePlan
 from printmend.measure.ruler import Ruler
 from printmend.measure.walls import RASTER_MM, Walls
 from printmend.messages import Said, is_one_of, say, together
-from printmend.path import Instrument
+from printmend.path import RESIZED, Instrument
 
 LONGEST_ASKED_MM, SHORTEST_ASKED_MM = 145.0, 40.0  # limits of a distance to ask for: common callipers open 150 mm
 READING_MM = 0.06  # standard deviation of a reading: the callipers, the hand, the rims of two dots
@@ -156,8 +156,8 @@ def settled(
     covariance hold by how likely each makes the excess.
     """
     row, plain, usual = _row(angle_rad), instrument.covariance, (reading_mm / distance_mm) ** 2
-    resized = plain + np.diag([instrument.resized_sd**2, 0.0, 0.0])
-    shares = np.array([1.0, RESIZED_SHARE * (instrument.resized_sd > 0.0), slip_share])
+    resized = plain + np.diag([RESIZED.resized_sd**2, 0.0, 0.0])
+    shares = np.array([1.0, RESIZED_SHARE, slip_share])
     cases = ((plain, usual), (resized, usual), (plain, usual + (SLIP_MM / distance_mm) ** 2))
     spreads = np.array([row @ prior @ row + noise for prior, noise in cases])
     with np.errstate(divide="ignore"):  # what never happens

@@ -35,13 +35,13 @@ from printmend.measure.fiducials import (
 )
 from printmend.measure.image import read_image
 from printmend.messages import is_one_of, say
-from printmend.path import FLATBED, Instrument
+from printmend.path import FLATBED, RESIZED, Instrument
 from printmend.units import MM_PER_INCH
 
 USUAL_DPI = 600.0  # default resolution, if neither the owner nor the file states one
 # The uncertainty of a sheet of tags: its printer may have fitted it to a page; in a photo, the lens adds to it.
-SHEET = replace(FLATBED, axes_sd=0.0007, lean_sd=0.0003)
-PHOTO = replace(FLATBED, wave_mm=0.005, carriage_mm=0.0)
+SHEET = replace(RESIZED, axes_sd=0.0007, lean_sd=0.0003)
+PHOTO = replace(RESIZED, wave_mm=0.005, carriage_mm=0.0)
 # Standard deviations (shares) of a focal length: of one that the file states, and of a telephone's usual one.
 STATED_FOCAL_SD, USUAL_FOCAL_SD = 0.04, 0.15
 PAPER_RIM_MM = 3.0  # width of the paper's rim that is ignored: the shadow of its edge is no plastic
@@ -91,9 +91,15 @@ def resolution(given: float | None, stated: float | None) -> tuple[float, str]:
     return dpi, say("scale-from-dpi" if given or stated else _ASSUMED, f"{dpi:g}")
 
 
+def scanned_at(dpi: float, stated: float | None) -> Instrument:
+    """Return `FLATBED` if the picture's file ``stated`` this resolution (a PNG rounds it), else `RESIZED`."""
+    agree = stated is not None and abs(dpi / stated - 1) < FLATBED.scale_sd
+    return FLATBED if agree else RESIZED
+
+
 def is_bare_scan(instrument: Instrument) -> bool:
     """Return whether this is a scan without the sheet of tags."""
-    return instrument == FLATBED
+    return instrument in (FLATBED, RESIZED)
 
 
 def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.0) -> Page:
@@ -110,7 +116,7 @@ def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.
             return _photographed(image, sheet.lens, inside_mm(sheet), PAPER, sheet_said(sheet), focal_mm, tall_mm)
         refuse_bare_photo(path, tags, camera=camera and dpi is None)
         taken, said = resolution(dpi, stated)
-        return Page(image, taken / MM_PER_INCH, FLATBED, said)
+        return Page(image, taken / MM_PER_INCH, scanned_at(taken, stated), said)
     lens, error_mm = fit_lens(tags, image.shape)
     if is_flat(tags, error_mm):
         flat, _, px_per_mm = rectify(image, lens, *_window())

@@ -15,7 +15,7 @@ from printmend.effects.sized import Sized, scene_of_printer
 from printmend.infer.fit import fitted
 from printmend.infer.posterior import posterior_of
 from printmend.machine import Mechanism, contacts_from, healthy_mechanism
-from printmend.path import FLATBED, Trace
+from printmend.path import RESIZED, Trace
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend_lab.conformance.need import need
@@ -170,7 +170,7 @@ def learning_finds_it(candidate: EffectCandidate) -> str:
     seen = candidate.twin(printer).seen(path) + np.random.default_rng(1).normal(0.0, NOISE_MM, path.shape)
     read = law.of is Of.INSTRUMENT
     trace = Trace(
-        path, np.where(dots[:, None], seen, np.nan), homed=True, placed=not read, instrument=FLATBED if read else None
+        path, np.where(dots[:, None], seen, np.nan), homed=True, placed=not read, instrument=RESIZED if read else None
     )
     scene = scene_of(trace, printer)
     fit = fitted(trace, scene)
