@@ -193,7 +193,9 @@ def test_a_part_gets_a_report_too(folder: Path, tmp_path: Path, rng: np.random.G
     walls = np.flatnonzero(dots.measured_rows)[::2]
     normal = np.full((len(dots), 2), np.nan)
     normal[walls] = rng.permutation(np.resize([[1, 0], [0, 1], [-1, 0], [0, -1], [0.6, 0.8]], (len(walls), 2)))
-    out_mm = np.sum(normal * (dots.measured_mm - dots.commanded_mm), axis=1) + 0.05
+    middle, (c, s) = np.array(ENDER3.middle_mm[:2]), (np.cos(0.01), np.sin(0.01))
+    seen = (dots.measured_mm - middle) @ [[c, s], [-s, c]] + middle  # the part lay turned: no error of the printer
+    out_mm = np.sum(normal * (seen - dots.commanded_mm), axis=1) + 0.05
     unread = np.full((len(dots), 2), np.nan)
     trace = replace(dots, measured_mm=unread, normal=normal, offset_mm=out_mm, placed=False, instrument=FLATBED)
     part = examine(trace, ENDER3, part=folder / "part <1>.gcode", rng=rng)
@@ -204,7 +206,7 @@ def test_a_part_gets_a_report_too(folder: Path, tmp_path: Path, rng: np.random.G
     for arrows in (part.before_mm, part.after_mm):
         assert np.abs(arrows[:, 0] * ways[:, 1] - arrows[:, 1] * ways[:, 0]).max() < 1e-9
     before, after = (np.sqrt(np.mean(np.sum(each**2, axis=1))) for each in (part.before_mm, part.after_mm))
-    assert before > 0.2
+    assert 0.2 < before < 0.5  # a turn of 0.01 rad moves them by more
     assert after == pytest.approx(0.02, abs=0.003)
     assert part.prediction is not None
     write_examination(tmp_path / "part.pdf", part)

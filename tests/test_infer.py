@@ -255,7 +255,7 @@ def test_drawn_printers_rank_evenly_among_their_draws() -> None:
         rng = np.random.default_rng([7, seed])
         true = [part for part in drawn_parts(scene, rng) if part.effect in COMMON]
         trace = measured(path, dots, scene, true, NOISE_MM, rng)
-        fit = fitted(trace, scene, kept=lambda term: term.effect in COMMON, quick=True)
+        fit = fitted(trace, scene, names=COMMON, quick=True)
         parts = posterior_of(fit, rng).parts
         none = np.zeros((len(places), 2, 1))
         acts = sum((_moved(part, part.acts_mm[:, None], places, scene) for part in parts), none)

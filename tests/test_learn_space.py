@@ -17,7 +17,6 @@ from printmend.effects import scene_of
 from printmend.effects.sized import pushed_mm
 from printmend.errors import TraceError
 from printmend.infer.fit import fitted
-from printmend.infer.gram import Among
 from printmend.infer.machine import DRAWS
 from printmend.infer.posterior import posterior_of
 from printmend.learn.learned import Learned, learn, learn_model, report
@@ -347,8 +346,7 @@ def test_drawn_screws_push_as_their_doubt_says(rng: np.random.Generator) -> None
         seen = points[:, :2] + truth.wobble_at_mm(points[:, 2]) + rng.normal(0, 0.1, (len(points), 2))
         trace = Trace(points[:, :2], seen, z_mm=points[:, 2], homed=True)
         scene = scene_of(trace, SHORT)
-        kept = Among(("wobble", "layer", "place"))
-        posterior = posterior_of(fitted(trace, scene, kept=kept), rng)
+        posterior = posterior_of(fitted(trace, scene, names=("wobble", "layer", "place")), rng)
         drawn = [
             pushed_mm(scene, [part.acting().of(sizes_mm=part.draws_mm[:, draw])], at)
             - pushed_mm(scene, [part.acting().of(sizes_mm=part.draws_mm[:, draw])], np.zeros(1))

@@ -14,7 +14,6 @@ from printmend.effects import scene_of
 from printmend.effects.sized import Sized, pushed_mm, scene_of_printer
 from printmend.errors import TraceError
 from printmend.infer.fit import FEW, fitted
-from printmend.infer.gram import Among
 from printmend.infer.screw import Height, fit_height
 from printmend.learn.registry import ORACLE, fit
 from printmend.machine import GainMechanism, Mechanism, PlayTables, ScrewDrive, run_motors, z_grid_mm
@@ -67,7 +66,7 @@ def fit_space(
 def _pushes(trace: Trace, printer: Printer, effects: tuple[str, ...]) -> list[Sized]:
     """Return the screw's push as a trace shows it, beside some effects."""
     scene = scene_of(replace(trace, homed=False), printer)
-    fit = fitted(trace, scene, kept=Among(effects), quick=True)
+    fit = fitted(trace, scene, names=effects, quick=True)
     return [part for part in fit.parts() if part.effect == "wobble"]
 
 

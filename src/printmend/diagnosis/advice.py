@@ -9,7 +9,7 @@ import numpy as np
 from printmend.diagnosis.named import HEALTHY_SD_MM, too_low
 from printmend.effects import EFFECTS
 from printmend.effects.wobble import LEAST_TURNS, turns_of
-from printmend.effects.words import REPAIR_MM, SOON_MM, Care, Fault, fault_of
+from printmend.effects.words import REPAIR_MM, SOON_MM, Care, Fault, fault_of, plain_kind
 from printmend.infer.fit import Fit
 from printmend.messages import is_one_of, say, together, within
 from printmend.model.model import REFITTED, said_of
@@ -145,7 +145,7 @@ def advise(fault: Fault, *, corexy: bool = False, rails: bool = False) -> Advice
     """Return the advice for one fault; ``rails`` says that the rails or the head of a CoreXY seem to have play, which
     the model tells as its belts'."""
     where = say("motor", fault.part.upper()) if corexy and fault.part != "frame" else fault.part.upper()
-    kind = fault.kind.rstrip("0123456789.").removesuffix("-")  # harmonic-2 is a harmonic
+    kind = plain_kind(fault.kind)
     care = _care_of(kind, fault, where)
     repair = say("look-rails-head-first-play-may") if rails and kind == "play" else care.repair
     urgency, software = "software", care.software

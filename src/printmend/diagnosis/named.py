@@ -24,6 +24,7 @@ from printmend.effects.words import (
     amount,
     carrier_name,
     fault_of,
+    plain_kind,
 )
 from printmend.errors import TraceError
 from printmend.infer.machine import Part
@@ -287,7 +288,7 @@ def part_words(part: str) -> str:
 
 def kind_words(kind: str) -> str:
     """Return in words what a kind of fault is the size of: ``harmonic-1`` is a pulley's eccentricity."""
-    plain = kind.rstrip("0123456789.").removesuffix("-")
+    plain = plain_kind(kind)
     known = next((name for name in (kind, plain) if f"kind-{name}" in catalogue()), None)
     return say(f"kind-{known}", kind[len(plain) + 1 :]) if known else kind.replace("_", " ")
 

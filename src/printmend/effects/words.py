@@ -212,6 +212,11 @@ class Fault:
         return {"part": self.part, "kind": self.kind, **sizes, "unit": self.unit, **left}
 
 
+def plain_kind(kind: str) -> str:
+    """Return a kind of fault without its number: ``harmonic-2`` is a ``harmonic``."""
+    return kind.rstrip("0123456789.").removesuffix("-")
+
+
 def fault_of(row: Mapping[str, Any]) -> Fault:
     """Return a fault from a row of a model file's diagnosis; its words are not kept there."""
     names = ("part", "kind", "value", "sd", "unit")

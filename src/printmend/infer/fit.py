@@ -16,7 +16,6 @@ from printmend.effects.sized import Sized, guided
 from printmend.effects.switch import STEPS_A_TURN, spread_mm
 from printmend.effects.teeth import TOOTH_MM
 from printmend.infer.gram import (
-    Among,
     Block,
     Dictionary,
     Gram,
@@ -121,17 +120,18 @@ class Fit:
 
 def fitted(
     trace: Trace, scene: Scene, first: Fit | None = None, *, kept: Callable[[Term], bool] | None = None,
-    quick: bool = False,
+    names: Sequence[str] | None = None, quick: bool = False,
 ) -> Fit:  # fmt: skip
     """Return the effects that a trace shows; the machine of the ``first`` fit, or else a healthy one, tells the first
-    contacts. Only terms that are ``kept`` are looked for, all without; where it is to be ``quick`` in few marks."""
+    contacts. Without ``kept`` and ``names``, the terms and effects to look for, it looks for all; to be ``quick``, in
+    few marks."""
     most = FEW_MARKS if quick else MOST_MARKS
     mechanism = healthy_mechanism(scene.printer) if first is None else first.mechanism
     turned_rad, parts = (0.0, []) if first is None else (first.turned_rad, first.parts())
     whole, fit = trace, None
     if scene.homed:
         scene = replace(scene, home_sd_mm=home_sd_of(mechanism, scene))
-    blocks = blocks_of(scene, kept)
+    blocks = blocks_of(scene, kept, names)
     for _ in range(PASSES):
         trace = turned_back(whole, turned_rad, scene)
         is_first = first is None and fit is None
@@ -500,7 +500,7 @@ def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
     so is play: a loose nozzle resembles it where belts are thought to touch everywhere."""
 
     def told(scene: Scene, before: Fit | None, names: tuple[str, ...] = FEW) -> Fit:
-        fit = fitted(trace, scene, before, kept=Among(names), quick=True)
+        fit = fitted(trace, scene, before, names=names, quick=True)
         places, rows = narrowed(fit.places, fit.rows)
         return replace(fit, places=places, rows=rows)
 

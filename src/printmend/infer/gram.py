@@ -119,27 +119,17 @@ class Dictionary:
         return Dictionary(laid_side_by_side((*self.blocks, *blocks)), np.hstack([self.columns, columns]))
 
 
-@dataclass(frozen=True)
-class Among:
-    """Keeps the terms of some effects; those of others need not even be made."""
-
-    names: tuple[str, ...]
-
-    def __call__(self, term: Term) -> bool:
-        return term.effect in self.names
-
-
-def blocks_of(scene: Scene, kept: Callable[[Term], bool] | None = None) -> tuple[Block, ...]:
-    """Return every term that the effects offer, or those that are ``kept``, side by side."""
-    return _blocks_of(scene, kept, tuple(EFFECTS.values()))
+def blocks_of(
+    scene: Scene, kept: Callable[[Term], bool] | None = None, names: Sequence[str] | None = None
+) -> tuple[Block, ...]:
+    """Return every term that the effects offer, or those of some ``names``, that are ``kept``, side by side."""
+    return _blocks_of(scene, kept, tuple(each for name, each in EFFECTS.items() if names is None or name in names))
 
 
 @lru_cache(maxsize=16)  # of a trace's scenes, which are asked for in every pass
 def _blocks_of(scene: Scene, kept: Callable[[Term], bool] | None, effects: tuple[Effect, ...]) -> tuple[Block, ...]:
     grouped: dict[Key, list[Term]] = {}
     for effect in effects:
-        if isinstance(kept, Among) and effect.name not in kept.names:
-            continue
         for term in effect.terms(scene):
             if (kept is None or kept(term)) and _shows(term, scene):
                 grouped.setdefault(term.key, []).append(term)

@@ -5,7 +5,7 @@ mean acts; machines drawn from all likely sets are the promise.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -37,7 +37,7 @@ from printmend.measure.checks import (
     is_at_home,
     with_heights,
 )
-from printmend.messages import say, together
+from printmend.messages import is_one_of, say, together
 from printmend.metrics.robust import log_likelihood
 from printmend.model import SavedModel, saved_model, with_screw
 from printmend.model.branches import HARMONICS
@@ -45,6 +45,7 @@ from printmend.model.model import NOTE, WARNING, Misfit, misfit_section, misfit_
 from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.promise.belief import belief_section
+from printmend.promise.filament import UNTOLD
 from printmend.promise.words import scale_words, seen_scales, shown_scales
 from printmend.twin import Twin
 
@@ -184,7 +185,7 @@ def searched_model(
     diagnosis = diagnose(posterior.parts, fit.scene, gaps_of(fit, heights=lift is not None), lift)
     details: dict[str, Any] = {
         "diagnosis": [fault.row for fault in diagnosis.faults],
-        "trace": trace_section(trace, fit.moved_mm(of_instrument(posterior.parts)), PLANE_FACTOR * noise_mm, lost),
+        "trace": trace_section(trace, fit, posterior.parts, PLANE_FACTOR * noise_mm, lost),
         "promise": promise,
         "misfit": misfit_section(told),
         **more,
@@ -264,17 +265,23 @@ def instrument_scatter_mm(trace: Trace) -> float | None:
     return float(np.hypot(np.median(stated), trace.instrument_doubt.wave_mm))
 
 
-def of_instrument(parts: Sequence[Part]) -> Iterator[Sized]:
-    """Yield what parts say that the instrument and its origin did, in the mean, but for turns: rows are turned back."""
+def errors_mm(trace: Trace, fit: Fit, parts: Iterable[Sized], told: np.ndarray) -> np.ndarray:
+    """Return how far each row [N, 2] was printed from where it was commanded; ``told`` [N] are the rows that count.
+
+    What ``parts`` say that the instrument and its origin did is no error, nor is the mean shift of an unplaced print.
+    Turns are left in: rows are turned back.
+    """
     own = (part for part in parts if EFFECTS[part.effect].of is Of.INSTRUMENT and part.effect != "turn")
-    yield from (Sized(*part.key, part.mean_mm) for part in own)
+    off_mm = trace.measured_mm - trace.commanded_mm - fit.moved_mm(own)
+    return off_mm if trace.placed else off_mm - off_mm[told].mean(axis=0)  # nobody knows where the plate lay
 
 
-def trace_section(trace: Trace, moved_mm: np.ndarray, left_mm: float, lost: np.ndarray | None = None) -> dict[str, Any]:
+def trace_section(
+    trace: Trace, fit: Fit, parts: Sequence[Part], left_mm: float, lost: np.ndarray | None = None
+) -> dict[str, Any]:
     """Return a saved model's section about its measurement: rows, errors before and after, the instrument's scatter.
 
-    What only measuring ``moved`` [N, 2] is no error. Points ``lost`` [N] that the model leaves out are counted, and are
-    not among these errors.
+    Points ``lost`` [N] that the model leaves out are counted, and are not among these errors.
     """
     scatter_mm = instrument_scatter_mm(trace)
     told = trace.measured_rows
@@ -282,9 +289,7 @@ def trace_section(trace: Trace, moved_mm: np.ndarray, left_mm: float, lost: np.n
     count, measured = 0 if lost is None else int(lost.sum()), int(told.sum())
     if lost is not None and 0 < count <= MOST_LOST * measured:
         told = told & ~lost
-    off_mm = (trace.measured_mm - trace.commanded_mm - moved_mm)[told]
-    if not trace.placed:  # nobody knows where the plate lay
-        off_mm = off_mm - off_mm.mean(axis=0)
+    off_mm = errors_mm(trace, fit, (Sized(*part.key, part.mean_mm) for part in parts), told)[told]
     return {
         "rows": len(trace),
         "measured": measured,
@@ -330,5 +335,5 @@ def report(model: SavedModel) -> str:
 
 def todo(gaps: Sequence[str]) -> tuple[str, ...]:
     """Return the prints that would close a trace's gaps."""
-    of_z = set(map(is_gap_of_z, gaps))
+    of_z = {is_gap_of_z(gap) for gap in gaps if not is_one_of(gap, UNTOLD)}  # no print of ours tells whose a scale is
     return tuple(what for screw, what in ((False, _PROBE_TODO), (True, _TOWER_TODO)) if screw in of_z)

@@ -17,7 +17,6 @@ from printmend.effects.effect import SCALE_MM
 from printmend.effects.prior import size_mm
 from printmend.errors import TraceError
 from printmend.infer.fit import Fit, fitted
-from printmend.infer.gram import Among
 from printmend.measure.checks import AXES_TODO, FARTHEST_MM, is_at_home, wrong_axes
 from printmend.messages import say, together
 from printmend.metrics.robust import ridge, scale_of
@@ -244,7 +243,7 @@ def roughly(trace: Trace, printer: Printer) -> Fit:
     """Return the drives' main parts alone, as some rows show them."""
     scene = scene_of(trace, printer)
     with threadpool_limits(1, user_api="blas"):
-        return fitted(trace, scene, kept=Among(ROUGH), quick=True)
+        return fitted(trace, scene, names=ROUGH, quick=True)
 
 
 def _left_by(trace: Trace, printer: Printer) -> tuple[Fit, float]:

@@ -38,7 +38,6 @@ from printmend.learn.learned import (
     instrument_scatter_mm,
     known_digests,
     learn,
-    of_instrument,
     push_of,
     trace_section,
     with_z,
@@ -212,7 +211,7 @@ def _updated(
     changes = [*changes_of(found), *_lift_changes(before, lift)]
     details: dict[str, Any] = {
         "diagnosis": [fault.row for fault in diagnosis.faults],
-        "trace": trace_section(trace, found.fit.moved_mm(of_instrument(parts)), PLANE_FACTOR * noise_mm),
+        "trace": trace_section(trace, found.fit, parts, PLANE_FACTOR * noise_mm),
         "promise": {
             **belief_section(
                 replace(
@@ -286,9 +285,9 @@ def _change(was: Fault, new: Fault, sd: float) -> Change:
     grew = new.size > was.size
     digits, space = 2 if abs(new.value - was.value) >= PLAIN_CHANGE else 3, "" if new.unit == "°" else " "
     old, value = (round(each.value, digits) + 0.0 for each in (was, new))  # never −0
-    name = part_words(new.part)
-    what = kind_words(new.kind)
-    what = what if new.part == "frame" else say("quantity-of-part", name, what)
+    name, what = part_words(new.part), kind_words(new.kind)
+    if new.part != "frame":
+        what = say("quantity-of-part", name, what)
     now = f"{value:.{digits}f}{space}{new.unit}"
     words = say("grew" if grew else "shrank", what, f"{old:.{digits}f}", now, f"{sd:.3f}")
     return Change(name, new.kind, was.value, new.value, sd, new.unit, words)

@@ -8,10 +8,9 @@ import numpy as np
 import printmend
 from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, WORK, Advice, advised
 from printmend.diagnosis.portrait import Circle, Portrait, Positioning, circle, contacts_of_fit, portrait, positioning
-from printmend.effects import EFFECTS, Of
 from printmend.errors import InputError
 from printmend.infer.fit import Fit
-from printmend.learn.learned import learn, scatter_words, todo
+from printmend.learn.learned import errors_mm, learn, scatter_words, todo
 from printmend.mend.filament import filament_of, grown, settled
 from printmend.mend.mend import check_gcode
 from printmend.mend.prediction import Prediction
@@ -138,15 +137,9 @@ def examine(
 
 
 def _arrows(trace: Trace, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return some measured places [N, 2], their errors before mending and the unexplained part: of a wall, across it.
-
-    What the instrument did is no error.
-    """
+    """Return measured places [N, 2], their errors before mending and the unexplained part: of a wall, across it."""
     rows, count = fit.rows, len(trace)
-    of_instrument = (part for part in fit.parts() if EFFECTS[part.effect].of is Of.INSTRUMENT)
-    off_mm = trace.measured_mm - trace.commanded_mm - fit.moved_mm(of_instrument)
-    if not trace.placed:  # nobody knows where the plate lay
-        off_mm = off_mm - np.nanmean(off_mm, axis=0)
+    off_mm = errors_mm(trace, fit, fit.parts(), trace.measured_rows)
     before_mm = rows.at_places(np.einsum("mc,mc->m", rows.along, off_mm[rows.mark]), count)
     shown = np.unique(rows.mark)
     shown = shown[np.isfinite(before_mm[shown]).all(axis=1)]
