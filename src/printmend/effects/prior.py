@@ -33,7 +33,7 @@ def mild_shares() -> tuple[float, ...]:
 
 
 def lengths_mm(name: str) -> tuple[float, ...]:
-    """Return the lengths over which a smooth process changes, one as likely as the other."""
+    """Return the lengths over which a smooth process changes, all equally likely."""
     return tuple(_table()[name]["lengths"])
 
 

@@ -42,7 +42,7 @@ def share_of_span(place_mm: np.ndarray, span_mm: tuple[float, ...]) -> np.ndarra
 
 
 def cosines(share: np.ndarray, count: int) -> np.ndarray:
-    """Return so many cosines [N, K] at shares [N] of a span; beyond it they come back."""
+    """Return the first ``count`` cosines [N, K] at shares [N] of a span; beyond it they repeat, mirrored."""
     return np.asarray(np.cos(np.pi * share[:, None] * np.arange(1, count + 1)))
 
 

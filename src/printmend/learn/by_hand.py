@@ -49,7 +49,7 @@ OF_WHOLE = (
 class Estimate:
     """One quantity, ``value`` ± ``sd``; ``supported`` says that the distances tell it, and not the prior alone,
     ``corrected`` that it acts, and ``absent`` that the distances show none: most drawn machines have none, and those
-    that do spread it less than readings can resolve, so that its deviation would look surer than any reading is."""
+    that do spread it less than readings can resolve. Its deviation would be smaller than a reading's own error."""
 
     name: str
     value: float

@@ -363,7 +363,7 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
         return (say("rest-not-shown", say("whole-printmend-probe-printed-measured-settles")),)
     untold = [gap for gap in model.findings[1:] if is_one_of(gap, UNTOLD)]
     if name == "instrument" and untold:
-        return (say("rest-not-shown", untold[0]),)
+        return (say("rest-untold", untold[0]),)
     if name == "instrument" and knows_all_but_a_reading(model):
         return (say("rest-is-callipers"),)
     if name == "instrument" and knows_a_length(model):
