@@ -82,7 +82,7 @@ def test_a_picture_without_a_resolution_says_which_is_assumed(scanned, tmp_path,
     Image.open(scanned / "gear.jpg").save(tmp_path / "gear.png", dpi=(96, 96))  # as an editor writes it
     part = measure_part(tmp_path / "gear.png", scanned / "gear.gcode", PRINTER).notes[0]
     for note in (part, measure_scans([tmp_path / "dots.png"], plan).notes[0]):
-        assert "scale from 300 dpi, assumed: the file states no scanner's resolution; if it is another, give" in note
+        assert "scale from 300 dpi, assumed: the file states no scanner resolution; if it differs, give" in note
         assert "angenommen" in translated(note, GERMAN)
     stated = (page.read_page(scanned / "gear.jpg"), page.read_page(tmp_path / "gear.png", dpi=300.0))
     assert [(one.scale, one.unsure) for one in stated] == 2 * [("scale from 300 dpi", False)]
