@@ -26,6 +26,7 @@ from printmend.messages import Tell, say, together
 
 PX_PER_MM = 8.0
 MARGIN_MM = 12.0  # margin around the outermost dots
+NUMBER_AT = np.linspace(0.1, 0.9, 17)  # shares of a line at which its number may stand
 INK, CHOSEN = (70, 70, 70), (30, 90, 220)  # colours of dots and of distances, as (blue, green, red)
 
 
@@ -41,10 +42,12 @@ def draw_map(path: Path, distances: Distances, tell: Tell = str) -> None:
 
     for mark, diameter in zip(marks, distances.plan.diameter_mm, strict=True):
         cv2.circle(picture, pixel(mark), round(diameter / 2 * PX_PER_MM), INK, -1, cv2.LINE_AA)
+    placed = marks[distances.plan.big]  # a number stands off its ends, and as far as it can from those before it
     for number, (first, second) in enumerate(distances.pairs, start=1):
         cv2.line(picture, pixel(marks[first]), pixel(marks[second]), CHOSEN, 2, cv2.LINE_AA)
-        # off the middle, where lines cross
-        at = marks[first] + (0.12 + 0.03 * (number % 4)) * (marks[second] - marks[first])
+        along = marks[first] + NUMBER_AT[:, None] * (marks[second] - marks[first])
+        at = max(along, key=lambda mm: np.hypot(*(placed - mm).T).min())
+        placed = np.vstack([placed, at])
         cv2.putText(picture, str(number), pixel(at), cv2.FONT_HERSHEY_SIMPLEX, 1.1, CHOSEN, 3, cv2.LINE_AA)
     write_words(picture, tell(say("overlay-bed-front")), (20, height - 20), 32, INK)
     write_image(path, picture, dpi=PX_PER_MM * 25.4)

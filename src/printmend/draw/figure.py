@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from printmend.files import replacing
 from printmend.messages import Tell, say
@@ -106,10 +106,23 @@ def draw_scale_bar(axes: Axes) -> Axes:
     return axes
 
 
-def quiet(axes: Axes) -> Axes:
-    """Remove the lines above and to the right, and make the numbers small; return the axes."""
+class _Numbers(ScalarFormatter):
+    """The numbers at an axis, as a language writes them."""
+
+    def __init__(self, tell: Tell) -> None:
+        super().__init__()
+        self._tell = tell
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return self._tell(super().__call__(x, pos))
+
+
+def quiet(axes: Axes, tell: Tell, *, framed: bool = False) -> Axes:
+    """Make the numbers small, and remove the lines above and to the right if not ``framed``; return the axes."""
     for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+        axes.spines[side].set_visible(framed)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(_Numbers(tell))
     axes.tick_params(colors=INK, labelsize=8)
     return axes
 
@@ -163,7 +176,7 @@ def draw_fit(
     axes.set_ylabel(tell(say("draw-printed-commanded")), fontsize=8)
     axes.set_title(tell(say("draw-dots-lines", name)), color=INK, fontsize=10)
     axes.legend(fontsize=7, frameon=False, loc="upper left", ncols=2)
-    return quiet(axes)
+    return quiet(axes, tell)
 
 
 def draw_play(
@@ -179,7 +192,7 @@ def draw_play(
     axes.set_xlabel(tell(say("draw-position", name)), fontsize=8)
     axes.set_ylabel(tell(say("draw-play")), fontsize=8)
     axes.set_title(tell(say("draw-slack", name)), color=INK, fontsize=10)
-    return quiet(axes)
+    return quiet(axes, tell)
 
 
 def draw_hull(axes: Axes, outline_mm: np.ndarray, *, radius_mm: float, name: str, tell: Tell = str) -> Axes:
@@ -202,7 +215,7 @@ def draw_hull(axes: Axes, outline_mm: np.ndarray, *, radius_mm: float, name: str
         spine.set_visible(False)
     shown = say("draw-true-to-scale") if factor == 1 else say("draw-enlarged", factor)
     axes.set_title(tell(say("draw-pulley", name)), color=INK, fontsize=10)
-    axes.set_xlabel(tell(say("draw-dashed-round", shown)), fontsize=8)
+    axes.set_xlabel(tell(say("draw-dashed-round", shown)), fontsize=7)
     return axes
 
 
@@ -227,8 +240,7 @@ def draw_errors(
     rms = float(np.sqrt(np.mean(size**2)))
     axes.set_xlabel(tell(say("draw-arrows", f"{rms:.3f}", factor)), fontsize=8)
     axes.set_ylabel("y [mm]", fontsize=8)
-    axes.tick_params(colors=INK, labelsize=8)
-    return axes
+    return quiet(axes, tell, framed=True)
 
 
 def draw_layer_errors(axes: Axes, before_mm: Sequence[float], after_mm: Sequence[float], *, tell: Tell = str) -> Axes:
@@ -242,10 +254,7 @@ def draw_layer_errors(axes: Axes, before_mm: Sequence[float], after_mm: Sequence
     axes.set_xlabel(tell(say("layer-2")), fontsize=8)
     axes.set_ylabel(tell(say("draw-rms-error")), fontsize=8)
     axes.legend(fontsize=8, frameon=False)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    axes.tick_params(colors=INK, labelsize=8)
-    return axes
+    return quiet(axes, tell)
 
 
 def draw_coloured(
@@ -271,7 +280,7 @@ def draw_coloured(
             ScalarMappable(norm, colours), cax=place, orientation="horizontal", extend="max", ticks=ticks
         )
         if fine_mm is not None:
-            bar.set_ticklabels(["0", f"{fine_mm:.3f}", f"{worst_mm:.2f}"])
+            bar.set_ticklabels([tell(each) for each in ("0", f"{fine_mm:.3f}", f"{worst_mm:.2f}")])
         bar.set_label(tell(say("draw-error")), color=INK, fontsize=9)
         bar.ax.tick_params(labelsize=8, colors=INK)
         bar.outline.set_visible(False)
@@ -315,7 +324,7 @@ def draw_circle_test(
     axes.set_xlim(-1.5, 1.5)
     axes.set_ylim(-1.62, 1.5)
     axes.set_aspect("equal")
-    axes.legend(fontsize=9, frameon=False, loc="lower center", ncols=2)
+    axes.legend(fontsize=8, frameon=False, loc="lower center", ncols=2, handlelength=1.2, columnspacing=1.0)
     return plain(axes)
 
 
@@ -365,6 +374,7 @@ def draw_wear(axes: Axes, wear: Wear, colour: str, tell: Tell = str) -> Axes:
     axes.set_title(tell(wear.title), color=INK, fontsize=11)
     axes.set_ylabel(wear.unit, color=INK)
     axes.set_ylim(bottom=0, top=1.12 * axes.get_ylim()[1])
+    axes.yaxis.set_major_formatter(_Numbers(tell))
     locator = dates.AutoDateLocator(minticks=3, maxticks=7)
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))

@@ -19,7 +19,7 @@ ENGLISH, GERMAN = "en", "de"
 Tell = Callable[[str], str]  # puts a message into the reader's language
 _DEEPEST = 8  # messages within messages
 # Numbers that a German reader gets with a comma: no version of a program among them.
-_NUMBERS = re.compile(r"(?!.*\d\.\d+\.)[\s\d.±+–-]*\d\.\d[\s\d.±+–-]*( ?[%°a-z]+)?")
+_NUMBERS = re.compile(r"(?!.*\d\.\d+\.)[\s\d.±+–−-]*\d\.\d[\s\d.±+–−-]*( ?[%°a-z]+)?")
 _AFTER_SEMICOLON = re.compile(r"; (Der|Die|Das|Ein|Eine|Es|Alle|Jede)\b")
 PAGE = "/page"  # ends the id of a message that a page words differently: the terminal's names a command or an option
 HELP = "help"  # the context of what --help says
