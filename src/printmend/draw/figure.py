@@ -117,7 +117,7 @@ class _Numbers(ScalarFormatter):
         return self._tell(super().__call__(x, pos))
 
 
-def quiet(axes: Axes, tell: Tell, *, framed: bool = False) -> Axes:
+def quiet(axes: Axes, tell: Tell = str, *, framed: bool = False) -> Axes:
     """Make the numbers small, and remove the lines above and to the right if not ``framed``; return the axes."""
     for side in ("top", "right"):
         axes.spines[side].set_visible(framed)

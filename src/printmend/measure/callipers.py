@@ -104,11 +104,11 @@ def parse_readings(text: str, distances: Distances, *, subject: str) -> np.ndarr
             raise TraceError(
                 subject, wanted=say("distance-mm", number), came=repr(line[:30]), todo=say("write-numbers-like-123-45")
             )
-        _check_reading(subject, number, value, about_mm, line)
         if front not in (None, number) and front <= len(readings) and value == number_in(rest, value):
             raise TraceError(
                 subject, wanted=say("distance-mm", number), came=repr(line[:30]), todo=say("write-in-order-list")
             )
+        _check_reading(subject, number, value, about_mm, line)
         readings[row] = value
     if not np.isfinite(readings).any():
         raise TraceError(subject, wanted=say("least-distance"), came=say("none"), todo=say("measure-few-list"))
