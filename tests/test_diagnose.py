@@ -212,7 +212,7 @@ def test_a_part_gets_a_report_too(folder: Path, tmp_path: Path, rng: np.random.G
     write_examination(tmp_path / "part.pdf", part)
     write_examination(tmp_path / "teil.html", part, language="de")
     page = html.unescape((tmp_path / "teil.html").read_text())
-    assert "<p>part <1>.gcode, geheilt: Unsicherheitsbudget" in page
+    assert "<p>part <1>.gcode, korrigiert: Unsicherheitsbudget" in page
     combined = f"{part.prediction.after.rms_mm:.4f}".replace(".", ",")
     assert f"<td>kombiniert</td><td></td><td>{combined}</td>" in page
     assert "(Filament ohne Namen)" in page

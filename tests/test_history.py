@@ -108,6 +108,6 @@ def test_a_path_without_a_name_has_no_history(path):
 def test_a_trend_is_said_in_german_too():
     (grown,) = trends_of([event(month, 0.03 + 0.0125 * month, 0.004) for month in range(10)])
     german = translated(grown.words, GERMAN)
-    assert german.startswith("jetzt 0,142 mm, wächst um 0,012 mm im Monat; etwa im Juni 2026 überschritt es 0,10 mm:")
+    assert german.startswith("jetzt 0,142 mm, steigt um 0,012 mm im Monat; etwa im Juni 2026 überschritt es 0,10 mm:")
     assert "Den Riemen spannen" in german
     assert translated(rows_of([event(0, 0.05, 0.004)])[0][2], GERMAN) == "X, Spiel des Riemens: 0,050 mm"

@@ -52,7 +52,7 @@ def test_results_and_errors_come_in_the_language_of_the_terminal(
     done = run("--lang", "de", "learn", trace, "--printer", "ender3", "-o", model)
     assert done.exit_code == 0, done.exception
     assert "Spiel des Riemens 0," in done.output
-    assert "Fehler vor dem Heilen: 0," in done.output
+    assert "Fehler vor der Korrektur: 0," in done.output
     assert not re.search(r"\b(the|before|points|written)\b", done.output)
     assert "belt play 0." in read_model(model).findings[0]  # a file is the same for every reader
     monkeypatch.setattr(

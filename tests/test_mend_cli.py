@@ -58,7 +58,7 @@ def test_reports(folder: Path) -> None:
     assert "http" not in page
     run("--lang", "de", "mend", folder / "part.gcode", "-m", folder / "printer.mend.json", "--overwrite",
         "--report", folder / "bericht.html")  # fmt: skip
-    assert "sicher zu drucken" in (folder / "bericht.html").read_text()
+    assert "bedenkenlos druckbar" in (folder / "bericht.html").read_text()
     plain = json.loads((folder / "report.json").read_text())
     assert plain["after"]["rms_mm"] < 0.006 < plain["before"]["rms_mm"]
     assert len(plain["layers"]) == 1

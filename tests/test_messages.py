@@ -234,5 +234,5 @@ def test_a_locale_or_an_option_chooses_the_language_of_help() -> None:
     assert told("mend", "--help", language="de") == told("--lang", "de", "mend", "--help")
     german = told("mend", "--help", language="de")
     assert german.startswith("Aufruf: printmend mend [OPTIONEN] FILE|FOLDER|-...\n\n  G-Code so umschreiben")
-    assert re.search(r"Dateien zur gleichen Zeit\.\s+\[Vorgabe:\s+1;\s+1<=x<=64\]", german)
+    assert re.search(r"Gleichzeitig bearbeitete Dateien\.\s+\[Vorgabe:\s+1;\s+1<=x<=64\]", german)
     assert "\n  Beispiel: printmend mend part.gcode" in german

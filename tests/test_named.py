@@ -96,8 +96,8 @@ def test_play_is_named_once_by_its_most_telling_form() -> None:
     ("effect", "shape", "sizes", "grew", "shrank"),
     [
         ("uneven_play", (1.0, 100.0), [0.2], ("mm more play", "mm mehr Spiel"), ("mm less play", "mm weniger Spiel")),
-        ("wear", (), [0.2], ("grew by", "wuchs"), ("shrank by", "schrumpfte")),
-        ("warmth", (0.2,), [0.2, 0.0, 0.0, 0.0], ("grew by", "wuchs"), ("shrank by", "schrumpfte")),
+        ("wear", (), [0.2], ("grew by", "mm zu"), ("shrank by", "mm ab")),
+        ("warmth", (0.2,), [0.2, 0.0, 0.0, 0.0], ("grew by", "dehnte sich"), ("shrank by", "schrumpfte")),
     ],
 )
 def test_a_verb_says_which_way_and_no_sign_does(

@@ -120,16 +120,16 @@ def test_what_a_studio_answers_is_known_in_german(folder: Path) -> None:
     with _served(folder) as (address, token):
         studio = Studio(address, token=token)
         for asked, words in (
-            (lambda: Studio(address).get("/printers"), "Dieses Studio braucht seinen Schlüssel"),
-            (lambda: studio.get("/jobs/" + "0" * 16), "gebraucht: ein Auftrag dieses Studios"),
+            (lambda: Studio(address).get("/printers"), "Dieses Studio braucht sein Token"),
+            (lambda: studio.get("/jobs/" + "0" * 16), "erwartet: ein Auftrag dieses Studios"),
             (lambda: Studio(address).fetch_model(folder / "m"), "Dieser Rechner ist nicht gekoppelt"),
         ):
             with pytest.raises(StudioError) as refused:
                 asked()
             assert words in translated(refused.value.message, GERMAN)
     for where, words in (
-        (address, "gebraucht: ein Studio; gefunden: niemand antwortet dort. Läuft es?"),
-        ("http://nobody.invalid", "gefunden: niemand kennt diesen Namen. Läuft es?"),
+        (address, "erwartet: ein Studio; gefunden: keine Antwort von dort. Läuft es?"),
+        ("http://nobody.invalid", "gefunden: ein unbekannter Name. Läuft es?"),
     ):
         with pytest.raises(StudioError) as refused:
             Studio(where).get("/printers")

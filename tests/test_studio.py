@@ -672,8 +672,8 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
                 NamedFault("frame" if kind in _OF_FRAME else "x", kind, size, 0.01, "mm", "") for size in (0.1, 0.3)
             )
             grew, shrank = (_change(*both, 0.01).words for both in ((before, now), (now, before)))
-            assert " wuchs von " in (_german(grew) or ""), grew
-            assert " schrumpfte von " in (_german(shrank) or ""), shrank
+            assert " stieg von " in (_german(grew) or ""), grew
+            assert " sank von " in (_german(shrank) or ""), shrank
     for acts in (0.0, 0.01):
         assert _german(scale_in_words(np.full(2, 0.01), np.full(2, acts), 0.002))
 

@@ -70,7 +70,7 @@ def test_the_page_asks_for_them_and_is_told_what_does_not_fit(tmp_path: Path, mo
         assert {card["name"] for card in told["effects"]} == set(EFFECTS)
         splice = next(card for card in told["effects"] if card["name"] == "splice")
         german = page_messages()[told["messages"][splice["title"]]["id"]]["de"]
-        assert german == "eine Nahtstelle oder Delle im Riemen"
+        assert german == "eine Stoßstelle oder Delle im Riemen"
         healthy = client.post("/api/v1/play/preview", json={}).json()
         broken = client.post("/api/v1/play/preview", json={"effects": [_row(splice)]}).json()
         assert broken["rms_mm"] > healthy["rms_mm"] + 0.05
