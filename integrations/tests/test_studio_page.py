@@ -311,10 +311,10 @@ def test_a_printer_with_nothing_to_mend_is_shown_so(browser: Browser, server: Se
     watched = _page(browser, server, locale="de-DE")
     page = watched.page
     page.goto(f"{server.address}#/printers/{key}/mend")
-    expect(page.get_by_text("Nichts zu heilen")).to_be_visible()
-    expect(page.get_by_text("daneben, geheilt")).to_have_count(0)
+    expect(page.get_by_text("Nichts zu korrigieren")).to_be_visible()
+    expect(page.get_by_text("Abweichung korrigiert")).to_have_count(0)
     page.goto(f"{server.address}#/printers/{key}/wrong")
-    expect(page.get_by_text("Es fehlt nichts, was ein Druck zeigen würde.")).to_be_visible()
+    expect(page.get_by_text("Kein Fehler, den ein Druck zeigen würde.")).to_be_visible()
     expect(page.get_by_text("größer", exact=False)).to_have_count(1)  # what the screen is for
     grew = together("; ", [say("grew-mm-end-end-while-print", *each) for each in (("X", "+0.32"), ("Y", "+0.31"))])
     found = [{"kind": "thermal", "severity": "refusal", "size_mm": 0.1, "evidence": 20.0, "words": grew}]
@@ -322,9 +322,9 @@ def test_a_printer_with_nothing_to_mend_is_shown_so(browser: Browser, server: Se
     write_model(kept, replace(sound, document=document))
     page.reload()
     expect(page.get_by_text(translated(grew, GERMAN))).to_be_visible()
-    expect(page.get_by_text("Es fehlt nichts")).to_have_count(0)
+    expect(page.get_by_text("Kein Fehler, den ein Druck")).to_have_count(0)
     expect(page.get_by_role("link", name="Weiter: noch einmal messen")).to_be_visible()
-    expect(page.get_by_text("Nach einer Messung, die abgelehnt ist")).to_be_visible()
+    expect(page.get_by_text("Aus einer abgelehnten Messung")).to_be_visible()
     _ok(watched)
 
 
@@ -340,7 +340,7 @@ def test_a_message_is_german_by_its_id_however_its_english_is_worded(browser: Br
         return [said("scan it all"), why("all of it")];
     }""")
     assert said == "Die bedruckte Seite scannen"
-    assert why == f"scan.png: gebraucht: mindestens 12 gemessene Punkte; gefunden: 3,5. {said}."
+    assert why == f"scan.png: erwartet: mindestens 12 gemessene Punkte; gefunden: 3,5. {said}."
     _ok(watched)
 
 
