@@ -185,7 +185,7 @@ def test_a_test_print_is_none_of_the_five(host, models, mended) -> None:
     assert host.judge(probe, models["new"]).state == "test print"
     assert host.judge(probe, None).state == "test print"
     german = Ledger(str(host.folder / "ledger"), "de_DE").judge(str(host.folder / "x.gcode"), None)
-    assert german.sentence == "Dieser Testdruck zeigt den Drucker, wie er ist; er wird nicht geheilt."
+    assert german.sentence == "Dieser Testdruck zeigt den Drucker, wie er ist; er wird nicht korrigiert."
     assert provenance.action("test print", {}) == "print"
 
 

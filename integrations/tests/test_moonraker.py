@@ -409,7 +409,7 @@ def test_every_failure_leaves_a_stub(script: str, timeout_s: float, reason: str,
 
 @pytest.mark.parametrize(
     ("script", "timeout_s", "reason"),
-    [("exec sleep 600", 0.3, "das Heilen dauerte länger als 0 s"), ("echo $LC_MESSAGES >&2; exit 2", 600, "de\n")],
+    [("exec sleep 600", 0.3, "die Korrektur dauerte länger als 0 s"), ("echo $LC_MESSAGES >&2; exit 2", 600, "de\n")],
 )
 def test_an_owner_who_reads_german_reads_it(script: str, timeout_s: float, reason: str, tmp_path: Path) -> None:
     assert worker(tmp_path, script, "hold", timeout_s, "de").wait() == 1
