@@ -1,5 +1,6 @@
 """Scans of a probe: drawn with known truth, read back, whatever the pose and the dirt."""
 
+import io
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,11 +16,12 @@ from printmend.errors import ScanError, TraceError
 from printmend.measure import write_plan
 from printmend.measure.image import read_image, write_image, write_words
 from printmend.measure.measurement import SETTLED_AXES_SD, measure_scans, wave_left_mm
-from printmend.measure.page import exposure
+from printmend.measure.page import exposure, resolution
 from printmend.measure.plan import ProbePlan
+from printmend.measure.resampled import is_resampled
 from printmend.measure.table import read_trace
 from printmend.messages import GERMAN
-from printmend.path import FLATBED
+from printmend.path import FLATBED, RESIZED
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.probe.tags import write_sheet
@@ -325,3 +327,16 @@ def test_what_two_turned_scans_disagree_in_says_how_uneven_the_scanner_is(rng: n
     # an amplitude of 0.05 in one coordinate of either scan: 0.025 RMS of a coordinate, by √2 less in the mean of two
     assert wave_left_mm([seen(0.05, 0), seen(0.05, 1)], marks) == pytest.approx(0.0177, rel=0.15)
     assert wave_left_mm([seen(0.05, 0)], marks) == 0.0
+
+
+@pytest.mark.parametrize(("size", "quality"), [(1.0, 92), (0.97, None), (0.97, 75), (1.03, 92), (0.99, 92)])
+def test_a_picture_that_was_resized_is_noticed(plan, printed, size, quality):
+    """Its file still states the scanner's resolution, whether it was saved as a JPEG or not."""
+    scan = render_scan(printed, plan, dpi=300, rng=np.random.default_rng(10)).image
+    picture = Image.fromarray(scan[..., ::-1])
+    picture = picture.resize([round(size * length) for length in picture.size]) if size != 1.0 else picture
+    if quality is not None:
+        picture.save(file := io.BytesIO(), "JPEG", quality=quality)
+        picture = Image.open(file)
+    assert is_resampled(np.asarray(picture)[..., ::-1]) == (size != 1.0)
+    assert resolution(np.asarray(picture)[..., ::-1], None, 300.0)[2] == (FLATBED if size == 1.0 else RESIZED)

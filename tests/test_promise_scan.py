@@ -16,7 +16,7 @@ from printmend.machine import Frame
 from printmend.measure.distance import RESIZED_SHARE, scaled_by, settled
 from printmend.measure.fiducials import PAPER
 from printmend.measure.measurement import instrument_on_bed
-from printmend.measure.page import scanned_at
+from printmend.measure.page import resolution
 from printmend.measure.table import read_trace, write_trace
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
@@ -43,6 +43,7 @@ def part(tmp_path: Path) -> Path:
     return tmp_path / "part.gcode"
 
 
+BLANK = np.full((64, 64, 3), 200, np.uint8)
 STRETCH = np.diag([0.0013, 0.0013])
 
 
@@ -304,12 +305,12 @@ def test_a_picture_of_another_size_is_not_mended_until_a_length_is_known(rng: np
     """A resolution that was typed in wrongly looks like two axes that are off by the same."""
     points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (250, 2))])
     measured = 1.035 * points + rng.normal(0, 0.005, points.shape)
-    scan = Trace(points, measured, homed=True, placed=False, instrument=scanned_at(600.0, stated=300.0))
+    scan = Trace(points, measured, homed=True, placed=False, instrument=resolution(BLANK, 600.0, 300.0)[2])
     model = learn_model(scan, ENDER3)
     assert is_healthy(model)
     promise = expectation(model, scan)
     assert promise is not None
     assert promise.rms_low_mm < 0.01
     assert promise.rms_high_mm > 1.0
-    known = scanned_at(600.0, stated=599.9988)
+    _, _, known = resolution(BLANK, 600.0, stated=599.9988)
     assert not is_healthy(learn_model(replace(scan, instrument=known), ENDER3))

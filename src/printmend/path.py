@@ -74,7 +74,7 @@ DOUBTS = ("scale_sd", "axes_sd", "lean_sd", "wave_mm", "carriage_mm", "resized_s
 # Flatbeds state their resolution to one or two parts in a thousand, their two axes by themselves, and their carriages
 # run uneven by micrometres, some in waves of ten times that, 30 µm (physics.md §4).
 FLATBED = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.002, carriage_mm=0.015)
-# The same where the picture's file does not state its resolution: a scale to one digit.
+# The same where the file does not state its resolution, or the picture was resized since: a scale to one digit.
 RESIZED = replace(FLATBED, resized_sd=0.04)
 # The same where it is not known how the plate lay on the glass: at 45° axes that differ look as if they leaned.
 FLATBED_ANY_TURN = replace(FLATBED, axes_sd=0.0008, lean_sd=0.0008)

@@ -27,6 +27,7 @@ LONGEST_ASKED_MM, SHORTEST_ASKED_MM = 145.0, 40.0  # limits of a distance to ask
 READING_MM = 0.06  # standard deviation of a reading: the callipers, the hand, the rims of two dots
 SLIP_MM = 2.0  # standard deviation of a slip: a line of the scale misread, jaws on another edge
 SLIP_SHARE = RESIZED_SHARE = 0.02  # of readings, and of pictures of another size than they say (priors.toml, `resized`)
+DOUBTED_SHARE = 0.5  # of pictures of another size among those that do not state theirs, or were resized since
 SLIPPED = 0.5  # chance of a slip above which an owner is asked to measure again
 MOST_SCALE_SHARE = 0.02  # a distance that is off by more is hardly the one asked for
 UNIT_SHARE = 0.05  # a length that fits another unit to within this share is taken to be in that unit
@@ -34,10 +35,12 @@ UNIT_SHARE = 0.05  # a length that fits another unit to within this share is tak
 _SIDES = (  # messages, by thirds of a plate
     ("front-left", "front", "front-right"), ("left", "middle", "right"), ("back-left", "back", "back-right"),
 )  # fmt: skip
-_OPEN = {"sheet": "scale-of-sheet", "paper": "scale-of-paper", "scanner": "scale-of-scanner"}  # messages
+_OPEN = {  # messages
+    "sheet": "scale-of-sheet", "paper": "scale-of-paper", "scanner": "scale-of-scanner", "picture": "scale-of-picture",
+}  # fmt: skip
 _SOURCE = {  # the message of a picture's scale: what the scale came from
     "scale-axes-from-tags": "sheet", "scale-from-tags": "sheet", "perspective-lens-from-tags-fit-mm": "sheet",
-    "perspective-scale-from-edges-paper-straight": "paper",
+    "perspective-scale-from-edges-paper-straight": "paper", "scale-from-dpi-resized": "picture",
 }  # fmt: skip
 ASKING = (*_OPEN.values(), "widths-asked", "width-asked")  # messages that ask an owner for a distance
 
@@ -66,7 +69,8 @@ def open_scale(scale: str, *, ruled: bool = False) -> str:
 
 
 def source_of(scale: str) -> str:
-    """Return what a picture's scale came from, by its message: "sheet" (of tags), "paper", or "scanner"."""
+    """Return what a picture's scale came from, by its message: "sheet" (of tags), "paper", "picture" (that was
+    resized), or "scanner"."""
     return _SOURCE.get(scale.id, "scanner") if isinstance(scale, Said) else "scanner"
 
 
@@ -104,7 +108,7 @@ def scaled_by(
     one, other = measured_mm[list(span)]
     seen = math.dist(one, other) + float(np.mean(dots_mm))
     excess = seen / distance_mm - 1.0  # by which share lengths in the image are too long
-    if not abs(excess) <= MOST_SCALE_SHARE:
+    if not abs(excess) <= MOST_SCALE_SHARE + 2 * (instrument.scale_sd + instrument.resized_sd):
         raise TraceError(
             say("distance-option"), wanted=say("about-mm-from-dot-dot-outer", f"{seen:.2f}", span[0], span[1]),
             came=together("", [f"{distance_mm:g}", inches(distance_mm, seen)]),
@@ -157,7 +161,7 @@ def settled(
     """
     row, plain, usual = _row(angle_rad), instrument.covariance, (reading_mm / distance_mm) ** 2
     resized = plain + np.diag([RESIZED.resized_sd**2, 0.0, 0.0])
-    shares = np.array([1.0, RESIZED_SHARE, slip_share])
+    shares = np.array([1.0, DOUBTED_SHARE if instrument.resized_sd else RESIZED_SHARE, slip_share])
     cases = ((plain, usual), (resized, usual), (plain, usual + (SLIP_MM / distance_mm) ** 2))
     spreads = np.array([row @ prior @ row + noise for prior, noise in cases])
     with np.errstate(divide="ignore"):  # what never happens
@@ -273,7 +277,7 @@ def scaled_by_widths(
     for distance_mm, width in zip(distances_mm, widths, strict=False):
         seen = width.across_mm(edge_mm)
         excess = seen / distance_mm - 1.0
-        if not abs(excess) <= MOST_SCALE_SHARE:
+        if not abs(excess) <= MOST_SCALE_SHARE + 2 * (instrument.scale_sd + instrument.resized_sd):
             raise TraceError(
                 say("distance-option"), wanted=say("about-mm", f"{width.across_mm(begun):.2f}", width.words),
                 came=together("", [f"{distance_mm:g}", inches(distance_mm, seen)]), todo=say("measure-again-in-mm"),

@@ -34,6 +34,7 @@ from printmend.measure.fiducials import (
     window_mm,
 )
 from printmend.measure.image import read_image
+from printmend.measure.resampled import is_resampled
 from printmend.messages import is_one_of, say
 from printmend.path import FLATBED, RESIZED, Instrument
 from printmend.units import MM_PER_INCH
@@ -84,17 +85,15 @@ def photo_todo() -> str:
     return say("print-sheet-tags-printmend-probe-sheet")
 
 
-def resolution(given: float | None, stated: float | None) -> tuple[float, str]:
-    """Return the resolution [dpi] of a scan, and words for it: what the owner has ``given``, else what the picture's
-    file ``stated``, else the usual one."""
+def resolution(image: np.ndarray, given: float | None, stated: float | None) -> tuple[float, str, Instrument]:
+    """Return the resolution [dpi] of a scan, words for it, and how sure it is: what the owner has ``given``, else what
+    the picture's file ``stated``, else the usual one. It is a `FLATBED`'s if the file stated it (a PNG rounds it) and
+    the picture was not resized since, else that of a `RESIZED` one."""
     dpi = given or stated or USUAL_DPI
-    return dpi, say("scale-from-dpi" if given or stated else _ASSUMED, f"{dpi:g}")
-
-
-def scanned_at(dpi: float, stated: float | None) -> Instrument:
-    """Return `FLATBED` if the picture's file ``stated`` this resolution (a PNG rounds it), else `RESIZED`."""
+    if is_resampled(image):
+        return dpi, say("scale-from-dpi-resized", f"{dpi:g}"), RESIZED
     agree = stated is not None and abs(dpi / stated - 1) < FLATBED.scale_sd
-    return FLATBED if agree else RESIZED
+    return dpi, say("scale-from-dpi" if given or stated else _ASSUMED, f"{dpi:g}"), FLATBED if agree else RESIZED
 
 
 def is_bare_scan(instrument: Instrument) -> bool:
@@ -115,8 +114,8 @@ def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.
         if dpi is None and (camera or stated is None) and (sheet := find_sheet(image)) is not None:
             return _photographed(image, sheet.lens, inside_mm(sheet), PAPER, sheet_said(sheet), focal_mm, tall_mm)
         refuse_bare_photo(path, tags, camera=camera and dpi is None)
-        taken, said = resolution(dpi, stated)
-        return Page(image, taken / MM_PER_INCH, scanned_at(taken, stated), said)
+        taken, said, instrument = resolution(image, dpi, stated)
+        return Page(image, taken / MM_PER_INCH, instrument, said)
     lens, error_mm = fit_lens(tags, image.shape)
     if is_flat(tags, error_mm):
         flat, _, px_per_mm = rectify(image, lens, *_window())

@@ -36,14 +36,13 @@ from printmend.measure.page import (
     is_bare_scan,
     refuse_bare_photo,
     resolution,
-    scanned_at,
     sheet_said,
     tags_said,
 )
 from printmend.measure.plan import ProbePlan
 from printmend.measure.ruler import Ruler, find_rulers
 from printmend.messages import say
-from printmend.path import Instrument, Motion
+from printmend.path import RESIZED, Instrument, Motion
 from printmend.units import MM_PER_INCH, SIGMA_PER_MEDIAN
 
 MOST_SCALE_FACTOR = (
@@ -103,9 +102,9 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None) ->
         shown = inside_mm(paper)
         return _read_photo(path, image, paper.lens, shown, PAPER, sheet_said(paper), plan)
     refuse_bare_photo(path, tags, camera=camera)
-    given, (dpi, said) = dpi, resolution(dpi, stated)
+    given, (dpi, said, scanned) = dpi, resolution(image, dpi, stated)
     dots = find_dots(image, dpi / MM_PER_INCH, plan, subject=str(path))
-    dots_mm, scale, instrument = _scaled(dots, tags, dpi, stated, said)
+    dots_mm, scale, instrument = _scaled(dots, tags, dpi, said, scanned)
     sheet, marks = _shown(dots_mm, dots.diameter_px * MM_PER_INCH / dpi, plan)
     if marks is None or _scale_ratio(dots, marks, dpi, plan.sheets[sheet]) is not None:
         raise _resolution_error(path, image, dots, dpi, plan)
@@ -161,17 +160,17 @@ def _scales(dots_mm: np.ndarray, marks: Marks, plan: ProbePlan) -> tuple[float, 
     return float(x), float(y)
 
 
-def _scaled(dots: Dots, tags: Tags, dpi: float, stated: float | None, said: str) -> tuple[np.ndarray, str, Instrument]:
-    """Return the dots [N, 2] in mm, by the reference sheet if the scan shows it, else by the resolution and what is
-    ``said`` of that; the source of the scale; and its uncertainty."""
+def _scaled(dots: Dots, tags: Tags, dpi: float, said: str, scanned: Instrument) -> tuple[np.ndarray, str, Instrument]:
+    """Return the dots [N, 2] in mm, by the reference sheet if the scan shows it, else by the resolution, with what is
+    ``said`` of that and how sure it is; the source of the scale; and its uncertainty."""
     if len(tags) < LEAST_TAGS:
-        return dots.centre_px * (MM_PER_INCH / dpi), said, scanned_at(dpi, stated)
+        return dots.centre_px * (MM_PER_INCH / dpi), said, scanned
     fit, _ = fit_affine(tags)
     if np.ptp(tag_corners_mm()[tags.ids].reshape(-1, 2), axis=0).min() >= LEAST_TAG_SPREAD_MM:
         placed = np.hstack([dots.centre_px, np.ones((len(dots), 1))]) @ fit
         return placed, say("scale-axes-from-tags", len(tags)), SHEET
     told = say("scale-from-tags", len(tags))
-    return dots.centre_px * np.sqrt(abs(np.linalg.det(fit[:2]))), told, scanned_at(dpi, None)
+    return dots.centre_px * np.sqrt(abs(np.linalg.det(fit[:2]))), told, RESIZED
 
 
 def _scale_ratio(dots: Dots, marks: Marks, dpi: float, plan: ProbePlan) -> float | None:
