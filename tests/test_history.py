@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from printmend.errors import ModelError
-from printmend.mend.history import ageing_of, draw_history, history_of, read_history, rows_of, trends_of
+from printmend.mend.history import ageing_of, carry_on, draw_history, history_of, read_history, rows_of, trends_of
 from printmend.messages import GERMAN, translated
 from printmend.printer import read_printer
 
@@ -88,6 +88,19 @@ def test_old_knowledge_weighs_less_and_wear_is_expected(tmp_path):
     assert late.of("x")["play"][1] > 3 * soon.of("x")["play"][1]
     assert not late.of("y")
     assert ageing_of(model, START).months == 0.0
+
+
+def test_a_successor_carries_the_history_on(tmp_path):
+    """Each update may write another file: a trend needs all of their measurements."""
+    first, second, third = (tmp_path / f"{name}.mend.json" for name in ("first", "second", "third"))
+    for number, (before, path) in enumerate(((first, first), (first, second), (second, third))):
+        carry_on(before, path)
+        with history_of(path).open("a") as file:
+            file.write(json.dumps(event(number, 0.1 + 0.05 * number, 0.004)) + "\n")
+    assert [len(read_history(path)) for path in (first, second, third)] == [1, 2, 3]
+    assert trends_of(read_history(third))[0].is_sure
+    carry_on(first, third)  # written anew from the first: what it has of its own stays
+    assert [one["seconds"] for one in read_history(third)] == [event(k, 0, 0)["seconds"] for k in range(3)]
 
 
 def test_a_damaged_history_is_named(tmp_path):

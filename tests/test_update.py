@@ -14,6 +14,7 @@ from printmend.errors import ModelError
 from printmend.learn.learned import learn_model
 from printmend.measure import ProbePlan
 from printmend.measure.table import read_trace, write_trace
+from printmend.mend.history import read_history, remember_learned
 from printmend.mend.update import update
 from printmend.model import SavedModel, read_model, write_model
 from printmend.path import Origin, Trace
@@ -186,12 +187,15 @@ def test_the_command_says_what_changed_and_what_it_wrote_is_brought_up_to_date_a
 ) -> None:
     write_model(tmp_path / "old.mend.json", old)
     write_trace(tmp_path / "trace2.csv", printed(machine(0.35), 200, 9))
-    new = tmp_path / "new.mend.json"
+    new, learned = tmp_path / "new.mend.json", remember_learned(tmp_path / "old.mend.json", old, "trace.csv")
+    past = learned.read_text()
     result = run("learn", "--update", tmp_path / "old.mend.json", tmp_path / "trace2.csv", "-o", new)
     assert result.exit_code == 0, result.output
     assert "X belt play grew from 0.20 to 0.3" in result.output
     assert json.loads(new.read_text())["update"]["from"] == old.digest
     assert read_model(new).findings[0].startswith("X pulley eccentric")
+    assert [event["event"] for event in read_history(new)] == ["learned", "updated"]
+    assert learned.read_text() == past
     (change,) = update(read_model(new), printed(machine(0.45), 200, 8), rng=np.random.default_rng(0)).changes
     assert (change.before, change.now) == (pytest.approx(0.35, abs=0.02), pytest.approx(0.45, abs=0.02))
 

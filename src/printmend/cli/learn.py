@@ -66,7 +66,7 @@ def command(
     from printmend.learn.learned import report
     from printmend.measure import read_trace
     from printmend.mend.filament import filament_words, learn_in, parse_travel, printed_in, update_in
-    from printmend.mend.history import ageing_of, remember_learned
+    from printmend.mend.history import ageing_of, carry_on, remember_learned
     from printmend.mend.mend import is_healthy
     from printmend.model.model import read_model, refusals, write_model
     from printmend.printer import read_printer
@@ -118,6 +118,8 @@ def command(
             echo(ageing.words, err=as_json)
         echo(updated.words, err=as_json)
     write_model(output, model)
+    if output.is_file() and old is not None:
+        carry_on(old, output)
     if output.is_file() and not (updated is not None and updated.is_known):
         remember_learned(
             output, model, "steel rule" if trace is None else trace.name, updated=old is not None, when=dated

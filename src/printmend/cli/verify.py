@@ -46,7 +46,7 @@ def command(
     from printmend.filament import check_name
     from printmend.measure import read_plan, read_trace
     from printmend.mend.filament import updated_in, verify_in
-    from printmend.mend.history import history_of
+    from printmend.mend.history import carry_on, history_of
     from printmend.mend.verify import BROKEN, remember_verdict, update_words
     from printmend.model import read_model, write_model
 
@@ -76,6 +76,8 @@ def command(
     history = remember_verdict(model_path, model, verdict)
     if output is not None and newer is not None:
         write_model(output, newer.model)
+        if output.is_file():
+            carry_on(model_path, output)
     if as_json:
         click.echo(json.dumps({**verdict.json(), "history": str(history)}))
     else:

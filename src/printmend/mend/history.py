@@ -203,6 +203,19 @@ def remember(
     return path
 
 
+def carry_on(old_path: Path, model_path: Path) -> None:
+    """Add the events of an old model's history to that of its successor, if it has one; the old file stays as it is."""
+    old, new = history_of(old_path), history_of(model_path)
+    if old == new or not old.exists():
+        return
+    earlier, own = (
+        read_text(path, wanted=say("history"), todo=_TODO, error=ModelError).splitlines() if path.exists() else []
+        for path in (old, new)
+    )
+    with replacing(new) as file:
+        file.writelines(f"{line}\n" for line in (*earlier, *(each for each in own if each not in earlier)))
+
+
 def remember_learned(
     model_path: Path, model: SavedModel, source: str, *, updated: bool = False, when: datetime | None = None
 ) -> Path:
