@@ -20,7 +20,7 @@ from printmend.learn.learned import learn_model
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
 from printmend.mend.mend import _check_worth_writing
-from printmend.mend.prediction import advice_of
+from printmend.mend.prediction import advice_of, doubt_mm
 from printmend.messages import say
 from printmend.model.model import SavedModel, exact_model
 from printmend.path import FLATBED, Trace
@@ -109,6 +109,19 @@ def test_figures_and_pictures_leave_the_same_shift_out(part: Path) -> None:
     assert "These figures include the shift" in known.summary()
     still = check_gcode(part, exact_model(Twin.of(HEALTHY, ENDER3).homed()))
     assert (still.shift_words, still.shift_mm) == ("", pytest.approx((0.0, 0.0), abs=1e-9))
+
+
+def test_colours_and_layers_state_the_error_of_the_figures(bent: SavedModel, part: Path) -> None:
+    """Not only the part of it that the model itself says, which is next to nothing once it is mended."""
+    done = mend_gcode(part, bent, part.with_name("out.gcode")).prediction
+    doubts_mm = doubt_mm(done.before), doubt_mm(done.after)
+    view = look_at(part, part.with_name("out.gcode"), bent.mechanism, doubt_mm=doubts_mm)
+    assert view is not None
+    for name, drawn in (("before", view.before), ("after", view.after)):
+        figure = getattr(done, name).rms_mm
+        assert np.sqrt(np.mean(drawn.off_mm**2)) == pytest.approx(figure, rel=0.05)
+        lengths, rows = zip(*((row["length_mm"], row[f"{name}_rms_mm"]) for row in done.layers), strict=True)
+        assert np.sqrt(np.average(np.square(rows), weights=lengths)) == pytest.approx(figure, rel=0.01)
 
 
 def test_less_is_promised_where_less_was_measured(bent: SavedModel, part: Path) -> None:

@@ -461,6 +461,7 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
         mend_gcode(part, model, folder / "here.gcode")
         assert (folder / "out.gcode").read_bytes() == (folder / "here.gcode").read_bytes()
         assert result["prediction"]["after"]["rms_mm"] < 0.01
+        assert result["doubt_mm"] == pytest.approx([0.0, 0.0], abs=1e-6)  # colours show more for a learned model
         with pytest.raises(StudioError, match="one that was mended with model"):
             studio.mend(folder / "out.gcode", printer=key, output=folder / "twice.gcode")
         with pytest.raises(InputError, match="expected a printer of the studio, found Cellar"):

@@ -287,6 +287,19 @@ def test_a_cut_shows_each_bead_at_its_width(browser: Browser, server: Server) ->
     _ok(watched)
 
 
+def test_colours_show_what_a_prediction_does_not_know(browser: Browser, server: Server) -> None:
+    """Beside what the model says of a place, which is 0.03 mm as printed here and nothing once it is mended."""
+    watched = _page(browser, server)
+    watched.page.goto(server.address)
+    found = watched.page.evaluate("""() => import("/scene.js").then(({ errorOf, scaleOf }) => {
+        const part = { raw: [0, 0, 30, 0], mended: [0, 0, 0, 0], doubt: [0.04, 0.02], p95_mm: 0.06, left_mm: 0 };
+        const { most, fine } = scaleOf(part);
+        return [...[0, 1, 2].map((morph) => errorOf(part, morph)(0)), most, fine];
+    })""")
+    assert found == pytest.approx([0.0, 0.05, 0.02, 0.1, 0.02])
+    _ok(watched)
+
+
 # Each screen, and what it shows last: then all of it is there.
 PLACES = {
     "": "#drawing", "#/printers": ".pcard", "#/printers/new": "button.primary:enabled",

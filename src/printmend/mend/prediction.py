@@ -293,10 +293,10 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     for row in prediction.layers:
         more = dict(row)
         for name, whole in (("before", outlook.before), ("after", outlook.after)):
-            own2, all2 = row[f"{name}_rms_mm"] ** 2, whole.planning_rms_mm**2
+            own_mm = row[f"{name}_rms_mm"]
             if name == "before" and shape2:  # the file's error excludes the shift, but the layers' errors contain it
-                own2, all2 = shape2.get(row["z_mm"], shape2[None]), shape2[None]
-            more[f"{name}_rms_mm"] = math.sqrt(own2 + max(whole.rms_mm**2 - all2, 0.0))
+                own_mm = math.sqrt(shape2.get(row["z_mm"], shape2[None]))
+            more[f"{name}_rms_mm"] = math.hypot(own_mm, doubt_mm(whole))
             more[f"{name}_max_mm"] = max(min(row[f"{name}_max_mm"], whole.max_mm), more[f"{name}_rms_mm"])
         layers.append(more)
     return replace(
@@ -305,6 +305,12 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
         most_worse_share=_MOST_WORSE_SHARE_BY_HAND if belief.by_hand else MOST_WORSE_SHARE,
         of_shape=not belief.placed,
     )  # fmt: skip
+
+
+def doubt_mm(promise: Promise) -> float:
+    """Return how much of an expected error the model itself does not say [mm]: layers and colours show it alike at
+    every place, beside what the model says there, so that their RMS is the file's."""
+    return math.sqrt(max(promise.rms_mm**2 - promise.planning_rms_mm**2, 0.0))
 
 
 def _square_shape_errors(path: PathPlaces) -> dict[float | None, float]:

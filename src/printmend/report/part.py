@@ -10,7 +10,7 @@ from printmend.clock import span_words
 from printmend.errors import InputError
 from printmend.extras import require
 from printmend.files import replacing
-from printmend.mend.prediction import Prediction
+from printmend.mend.prediction import Prediction, doubt_mm
 from printmend.messages import ENGLISH, Tell, say, say_count, tell_in, together
 from printmend.model import SavedModel
 from printmend.printer import Axis
@@ -68,7 +68,8 @@ def _blocks(
     view = None
     if output is not None and Path(source).is_file():
         shift_mm = prediction.shift_mm if prediction.of_shape else (0.0, 0.0)
-        view = look_at(Path(source), output, model.mechanism, shift_mm=shift_mm)
+        doubts_mm = doubt_mm(prediction.before), doubt_mm(prediction.after)
+        view = look_at(Path(source), output, model.mechanism, shift_mm=shift_mm, doubt_mm=doubts_mm)
     yield Words("title", name)
     yield Strip(_numbers(prediction))
     yield Words("heading", say("report-before-printing"))

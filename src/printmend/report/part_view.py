@@ -47,12 +47,13 @@ class PartView:
 
 
 def look_at(
-    source: Path, output: Path, mechanism: Mechanism, *, shift_mm: tuple[float, float] = (0.0, 0.0)
-) -> PartView | None:
+    source: Path, output: Path, mechanism: Mechanism, *, shift_mm: tuple[float, float] = (0.0, 0.0),
+    doubt_mm: tuple[float, float] = (0.0, 0.0),
+) -> PartView | None:  # fmt: skip
     """Return the view of a mended file; None if it is too large, prints nothing, or counts layers differently.
 
     ``shift_mm`` is the shift of the whole unmended print. The figures leave it out, because the print's place on the
-    bed is unknown; the drawing leaves it out, too.
+    bed is unknown; the drawing leaves it out, too. ``doubt_mm`` is what else the figures contain, before and after.
     """
     if max(source.stat().st_size, output.stat().st_size) > MOST_BYTES:
         return None
@@ -69,10 +70,11 @@ def look_at(
     tree = shapely.STRtree(shapely.linestrings(np.stack([wanted.start_mm[mine, :2], wanted.end_mm[mine, :2]], axis=1)))
     before, after = (_walked(moves, layer, mechanism) for moves in (wanted, given))
     ends = np.concatenate([given.start_mm[told], given.end_mm[told]])[:, :2]
+    drawn_before = _printed(wanted, layer, before, tree, doubt_mm[0], shift_mm)
+    drawn_after = _printed(given, layer, after, tree, doubt_mm[1])
     return PartView(
         ends.min(axis=0), ends.max(axis=0), layer,
-        float(np.median(wanted.end_mm[mine, 2])), _printed(wanted, layer, before, tree, shift_mm),
-        _printed(given, layer, after, tree), _new_seams(wanted, given, layer, after),
+        float(np.median(wanted.end_mm[mine, 2])), drawn_before, drawn_after, _new_seams(wanted, given, layer, after),
     )  # fmt: skip
 
 
@@ -108,9 +110,10 @@ def _walked(moves: Moves, layer: int, mechanism: Mechanism) -> _Walk:
 
 
 def _printed(
-    moves: Moves, layer: int, walk: _Walk, wanted: shapely.STRtree, shift_mm: tuple[float, float] = (0.0, 0.0)
-) -> DrawnLayer:
-    """Measure a printed layer's distance from the wanted lines, without the common shift."""
+    moves: Moves, layer: int, walk: _Walk, wanted: shapely.STRtree, doubt_mm: float,
+    shift_mm: tuple[float, float] = (0.0, 0.0),
+) -> DrawnLayer:  # fmt: skip
+    """Measure a printed layer's distance from the wanted lines, without the common shift but with the doubt."""
     if not len(walk.of):
         return DrawnLayer([], np.zeros(0))
     printed = walk.printed_mm - np.array(shift_mm)
@@ -121,7 +124,7 @@ def _printed(
     off = np.zeros(len(points))
     (at, _), found = wanted.query_nearest(points, return_distance=True, all_matches=False)
     off[at] = found
-    return DrawnLayer(list(np.stack([printed[begin], printed[last]], axis=1)), off)
+    return DrawnLayer(list(np.stack([printed[begin], printed[last]], axis=1)), np.hypot(off, doubt_mm))
 
 
 def _new_seams(wanted: Moves, given: Moves, layer: int, walk: _Walk) -> np.ndarray:

@@ -159,6 +159,7 @@ def _mend(job: Job) -> dict[str, Any]:
     from printmend.mend import mend_gcode
     from printmend.mend.filament import printed_in
     from printmend.mend.mend import check_gcode
+    from printmend.mend.prediction import doubt_mm
     from printmend.studio.scene import Tap, as_mended, write_mended
 
     model = printed_in(_model(job.printer_folder / MODEL), job.params.get("filament"))
@@ -195,7 +196,8 @@ def _mend(job: Job) -> dict[str, Any]:
     table = prediction.json()
     table.pop("layers")
     return {"name": name, "output": None if refused else output, "refused": refused, "may_force": forced,
-            "prediction": table, "pace": paces, "untouched": refused is None and prediction.is_untouched,
+            "prediction": table, "doubt_mm": [doubt_mm(each) for each in (prediction.before, prediction.after)],
+            "pace": paces, "untouched": refused is None and prediction.is_untouched,
             "layers": [[round(layer[key], 4) for key in ("z_mm", "before_rms_mm", "after_rms_mm")]
                        for layer in prediction.layers],
             "bytes": source.stat().st_size, "digest": model.digest,

@@ -38,7 +38,7 @@ export async function draw({ before, after, numbers, scene, printer, part }) {
   text("0", 40, 544, 17, { fill: "--soft" });
   text(number(scale.fine || scale.most / 2, 3), 40 + 300 * shareOf(scale.fine || scale.most / 2, scale), 544, 17, { fill: "--soft", align: "center" });
   text(`≥ ${mm(scale.most)}`, 340, 544, 17, { fill: "--soft", align: "right" });
-  text(t("colour"), 40, 572, 17, { fill: "--soft" });
+  text(t(scene.doubt ? "colour_expected" : "colour"), 40, 572, 17, { fill: "--soft" });
   text(part, 440, 524, 22, { weight: 620, most: 500 });
   text(printer, 440, 554, 20, { fill: "--soft", most: 700 });
   text("printmend", W - 40, 570, 30, { weight: 700, align: "right", fill: "--accent" });

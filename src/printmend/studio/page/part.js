@@ -31,7 +31,7 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false, sh
     view.current?.show(scene, bed);
     setTop(last);
     setSingle(false);
-    view.current?.set({ most, fine });
+    view.current?.set({ most, fine, doubt: scene.doubt ?? [0, 0] });
   }, [scene]);
   useEffect(() => { view.current?.wait(busy); }, [busy]);
   useEffect(() => { if (start !== undefined) setMorph(start); setWipe(moment && scene?.mended ? 1 : null); }, [start, scene]);
@@ -70,7 +70,7 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false, sh
     <div class="layers"><input type="range" min="0" max=${last} value=${Math.min(top, last)} aria-label=${says}
       onInput=${(event) => setTop(Number(event.target.value))} /></div>
     <div class="under">
-      <div class="glass scale" hidden=${morph <= 0.02}><i class=${fine ? "fine" : ""}></i><span><b>0</b><b>${fine ? number(fine, 3) : number(most / 2, most < 0.1 ? 3 : 2)}</b><b>≥ ${mm(most)}</b></span><span>${t("colour")}${fine ? html`<br />${t("colour_fine", { fine: number(fine, 3) })}` : ""}</span></div>
+      <div class="glass scale" hidden=${morph <= 0.02}><i class=${fine ? "fine" : ""}></i><span><b>0</b><b>${fine ? number(fine, 3) : number(most / 2, most < 0.1 ? 3 : 2)}</b><b>≥ ${mm(most)}</b></span><span>${t(scene.doubt ? "colour_expected" : "colour")}${fine ? html`<br />${t("colour_fine", { fine: number(fine, 3) })}` : ""}</span></div>
       <div class="glass row">
         <span>${says}</span>
         <label class="row"><input type="checkbox" checked=${single} onChange=${(event) => setSingle(event.target.checked)} />${t("one_layer")}</label>

@@ -31,8 +31,8 @@ export function useScene(job, from) {
   const scene = useMemo(() => {
     if (!wanted && !coarse) return null;
     const [head, base, raw] = wanted ?? coarse;
-    return { ...head, from, of: job?.id, base, raw, coarse: !wanted, mended: wanted ? mended?.[1] ?? null : null, left_mm: (wanted && mended?.[0].p95_mm) || 0 };
-  }, [coarse, wanted, mended]);
+    return { ...head, from, of: job?.id, base, raw, coarse: !wanted, mended: wanted ? mended?.[1] ?? null : null, left_mm: (wanted && mended?.[0].p95_mm) || 0, doubt: job?.result?.doubt_mm };
+  }, [coarse, wanted, mended, job?.result?.doubt_mm?.join()]);
   return [scene, problem];
 }
 
@@ -44,17 +44,17 @@ export function placeOf({ base, low_mm: low, step_mm: step, raw, mended, unit_mm
 
 export const heightOf = ({ base, low_mm: low, step_mm: step }, i) => low[2] + base[4 * i + 2] * step[2];
 
-// Its distance from the wanted path [mm].
-export function errorOf({ raw, mended }, morph) {
-  const [r, m] = morph <= 1 ? [morph / 1000, 0] : [(2 - morph) / 1000, (morph - 1) / 1000];
-  return (i) => r * raw[4 * i + 2] + (m ? m * mended[4 * i + 2] : 0);
+// Its distance from the wanted path [mm], with what a prediction does not know of it as printed and mended: `doubt`.
+export function errorOf({ raw, mended, doubt }, morph) {
+  const [r, m] = morph <= 1 ? [morph, 0] : [2 - morph, morph - 1], open = doubt ? r * doubt[0] + m * doubt[1] : 0;
+  return (i) => Math.hypot((r * raw[4 * i + 2] + (m ? m * mended[4 * i + 2] : 0)) / 1000, open);
 }
 
 // The scale of the colours [mm]: `most` at its end, and where there is something mended `fine` in its middle, so that what
 // is left of the error does not look all the same.
 const nice = (value) => { const p = 10 ** Math.floor(Math.log10(value)); return [1, 2, 5, 10].map((k) => k * p).find((v) => v >= value * 0.999); };
 export function scaleOf(scene) {
-  const most = nice(Math.max(scene?.p95_mm || 0.01, 0.01)), left = nice(Math.max(scene?.left_mm || 0, 0.005));
+  const [before, after] = scene?.doubt ?? [0, 0], most = nice(Math.max(Math.hypot(scene?.p95_mm || 0, before), 0.01)), left = nice(Math.max(Math.hypot(scene?.left_mm || 0, after), 0.005));
   return { most, fine: scene?.mended && left < most / 2 ? left : 0 };
 }
 

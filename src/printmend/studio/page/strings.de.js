@@ -21,13 +21,13 @@ export default {
   step_print: "Testdruck drucken", step_scan: "Einscannen", step_measure: "Punkte finden", step_learn: "Fehler lernen",
   step_mend: "Ein neues Teil korrigieren",
   now_mended: "Korrigiert. Zum Vergleichen den Griff ziehen, zum Drehen das Teil. Dann auf „Teilen“ klicken.",
-  before: "das Teil, unkorrigiert", after: "das Teil, korrigiert", better: "mal besser", found: "Was der Testdruck zeigte", change: "Fehler ändern",
+  before: "das Teil, unkorrigiert", after: "das Teil, korrigiert", better: "mal besser", found: "Was die Messung zeigte", change: "Fehler ändern",
   play_healthy: "Es gab nichts zu korrigieren: Das Teil wird unverändert gedruckt.",
   aligned: "Beide Drucke sind bestmöglich aufeinander ausgerichtet, so wie man sie in der Hand hielte.",
 
   view: "Das Teil in 3D. Pfeiltasten drehen, Plus und Minus zoomen, Bild auf und Bild ab blättern durch die Schichten.",
   morph: "Vom Soll über unkorrigiert zu korrigiert", layer: "Schicht {n} von {of}, {z} mm hoch", one_layer: "Nur diese Schicht",
-  colour_fine: "die Skala ist bis {fine} gedehnt", colour: "Abstand von der Solllinie, mm", every: "Nur jede {n}. Schicht wird gezeichnet: Das Teil ist sehr groß.",
+  colour_fine: "die Skala ist bis {fine} gedehnt", colour: "Abstand von der Solllinie, mm", colour_expected: "Erwarteter Fehler, mm", every: "Nur jede {n}. Schicht wird gezeichnet: Das Teil ist sehr groß.",
   no_gl: "Dieser Browser kann keine 3D-Ansicht zeichnen (WebGL 2 ist aus).", reset: "Ganzes Teil", view_top: "Von oben",
 
   printers_now: "Jeder Drucker hat eine Karte. Den eigenen hinzufügen, seinen Testdruck drucken und seine Fehler ansehen.",
@@ -49,7 +49,7 @@ export default {
   part_scans: "Die Datei ist da. Jetzt die Scans ablegen.", part_file: "Die Scans sind da. Jetzt die Datei ablegen.", part_ready: "Datei und Scans sind da. Zum Ersetzen andere ablegen.", width_field: "Breite entlang {way} laut Messschieber, etwa {about} mm",
   fit_title: "Passt es?", fit_what: "Maß", fit_drawn: "Soll, mm", fit_came: "Ist, mm (90 %)", fit_after: "Mit diesen Werten, mm", fit_hole: "Rundes Loch bei X {x} Y {y}", fit_hole_first: "Rundes Loch bei X {x} Y {y}, erste Schicht",
   fit_outline: "Der Umriss steht über um", fit_outline_first: "Der Umriss der ersten Schicht steht über um", fit_foot: "Elefantenfuß", fit_shrinks: "Schrumpfung entlang {axis}", fit_scale: "Schrumpfung entlang {axis}, einschließlich Maßstab der Maschine",
-  fit_no_foot: "Nur die erste Schicht wurde gescannt: Elefantenfuß und breite Linien sehen dort gleich aus. Auch die Oberseite scannen.", fit_slicer: "Eintragen in", fit_same: "unverändert", fit_open: "Ein Scanner kennt Längen nur auf 0,1 bis 0,2 %. Unten die Messschieberwerte der Breiten eintragen und neu einlesen: Dann ist die Schrumpfung genauer bekannt.", mend_filament: "Schrumpfung des Filaments", mend_slicer: "dem Slicer überlassen",
+  fit_no_foot: "Nur die erste Schicht wurde gescannt: Elefantenfuß und breite Linien sehen dort gleich aus. Auch die Oberseite scannen.", fit_slicer: "Eintragen in", fit_same: "unverändert", fit_open: "Ein Bild zeigt Längen nur auf 0,1 bis 0,2 %. Unten die Messschieberwerte der Breiten eintragen und neu einlesen: Dann ist die Schrumpfung genauer bekannt.", mend_filament: "Schrumpfung des Filaments", mend_slicer: "dem Slicer überlassen",
   drop_scan: "Ein oder zwei Scans ablegen, oder ein Foto mit dem Referenzblatt", scan_tip: "Mit 600 dpi scannen. Ein zweiter Scan mit um 90° gedrehter Platte hebt die Fehler des Scanners auf.",
   choose: "Datei wählen", dpi: "Auflösung in dpi, falls die Datei sie nicht nennt", distance: "Messschieber-Abstand, mm (welcher, steht beim gelesenen Scan)", reread: "Neu einlesen",
   asked_now: "Offen ist noch der Maßstab des Bilds. Den Abstand der beiden eingekreisten, verbundenen Punkte mit dem Messschieber messen, von Außenkante zu Außenkante.", asked_field: "Messschieberwert, mm (etwa {about})", asked_take: "Übernehmen",
@@ -66,8 +66,8 @@ export default {
   machine: "Der Drucker, Fehler {n}-fach vergrößert", machine_sound: "Der Drucker", machine_refused: "Aus einer abgelehnten Messung: Mit ihr wird nichts korrigiert", drawn_belts: "Ein Riemen, der durchhängt, hat Spiel. Das Netz ist das Bett aus Sicht der Düse. Eine Riemenscheibe mit eigenem Faktor, etwa 8 ×, ist mit diesem gezeichnet.",
   how_sure: "Sicherheit", to_do: "Zu tun", software: "Korrektur", urgency_repair: "Reparieren", urgency_soon: "Bei Gelegenheit ansehen", urgency_left: "Wird nicht korrigiert", urgency_software: "Der Korrektur überlassen",
   gaps: "Was diese Messung nicht zeigen konnte", curve: "{name}: Fehler entlang der Achse, mm", forwards: "vorwärts", backwards: "rückwärts",
-  nothing_wrong: "Kein Fehler, den ein Druck zeigen würde.", nothing_known: "Darin zeigt sich kein Fehler, den die Korrektur kennt.", before_model: "Abweichung unkorrigiert", after_model: "bleiben unerklärt", points: "gemessene Punkte",
-  next_print: "Der sparsamste Druck, der es zeigt: ein Quadrat von {size} mm, {minutes} min, {grams} g. Restfehler danach: etwa {mm} mm", next_make: "Diesen Druck erstellen",
+  nothing_wrong: "Kein Fehler, den ein Druck zeigen würde.", nothing_known: "Darin zeigt sich kein Fehler, den die Korrektur kennt.", before_model: "Abweichung unkorrigiert", after_model: "bleiben unerklärt", points: "gemessene Stellen",
+  next_print: "Der sparsamste Druck, der es zeigt: ein Quadrat von {size} mm, {minutes} min, {grams} g. Restfehler danach, überall auf dem Bett: etwa {mm} mm. Den Fehler jedes Teils nennt „Korrigieren“.", next_make: "Diesen Druck erstellen",
   next_mend: "Weiter: ein Teil korrigieren", next_measure: "Weiter: noch einmal messen", next_look: "Ansehen, wie ein Teil gedruckt wird",
 
   mend_now: "Den G-Code eines Teils ablegen. Gezeigt wird es als Soll, wie dieser Drucker es druckt, und korrigiert.",
@@ -83,10 +83,10 @@ export default {
   left_geometry: "So oft stellt die Datei selbst Winkelkorrektur, Maßstab, Drehung oder Umkehrspiel des Druckers ein (M92, M425, M556, M579, M852, G51, G68 oder SET_SKEW): {n}. Die Angaben hier gelten nur, wenn der Testdruck mit denselben Werten gedruckt wurde.",
   clamped: "Am Rand des Betts zurückgehaltene Befehle: {n}", by_layer: "Fehler jeder Schicht, mm", sending: "Sendet", stopped: "Angehalten", mend_none: "Zuerst den Testdruck messen: Dann lassen sich Teile für diesen Drucker korrigieren.", prove_none: "Zuerst den Testdruck messen: Dann lässt sich prüfen, ob ein korrigierter Druck die Zusage einhält.", to_measure: "Zum Testdruck",
 
-  prove_now: "Den korrigierten Testdruck drucken, einscannen und prüfen, ob die Zusage eingehalten wurde.", prove_print: "1. Korrigiert drucken", prove_scan: "2. Einscannen", make_check: "Kontrolldruck erstellen", check_what: "Noch einmal der Testdruck, für diesen Drucker korrigiert.", download_check: "Kontrolldruck herunterladen",
+  prove_make: "Zuerst den Testdruck erstellen: Korrigiert gedruckt und gemessen zeigt er, ob die Zusage eingehalten wird.", prove_now: "Den korrigierten Testdruck drucken, einscannen und prüfen, ob die Zusage eingehalten wurde.", prove_print: "1. Korrigiert drucken", prove_scan: "2. Einscannen", make_check: "Kontrolldruck erstellen", check_what: "Noch einmal der Testdruck, für diesen Drucker korrigiert.", download_check: "Kontrolldruck herunterladen",
   drop_check: "Den Scan des Kontrolldrucks ablegen", kept: "Die Zusage wurde eingehalten", broken_promise: "Die Zusage wurde nicht eingehalten", cannot_tell: "Mit dieser Messung nicht feststellbar", cannot_tell_why: "Sie ist zu grob für die Zusage: den Druck scannen oder in sigma_mm angeben, wie genau die Tabelle ist. Sie zeigt nur Fehler über", promised: "zugesagt", measured_now: "jetzt gemessen", was: "vor der Korrektur",
   take_over: "Diese Messung ins Modell übernehmen", taken: "Übernommen. Die Teile neu korrigieren.", history: "Verlauf", history_none: "Noch nichts: Jede Messung und jeder Kontrolldruck erscheint hier.",
-  event_learned: "gemessen", event_verified: "geprüft", history_axis: "Fehler des Testdrucks, mm (nahe 0 vergrößert)", history_after: "korrigiert gemessen; ein Balken ab 0: höchstens so viel",
+  event_learned: "gemessen", event_verified: "geprüft", history_axis: "Fehler des gemessenen Drucks, mm (nahe 0 vergrößert)", history_after: "korrigiert gemessen; ein Balken ab 0: höchstens so viel",
 
   cut_show: "Wand schneiden", cut: "Schnitt durch die Wände", cut_along: "entlang {axis}", cut_at: "Schnitt bei {axis}", cut_whole: "Ganzer Schnitt", cut_wall: "Äußere Wand",
   cut_says: "{n} Bahnen, geschnitten bei {axis} {at} mm", cut_key: "Jede Bahn ist so breit und so hoch, wie sie gedruckt wird; die gestrichelte Linie zeigt ihre Sollposition.", cut_none: "An dieser Stelle wird nichts gedruckt.",

@@ -21,13 +21,13 @@ export default {
   step_print: "Print the test print", step_scan: "Scan it", step_measure: "Find the marks", step_learn: "Learn what is wrong",
   step_mend: "Mend a part that it never saw",
   now_mended: "Mended. Drag the handle to compare, and the part to turn it. Then press Share.",
-  before: "the part as it prints", after: "the part mended", better: "times better", found: "What the test print told", change: "Change the faults",
+  before: "the part as it prints", after: "the part mended", better: "times better", found: "What the measurement told", change: "Change the faults",
   play_healthy: "There was nothing to mend: the part is printed as it is.",
   aligned: "Both prints are laid where they fit best, as you would hold them in your hand.",
 
   view: "The part in three dimensions. Arrow keys turn it, plus and minus zoom, page up and down move through the layers.",
   morph: "From wanted over printed to mended", layer: "Layer {n} of {of}, {z} mm high", one_layer: "This layer only",
-  colour_fine: "the scale is stretched up to {fine}", colour: "Distance from the wanted line, mm", every: "Every {n}th layer is drawn: the part is very large.",
+  colour_fine: "the scale is stretched up to {fine}", colour: "Distance from the wanted line, mm", colour_expected: "Expected error, mm", every: "Every {n}th layer is drawn: the part is very large.",
   no_gl: "This browser cannot draw in three dimensions (WebGL 2 is off).", reset: "Whole part", view_top: "From above",
 
   printers_now: "Every printer gets a card. Add yours, print its test print, and see what is wrong with it.",
@@ -66,8 +66,8 @@ export default {
   machine: "Your printer, faults {n} times larger", machine_sound: "Your printer", machine_refused: "From a measurement that is refused: nothing is mended by it", drawn_belts: "A belt that hangs has play. The net is the bed as the nozzle sees it. A pulley that says its own factor, as 8 ×, is drawn with that one.",
   how_sure: "How sure", to_do: "To do", software: "Mending", urgency_repair: "Repair", urgency_soon: "Look at it when convenient", urgency_left: "Not mended", urgency_software: "Leave it to mending",
   gaps: "What this measurement could not tell", curve: "{name}: error along the axis, mm", forwards: "moving forwards", backwards: "moving back",
-  nothing_wrong: "Nothing is wrong that a print would show.", nothing_known: "No fault that mending knows shows in it.", before_model: "off as it prints", after_model: "left unexplained", points: "measured dots",
-  next_print: "The cheapest print that shows it: a square of {size} mm, {minutes} min, {grams} g. Left over afterwards: about {mm} mm", next_make: "Make this print",
+  nothing_wrong: "Nothing is wrong that a print would show.", nothing_known: "No fault that mending knows shows in it.", before_model: "off as it prints", after_model: "left unexplained", points: "measured points",
+  next_print: "The cheapest print that shows it: a square of {size} mm, {minutes} min, {grams} g. Left over afterwards, anywhere on the bed: about {mm} mm. Mend states the error of each part.", next_make: "Make this print",
   next_mend: "Next: mend a part", next_measure: "Next: measure again", next_look: "See how a part prints",
 
   mend_now: "Drop the G-code of a part. You see it as wanted, as this printer prints it, and mended.",
@@ -81,12 +81,12 @@ export default {
   left_unknown: "Printing moves left as the file has them, not mended: {n}{where}. There the file does not say where the nozzle is, or its words cannot be read.", left_lines: " (line {lines})",
   left_splines: "Curves (G5) left as the file has them, as wrong as before: {n}. It does not say where they begin, or leaves out I J or P Q.", left_coarse: "Places that stay off by more than they should: {n}. The printer takes no shorter moves.",
   left_geometry: "The file sets the printer's own skew, scale, turn or backlash (M92, M425, M556, M579, M852, G51, G68 or SET_SKEW), times: {n}. What is said here holds only if the test print was printed with the same.",
-  clamped: "Commands held back at the edge of the bed: {n}", by_layer: "Error of each layer, mm", sending: "Sending", stopped: "Stopped", mend_none: "Measure the test print first: then parts can be mended for this printer.", prove_none: "Measure the test print first: then a mended print can be held against what was promised.", to_measure: "To the test print",
+  clamped: "Commands held back at the edge of the bed: {n}", by_layer: "Error of each layer, mm", sending: "Sending", stopped: "Stopped", mend_none: "Measure the test print first: then parts can be mended for this printer.", prove_none: "Measure the test print first: then a mended print can be held against what was promised.", prove_make: "Make the test print first: printed mended and measured, it shows whether the promise is kept.", to_measure: "To the test print",
 
   prove_now: "Print the mended test print, scan it, and see whether the promise was kept.", prove_print: "1. Print it mended", prove_scan: "2. Scan it", make_check: "Make the check print", check_what: "The test print once more, mended for this printer.", download_check: "Download the check print",
   drop_check: "Drop the scan of the check print", kept: "The promise was kept", broken_promise: "The promise was not kept", cannot_tell: "This measurement cannot tell", cannot_tell_why: "It is too coarse for what was promised: scan the print, or say in sigma_mm how exact the table is. It shows only errors above", promised: "promised", measured_now: "measured now", was: "before mending",
   take_over: "Take this measurement into the model", taken: "Taken over. Mend your parts again.", history: "History", history_none: "Nothing yet: each measurement and check print appears here.",
-  event_learned: "measured", event_verified: "checked", history_axis: "error of the test print, mm (drawn larger near 0)", history_after: "measured when mended; a bar from 0: at most so much",
+  event_learned: "measured", event_verified: "checked", history_axis: "error of the measured print, mm (drawn larger near 0)", history_after: "measured when mended; a bar from 0: at most so much",
 
   cut_show: "Cut a wall", cut: "A cut through the walls", cut_along: "along {axis}", cut_at: "Cut at {axis}", cut_whole: "Whole cut", cut_wall: "Outer wall",
   cut_says: "{n} beads cut at {axis} {at} mm", cut_key: "Each bead is as wide and as high as it is printed; the dashed line is where it was wanted.", cut_none: "Nothing is printed at this place.",

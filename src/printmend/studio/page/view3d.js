@@ -13,7 +13,7 @@ const VERTEX = `
 precision highp float; precision highp int; precision highp usampler2D; precision highp isampler2D;
 uniform usampler2D base; uniform isampler2D raw, mended;
 uniform mat4 modelViewMatrix, projectionMatrix; uniform vec3 low, pitch;
-uniform float morph, unit, enlarge, minimum;
+uniform float morph, unit, enlarge, minimum; uniform vec2 doubt;
 out float across; out float err; out vec3 sideDir; out vec3 faceDir; flat out int number;
 vec3 off(ivec2 at) {
   vec3 by = vec3(texelFetch(raw, at, 0).xyz);
@@ -42,7 +42,7 @@ void main() {
   vec2 bead = 0.005 * vec2(float((rowA.w >> 1u) & 255u), float(rowA.w >> 9u));
   float half_ = max(length(vec2(length(world.xy) * bead.x, world.z * bead.y)), minimum * -here.z);
   here += along * (begins ? -0.45 : 0.45) * bead.x + side * across * half_;
-  err = (begins ? offA.z : offB.z) * 0.001;
+  err = length(vec2((begins ? offA.z : offB.z) * 0.001, morph <= 1.0 ? morph * doubt.x : mix(doubt.x, doubt.y, morph - 1.0)));
   sideDir = side;
   faceDir = normalize(cross(side, along)) * sign(dot(cross(side, along), eye) + 1e-9);
   gl_Position = projectionMatrix * vec4(here, 1.0);
@@ -95,7 +95,7 @@ export class View {
     this.wheel = () => this.glance();
     canvas.addEventListener("wheel", this.wheel, { passive: true });
     this.uniforms = {
-      morph: { value: 1 }, unit: { value: 0.002 }, enlarge: { value: 1 }, minimum: { value: 0.0004 }, most: { value: 1 }, fine: { value: 0 }, tinted: { value: 1 },
+      morph: { value: 1 }, unit: { value: 0.002 }, enlarge: { value: 1 }, minimum: { value: 0.0004 }, most: { value: 1 }, fine: { value: 0 }, doubt: { value: [0, 0] }, tinted: { value: 1 },
       plain: { value: new Color("#9aa7a5") }, low: { value: new Vector3() }, pitch: { value: new Vector3() }, counted: { value: false },
       base: { value: null }, raw: { value: null }, mended: { value: null },
     };
