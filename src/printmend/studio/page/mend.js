@@ -17,7 +17,7 @@ const stateOf = (job) => job.result?.refused ? "failed" : job.state;
 // What a row of the list shows of a job.
 function rowOf(job) {
   const p = job.result?.prediction;
-  return { state: stateOf(job), drawn: job.files.includes("thumb.svg"), numbers: p && (job.result.refused || job.result.untouched ? `${mm(p.before.rms_mm)} mm` : `${mm(p.before.rms_mm)} → ${mm(p.after.rms_mm)} mm`) };
+  return { state: stateOf(job), drawn: job.files.includes("thumb.svg"), filament: job.params.filament, numbers: p && (job.result.refused || job.result.untouched ? `${mm(p.before.rms_mm)} mm` : `${mm(p.before.rms_mm)} → ${mm(p.after.rms_mm)} mm`) };
 }
 
 export function Mend({ printer, changed }) {
@@ -45,7 +45,7 @@ export function Mend({ printer, changed }) {
     setError(null);
     let fresh = true; // of several the first is shown
     for (const file of files) {
-      const row = { id: null, name: file.name, state: "sending", at: Math.random() };
+      const row = { id: null, name: file.name, state: "sending", filament, at: Math.random() };
       const put = (values) => setRows((old) => old.filter((one) => one.at === row.at || !one.id || one.id !== values.id).map((one) => (one.at === row.at ? { ...one, ...values } : one)));
       setRows((old) => [row, ...old]);
       try {
@@ -76,7 +76,7 @@ export function Mend({ printer, changed }) {
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}><${Sending} now=${now} />
       ${printer.filaments.length > 0 && html`<label class="field">${t("mend_filament")}<select value=${filament} onChange=${(event) => setFilament(event.target.value)}><option value="">${t("mend_slicer")}</option>${printer.filaments.map((name) => html`<option value=${name}>${name}</option>`)}</select></label>`}
-      ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<div class="file" key=${row.id ?? row.at}><button class="quiet" aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => { setShown(row.id); setError(null); }}>${row.drawn ? html`<img class="thumb" src=${fileOf(row, "thumb.svg")} alt="" />` : html`<i class="thumb"></i>`}<span class="fname">${row.name}${row.numbers && html`<br /><span class="faint">${row.numbers}</span>`}</span>
+      ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<div class="file" key=${row.id ?? row.at}><button class="quiet" aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => { setShown(row.id); setError(null); }}>${row.drawn ? html`<img class="thumb" src=${fileOf(row, "thumb.svg")} alt="" />` : html`<i class="thumb"></i>`}<span class="fname">${row.name}${(row.filament || row.numbers) && html`<br /><span class="faint">${[row.filament, row.numbers].filter(Boolean).join(" · ")}</span>`}</span>
         <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.state === "cancelled" ? t("stopped") : ended(row) ? t("ready") : t(row.state === "queued" ? "waits" : "mending")}</span></button>
         <button class="quiet icon" disabled=${row.state === "sending"} title=${t("forget", { name: row.name })} aria-label=${t("forget", { name: row.name })} onClick=${() => forget(row)}>×</button></div>`)}</section>`}</div>
     <div class="stack"><${File_} id=${shown} printer=${printer} changed=${changed} anyway=${anyway} /></div></div>`;

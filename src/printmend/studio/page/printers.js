@@ -98,7 +98,7 @@ function Printer({ id, tab = "measure", more }) {
   if (!printer) return html`<${Problem} error=${error} />`;
   const first = shown !== "measure" && (!printer.digest || (shown === "prove" && !printer.has_probe)); // something comes before this screen
   return html`<div class="head"><div>${naming === null ? html`<h1>${printer.name}</h1>` : html`<form class="row" onSubmit=${rename}><input aria-label=${t("name")} value=${naming} maxlength="80" style=${{ width: "18rem" }} onInput=${(event) => setNaming(event.target.value)} /><button class="primary">${t("rename")}</button></form>`}
-        <p class="now">${t(told ?? (shown === "measure" && !printer.has_probe ? "measure_first" : `${shown}_${first ? "none" : "now"}`))}</p></div>
+        <p class="now">${t(told ?? (shown === "measure" && !printer.has_probe ? "measure_first" : `${shown}_${!first ? "now" : printer.digest ? "make" : "none"}`))}</p></div>
       <div class="row"><button class="quiet" onClick=${() => setNaming(naming === null ? printer.name : null)}>${t("rename")}</button><button class="quiet" onClick=${away}>${t("remove")}</button></div></div>
     <nav class="tabs" aria-label=${printer.name}>${Object.keys(TABS).map((name) => html`<a href="#/printers/${id}/${name}" aria-current=${name === shown ? "page" : undefined}>${t(`tab_${name}`)}</a>`)}</nav>
     <${Problem} error=${error} />
