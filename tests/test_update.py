@@ -106,6 +106,17 @@ def test_an_oval_pulley_did_not_turn_by_half(old: SavedModel) -> None:
     assert [change.kind for change in updated.changes] == ["play"]
 
 
+def test_a_belt_that_was_put_back_some_teeth_away_is_thought_of(old: SavedModel) -> None:
+    """It looks like a pulley that turned on its shaft by a whole number of teeth."""
+    tooth_rad = 2 * np.pi / 20
+    for teeth, words in ((7, "or its belt was put back 7 teeth away"), (7.5, "(± 0.")):
+        now = printed(machine(phase=1.0 + teeth * tooth_rad), 200, 11)
+        said = update(old, now, rng=np.random.default_rng(0)).words
+        assert "X pulley turned on its shaft" in said
+        assert words in said
+        assert ("teeth" in said) == (teeth == 7)
+
+
 def test_play_that_grew_is_found(old: SavedModel) -> None:
     """Though the print lies elsewhere."""
     now = machine(play_x=0.35)

@@ -27,6 +27,8 @@ from printmend.diagnosis.named import (
 from printmend.effects import EFFECTS, Scene, scene_of
 from printmend.effects.prior import wear_share
 from printmend.effects.pulley import HARMONICS
+from printmend.effects.switch import spread_mm
+from printmend.effects.teeth import TOOTH_MM
 from printmend.effects.words import NAMED_SIGMAS, Fault
 from printmend.errors import InputError, ModelError, TraceError
 from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
@@ -46,7 +48,7 @@ from printmend.learn.order import in_order, passed_over
 from printmend.learn.walls import with_walls
 from printmend.measure.checks import check_origin, counted_once, digest_of, heights_alone, with_heights
 from printmend.mend.history import Ageing
-from printmend.messages import say, together
+from printmend.messages import say, say_count, together
 from printmend.model import SavedModel, saved_model, screw_of, with_screw
 from printmend.model.model import REFITTED, REFUSAL, Misfit, found_in, misfit_section
 from printmend.path import Trace
@@ -300,7 +302,10 @@ def _z_changed(was: Fault, new: Fault) -> str:
 
 
 def _turn(found: Renewed, motor: int, by_rad: float) -> Change:
-    """Return the angle by which a pulley turned on its shaft, refined harmonic by harmonic."""
+    """Return the angle by which a pulley turned on its shaft, refined harmonic by harmonic.
+
+    A belt that is put back a whole number of teeth away looks the same, but for how the end stop scatters.
+    """
     (before, *_), (now, *_) = found.of("pulley", motor)
     cos, sin = np.split(before.mean_mm, 2)
     old = (cos - 1j * sin) * np.exp(-1j * HARMONICS * by_rad)
@@ -309,6 +314,12 @@ def _turn(found: Renewed, motor: int, by_rad: float) -> Change:
     angles = np.degrees(by_rad + more_rad.imag)
     value, sd, name = float(angles.mean()), float(angles.std()), found.now.scene.printer.motors[motor].upper()
     words = say("pulley-turned-shaft", name, f"{value:.1f}°", f"{sd:.1f}")
+    scene = found.now.scene
+    mm_per_degree = scene.printer.mm_per_turn[motor] / 360.0
+    teeth = round(value * mm_per_degree / TOOTH_MM)
+    doubt_mm = NAMED_SIGMAS * float(np.hypot(sd * mm_per_degree, spread_mm(scene)[motor]))
+    if teeth and abs(value * mm_per_degree - teeth * TOOTH_MM) < doubt_mm < TOOTH_MM / 2:
+        words = say("pulley-turned-or-belt", words, say_count("count-teeth", abs(teeth)))
     return Change(name, "phase", 0.0, value, sd, "°", words)
 
 
