@@ -172,7 +172,7 @@ def check_sheet(path: str | Path, scales: tuple[float, float]) -> None:
     common = sum(scales) / 2
     if abs(common - 1) > MOST_SHEET_SCALE and abs(scales[0] - scales[1]) < AXES_AGREE_SHARE:
         raise ScanError(
-            path, wanted=say("sheet-tags-printed-100"), came=say("one-seems-printed", f"{100 / common:.0f}"),
+            path, wanted=say("sheet-tags-printed-100"), came=say("one-seems-printed", f"{100 / common:.1f}"),
             todo=say("print-again-without-fit-page-until"),
         )  # fmt: skip
 

@@ -148,7 +148,7 @@ def in_words(cause: str) -> str:
 
 
 def in_a_line(made_of: Mapping[str, float]) -> str:
-    """Return what an expected error is made of, the largest first: ``the scanner 0.004; micro-steps 0.001``."""
+    """Return what an expected error is made of, the largest first: ``the picture's scale 0.004; micro-steps 0.001``."""
     shares = sorted(made_of.items(), key=lambda item: -item[1])
     least_mm = max(_LEAST_MM, _LEAST_SHARE * max(made_of.values(), default=0.0))
     return together(
