@@ -17,7 +17,7 @@ from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
 from printmend.effects.effect import drawn_places
 from printmend.effects.homing import lasting
 from printmend.infer.fit import Fit
-from printmend.infer.gram import Block
+from printmend.infer.gram import Block, summed
 from printmend.infer.machine import DRAWS, Part
 from printmend.infer.scatter import log_below
 from printmend.infer.search import LEAST_BETTER, LEAST_LOG_WEIGHT, Gains, Search, Set, State
@@ -313,7 +313,9 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     every, sure = (tuple(number[member] for member in some) for some in (likeliest.members, sizes))
     # What is above 0 is not summed out: a set may ask for less, and its score has to say so.
     staying: Set = tuple(member for member in sure if not few.dictionary.blocks[member[0]].positive)
-    chain = _Chain(few.given(staying, likeliest.sigma_mm), staying, likeliest.sigma_mm)
+    few = few.given(staying, likeliest.sigma_mm)
+    few = replace(few, gram=summed([few.gram], len(few.gram.slope)))  # every chain asks for the same products
+    chain = _Chain(few, staying, likeliest.sigma_mm)
     sets: list[Set] = [tuple(member for member in every if member not in staying)] * DRAWS
     for some in rivals * ROUNDS:
         mine = frozenset(number[each][0] for each in some)
