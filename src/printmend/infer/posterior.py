@@ -320,7 +320,8 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     for some in rivals * ROUNDS:
         mine = frozenset(number[each][0] for each in some)
         for _ in range(1 + len(set(likeliest.members).intersection(some))):  # a step takes one of them away, or none
-            sets = [chain.stepped(members, mine, rng) for members in sets]
+            alike = Counter(sets).items()
+            sets = [each for members, count in alike for each in chain.stepped(members, count, mine, rng)]
     chained = [tuple(key[member] for member in (*staying, *members)) for members in sets]
     return [tuple(sorted(each)) for each in _with_more(search, _resized(chained, sizes, rng), more, rng)]
 
@@ -334,22 +335,21 @@ class _Chain:
     sigma_mm: float
     known: dict[tuple[Set, frozenset[int]], Gains] = field(default_factory=dict, init=False)
 
-    def stepped(self, members: Set, rivals: frozenset[int], rng: np.random.Generator) -> Set:
+    def stepped(self, members: Set, count: int, rivals: frozenset[int], rng: np.random.Generator) -> Iterator[Set]:
         """Take away one member that is among the blocks ``rivals``, or none, and choose which of them comes in its
-        place, or nothing, by what each adds to the score (Gibbs sampling).
+        place, or nothing, by what each adds to the score (Gibbs sampling), for ``count`` draws that have a set.
 
         Which of n members goes has the chance 1 ÷ (n + 1), so that the step from the larger set is the rarer one.
         """
         whole = (*self.staying, *members)
         free = [one for one in members if one[0] in rivals and not self.search.needed(whole, one)]
-        taken = [*free, None][int(rng.integers(len(free) + 1))]
-        others = tuple(sorted(member for member in members if member != taken))
-        gains = self._gains(others, rivals)
-        count = len(free) + (taken is None)
-        weights = np.append(gains.values + np.log(count / (count + 1)), 0.0)
-        choice = int(np.argmax(weights + rng.gumbel(size=len(weights))))  # the largest is one drawn by its weight
-        chosen = gains.keys[choice : choice + 1].tolist()  # none where it is the last
-        return (*others, *((b, variant) for b, variant in chosen))
+        for at, often in Counter(_drawn(np.ones(len(free) + 1), count, rng).tolist()).items():
+            others = tuple(sorted(member for member in members if member not in free[at : at + 1]))
+            gains, most = self._gains(others, rivals), len(free) + (at == len(free))
+            odds = _chances(np.append(gains.values + np.log(most / (most + 1)), 0.0))
+            for choice in _drawn(odds, often, rng).tolist():
+                chosen = gains.keys[choice : choice + 1].tolist()  # none where it is the last
+                yield (*others, *((b, variant) for b, variant in chosen))
 
     def _gains(self, others: Set, rivals: frozenset[int]) -> Gains:
         if (others, rivals) not in self.known:
@@ -366,10 +366,18 @@ def _chances(scores: np.ndarray) -> np.ndarray:
     return np.asarray(odds / odds.sum())
 
 
+def _drawn(odds: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw ``count`` numbers of alternatives by their ``odds``, each as often as these say, but for a part of a draw
+    (systematic sampling: Madow & Madow 1944)."""
+    ends = np.cumsum(odds)
+    evenly = (np.arange(count) + rng.random()) * (ends[-1] / count)
+    return rng.permutation(ends[:-1].searchsorted(evenly, side="right"))
+
+
 def _resized(sets: list[Set], sizes: dict[tuple[int, int], Gains], rng: np.random.Generator) -> list[Set]:
     """Return the sets with each member that nothing replaces in one of the alternatives in size that it may have."""
     for member, gains in sizes.items():
-        chosen = map(tuple, gains.keys[rng.choice(len(gains.keys), len(sets), p=_chances(gains.values))].tolist())
+        chosen = map(tuple, gains.keys[_drawn(_chances(gains.values), len(sets), rng)].tolist())
         sets = [tuple(own if each == member else each for each in some) for some, own in zip(sets, chosen, strict=True)]
     return sets
 
@@ -380,7 +388,7 @@ def _with_more(search: Search, sets: list[Set], more: Gains, rng: np.random.Gene
     for at, b in enumerate(more.keys[:, 0].tolist()):
         slots.setdefault(search.dictionary.blocks[b].slot, []).append(at)
     chosen = [
-        rng.choice([-1, *own], len(sets), p=_chances(np.append(0.0, more.values[own])))  # −1: none
+        np.array([-1, *own])[_drawn(_chances(np.append(0.0, more.values[own])), len(sets), rng)]  # −1: none
         for own in slots.values()
     ]
     for members, some in zip(sets, np.array(chosen, np.int64).reshape(-1, len(sets)).T, strict=True):
