@@ -19,7 +19,7 @@ from printmend.infer import kernels
 from printmend.infer.fit import fitted, home_sd_of, weighed, worn
 from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, gram_of, seen
 from printmend.infer.machine import DRAWS, Part, machine_of
-from printmend.infer.posterior import acting, drawn_of, drawn_sets, likely_set, posterior_of
+from printmend.infer.posterior import acting, drawn_by, drawn_of, drawn_sets, likely_set, posterior_of
 from printmend.infer.scatter import inverse_of, log_below
 from printmend.infer.search import State, doubted, search_of, searched
 from printmend.learn.learned import learn, learn_model
@@ -500,6 +500,14 @@ def test_what_changes_play_comes_only_with_play_and_keeps_it(rng: np.random.Gene
     assert {b for b, _ in searched(search, both, 1.0).members} >= {0, 1}
     drawn = drawn_sets(search, searched(search, both, 1.0), rng)
     assert all(1 not in each or 0 in each for each in ({b for b, _ in members} for members in drawn))
+
+
+def test_alternatives_are_drawn_as_often_as_their_odds_say() -> None:
+    odds, rng = np.array([5.0, 0.0, 2.5, 0.7]), np.random.default_rng(0)
+    counts = np.array([np.bincount(drawn_by(odds, 96, rng), minlength=4) for _ in range(400)])
+    wanted = 96 * odds / odds.sum()
+    assert np.abs(counts - wanted).max() < 1
+    assert np.allclose(counts.mean(axis=0), wanted, atol=0.1)
 
 
 def test_causes_that_stand_for_another_only_together_are_doubted(rng: np.random.Generator) -> None:

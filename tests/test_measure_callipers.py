@@ -29,6 +29,7 @@ from printmend.measure.callipers import (
     parse_readings,
 )
 from printmend.mend.prediction import advice_of
+from printmend.mend.update import update
 from printmend.model import exact_model, read_model
 from printmend.printer import read_printer
 from printmend.probe import design_probe
@@ -270,6 +271,19 @@ def test_the_machine_has_the_corrected_faults_only(case):
     way = distances.plan.waypoints_mm
     assert np.abs(Twin(model.mechanism).follow(way) - Twin(truth).follow(way)).max() < 0.3
     assert np.abs(way - Twin(truth).follow(way)).max() > 3
+
+
+@pytest.mark.parametrize(
+    ("fault", "now", "changed"), [({}, {}, False), ({"play": 0.3}, {"play": 0.3}, False), ({}, {"play": 0.8}, True)]
+)
+def test_what_callipers_left_open_is_no_change_when_a_scan_tells_it(fault, now, changed):
+    printer, distances = case_of("ender3")
+    rng = np.random.default_rng(0)
+    model = model_by_hand(distances, read_off(distances, broken(printer, **fault), rng), printer)
+    plan = distances.plan
+    marks = Twin(broken(printer, **now).homed()).follow(plan.waypoints_mm)[plan.rows]
+    found = update(model, plan.trace(marks + rng.normal(0, 0.006, marks.shape)), rng=np.random.default_rng(0))
+    assert bool(found.changes or found.anew) == changed
 
 
 def test_the_play_of_a_corexy_motor_is_no_axis_of_marlins():

@@ -343,11 +343,11 @@ class _Chain:
         """
         whole = (*self.staying, *members)
         free = [one for one in members if one[0] in rivals and not self.search.needed(whole, one)]
-        for at, often in Counter(_drawn(np.ones(len(free) + 1), count, rng).tolist()).items():
+        for at, often in Counter(drawn_by(np.ones(len(free) + 1), count, rng).tolist()).items():
             others = tuple(sorted(member for member in members if member not in free[at : at + 1]))
             gains, most = self._gains(others, rivals), len(free) + (at == len(free))
             odds = _chances(np.append(gains.values + np.log(most / (most + 1)), 0.0))
-            for choice in _drawn(odds, often, rng).tolist():
+            for choice in drawn_by(odds, often, rng).tolist():
                 chosen = gains.keys[choice : choice + 1].tolist()  # none where it is the last
                 yield (*others, *((b, variant) for b, variant in chosen))
 
@@ -366,7 +366,7 @@ def _chances(scores: np.ndarray) -> np.ndarray:
     return np.asarray(odds / odds.sum())
 
 
-def _drawn(odds: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+def drawn_by(odds: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
     """Draw ``count`` numbers of alternatives by their ``odds``, each as often as these say, but for a part of a draw
     (systematic sampling: Madow & Madow 1944)."""
     ends = np.cumsum(odds)
@@ -377,7 +377,7 @@ def _drawn(odds: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray
 def _resized(sets: list[Set], sizes: dict[tuple[int, int], Gains], rng: np.random.Generator) -> list[Set]:
     """Return the sets with each member that nothing replaces in one of the alternatives in size that it may have."""
     for member, gains in sizes.items():
-        chosen = map(tuple, gains.keys[_drawn(_chances(gains.values), len(sets), rng)].tolist())
+        chosen = map(tuple, gains.keys[drawn_by(_chances(gains.values), len(sets), rng)].tolist())
         sets = [tuple(own if each == member else each for each in some) for some, own in zip(sets, chosen, strict=True)]
     return sets
 
@@ -388,7 +388,7 @@ def _with_more(search: Search, sets: list[Set], more: Gains, rng: np.random.Gene
     for at, b in enumerate(more.keys[:, 0].tolist()):
         slots.setdefault(search.dictionary.blocks[b].slot, []).append(at)
     chosen = [
-        np.array([-1, *own])[_drawn(_chances(np.append(0.0, more.values[own])), len(sets), rng)]  # −1: none
+        np.array([-1, *own])[drawn_by(_chances(np.append(0.0, more.values[own])), len(sets), rng)]  # −1: none
         for own in slots.values()
     ]
     for members, some in zip(sets, np.array(chosen, np.int64).reshape(-1, len(sets)).T, strict=True):

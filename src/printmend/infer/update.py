@@ -14,7 +14,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.breathing import HARMONICS as BREATHS
-from printmend.effects.effect import SCALE_MM, Key, belt_places
+from printmend.effects.effect import SCALE_MM, TIMES_FINER, Key, belt_places
 from printmend.effects.elastic import HARMONICS as STRETCHES
 from printmend.effects.homing import waves_of
 from printmend.effects.prior import happens_share, wear_share
@@ -30,6 +30,7 @@ from printmend.infer.fit import (
     looked,
     turned_back,
     weighed,
+    with_blocks,
     with_finer,
 )
 from printmend.infer.gram import (
@@ -43,7 +44,7 @@ from printmend.infer.gram import (
     side_by_side,
     slices,
 )
-from printmend.infer.machine import DRAWS, Part, is_of_drive, machine_of, those_acting
+from printmend.infer.machine import DRAWS, LIKELY, Part, is_of_drive, machine_of, those_acting
 from printmend.infer.posterior import Posterior, after_homing, posterior_here
 from printmend.infer.search import Search, Set, State, by_growing, columns_at, searched
 from printmend.machine import Contacts, Mechanism
@@ -118,6 +119,17 @@ def homed_again(parts: Sequence[Part], scene: Scene, rng: np.random.Generator) -
         return part.moved(by_mm, scene) if is_far else part
 
     return tuple(map(on, parts))
+
+
+def told_apart(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
+    """Return the parts of effects that most drawn machines have at their place, and those that are in doubt."""
+    slots = [part.key[:2] for part in parts]
+    there = {slot: np.zeros(DRAWS, bool) for slot in slots}
+    for slot, part in zip(slots, parts, strict=True):
+        there[slot] |= part.draws_mm.any(axis=0)
+    likely = [there[slot].mean() >= LIKELY for slot in slots]
+    first, second = (tuple(part for part, is_so in zip(parts, likely, strict=True) if is_so == of) for of in (1, 0))
+    return first, second
 
 
 def laid_out(parts: Sequence[Part], like: Sequence[Part]) -> np.ndarray:
@@ -234,7 +246,6 @@ def rebased(part: Part, scene: Scene) -> Part:
     return replace(part, shape=shape, acts_mm=onto @ part.acts_mm, draws_mm=onto @ part.draws_mm)
 
 
-LEAST_CHANCE = 0.05  # parts that fewer of the drawn machines have say nothing: the search offers them anew
 PASSES = 3  # of contacts, then search, where anything changed; the last one weighs stories
 PHASES = 72  # angles by which a pulley may have turned that are tried, then those between the best and its neighbours
 SEEN_SHARE = 0.5  # of its prior deviation that a shift may keep and counts as seen
@@ -287,7 +298,7 @@ def renewed(
     """
     if scene.homed:
         scene = replace(scene, home_sd_mm=home_sd_of(mechanism, scene))
-    own = [each for each in parts if EFFECTS[each.effect].of is Of.MACHINE and each.chance >= LEAST_CHANCE]
+    own = [each for each in parts if EFFECTS[each.effect].of is Of.MACHINE]
     before = tuple(rebased(each, scene) for each in own)
     # machines of a homing of their own are drawn by a generator of their own: other figures stay as they are
     story, whole, turned_rad = Story(homed_again(before, scene, np.random.default_rng(SEED)), refit=refit), trace, 0.0
@@ -335,8 +346,8 @@ class _Pass:
 def _weighed_stories(
     story: Story, wearing: Wearing, places: Places, rows: Rows, scene: Scene, *, stories: bool
 ) -> _Pass:
-    like = story.parts
-    dictionary = dictionary_of(places, rows, scene)
+    like, doubted = told_apart(story.parts)
+    dictionary = _with_shapes(dictionary_of(places, rows, scene), doubted, places, rows, scene)
     dictionary = replace(  # of changes: play may become less
         dictionary, blocks=tuple(replace(block, positive=False, needs=()) for block in dictionary.blocks)
     )
@@ -373,27 +384,59 @@ def _weighed_stories(
     return best
 
 
+def _with_shapes(dictionary: Dictionary, parts: Sequence[Part], places: Places, rows: Rows, scene: Scene) -> Dictionary:
+    """Return the dictionary with the shapes of parts that lie between its own."""
+    blocks = {(*block.slot, block.width): block for block in dictionary.blocks}
+    known = {block.key for block in dictionary.blocks}
+    missed = [(part, (part.effect, part.where, len(part.draws_mm))) for part in parts if part.key not in known]
+    more = [
+        replace(blocks[slot], shape=part.shape, log_odds=blocks[slot].log_odds - math.log(TIMES_FINER))
+        for part, slot in missed
+        if slot in blocks
+    ]
+    return with_blocks(dictionary, more, places, rows, scene)
+
+
 def _search(sums: Sums, story: Story, left: Left) -> Search:
     """Return the search for changes of a story."""
-    blocks = _seldom(sums.dictionary.blocks, story.whole, story.anew, story.refit)
+    blocks = _seldom(sums.dictionary.blocks, story)
     return Search(Dictionary(blocks, sums.dictionary.columns), left.gram)
 
 
 @lru_cache(maxsize=16)  # each story is searched more than once
-def _seldom(blocks: tuple[Block, ...], whole: bool, anew: tuple[int, ...], refit: bool) -> tuple[Block, ...]:
+def _seldom(blocks: tuple[Block, ...], story: Story) -> tuple[Block, ...]:
     """Return blocks with the odds of changes: what a machine has since, it seldom has; what does not wear comes only
-    with other parts. After a ``refit`` belts may well rest elsewhere at home."""
+    with other parts. After a ``refit`` belts may well rest elsewhere at home. What was in doubt comes as often, and as
+    large, as the drawn machines had it: these are the last alternatives of its block."""
+    doubted = {part.key: part for part in told_apart(story.parts)[1]}
 
     def block(one: Block) -> Block:
         effect = EFFECTS[one.effect]
-        if effect.of is not Of.MACHINE or whole or (refit and not effect.from_home):
+        if effect.of is not Of.MACHINE or story.whole or (effect.acts is Acts.DRIVE and one.where in story.anew):
             return one
-        if effect.acts is Acts.DRIVE and one.where in anew:
+        if not story.refit or effect.from_home:
+            seldom = happens_share("changed" if wear_share(one.effect) else "replaced")
+            one = replace(one, log_odds=one.log_odds + math.log(seldom))
+        if (part := doubted.get(one.key)) is None:
             return one
-        seldom = happens_share("changed" if wear_share(one.effect) else "replaced")
-        return replace(one, log_odds=one.log_odds + math.log(seldom))
+        sds_mm, shares = zip(*_sizes_of(part, one.sds_mm), strict=True)
+        odds = np.log(np.array(shares) / (1 - part.chance))
+        return replace(one, sds_mm=np.vstack([one.sds_mm, *sds_mm]), log_odds=np.concatenate([one.log_odds, odds]))
 
     return tuple(map(block, blocks))
+
+
+def _sizes_of(part: Part, sds_mm: np.ndarray) -> Iterator[tuple[np.ndarray, float]]:
+    """Yield how large a part's sizes [P] are among the draws that come from each alternative in size [V, P], and the
+    share of such draws."""
+    draws_mm = part.draws_mm[:, part.draws_mm.any(axis=0)]
+    away2 = np.sum((draws_mm[None] / sds_mm[:, :, None]) ** 2, axis=1)
+    likeliest = np.argmin(away2 / 2 + np.log(sds_mm).sum(axis=1)[:, None], axis=0)
+    for at in np.unique(likeliest).tolist():
+        yield (
+            sds_mm[at] * np.sqrt(away2[at, likeliest == at].mean() / len(draws_mm)),
+            float(np.mean(likeliest == at)) * part.chance,
+        )
 
 
 def _changed(at: _Pass) -> bool:
@@ -402,8 +445,9 @@ def _changed(at: _Pass) -> bool:
 
 
 def _changes(at: _Pass) -> list[Block]:
-    blocks = [at.sums.dictionary.blocks[b] for b, _ in at.state.members]
-    return [block for block in blocks if EFFECTS[block.effect].of is Of.MACHINE]
+    """Return what is new; what was in doubt is not, and is no alternative of the dictionary."""
+    found = [(at.sums.dictionary.blocks[b], variant) for b, variant in at.state.members]
+    return [one for one, at in found if EFFECTS[one.effect].of is Of.MACHINE and at < len(one.log_odds)]
 
 
 def _others(at: _Pass, always: Set) -> Iterator[Story]:
@@ -470,11 +514,12 @@ def _now(at: _Pass, before: tuple[Part, ...], contacts: Contacts, scene: Scene, 
         changes[where[part.key]] = part.draws_mm
     draws, acts = at.left.drawn_mm(changes, rng), at.left.sizes_mm(at.likely_mm)[:, 0]
     kept = {part.key: part for part in at.story.parts}
-    parts: dict[Key, Part] = {}
+    # What nothing sees stays as it was drawn.
+    parts = {key: part for key, part in kept.items() if key not in where}
     for part, own in zip(at.like, slices(len(part.acts_mm) for part in at.like), strict=True):
         if part.key not in kept:
             continue
-        if not part.is_likely:  # it stays as it was drawn
+        if not part.is_likely:
             parts[part.key] = kept[part.key]
         else:
             does = EFFECTS[part.effect].acts is not Acts.NOT
@@ -484,7 +529,7 @@ def _now(at: _Pass, before: tuple[Part, ...], contacts: Contacts, scene: Scene, 
         parts[part.key] = part if had is None else replace(
             had, acts_mm=had.acts_mm + part.acts_mm, draws_mm=had.draws_mm + part.draws_mm
         )  # fmt: skip
-    seldom = {key for key in kept if parts[key] is kept[key]}  # these act as they did
+    seldom = {key for key in kept if parts.get(key) is kept[key]}  # these act as they did
     now = tuple(part if key in seldom else after_homing(part, scene) for key, part in parts.items())
     posterior = Posterior(scene, now, found.noise_mm, found.nats)
     told = tuple(block.key for block in _changes(at))

@@ -13,6 +13,7 @@ from printmend.effects.pulley import HARMONICS
 from printmend.errors import TraceError
 from printmend.infer.distances import ByHand, machines_by_hand, printer_of
 from printmend.infer.machine import DRAWS, LIKELY, machine_of, those_acting
+from printmend.learn.learned import DIGESTS
 from printmend.measure.callipers import READING_SD_MM, Distances
 from printmend.messages import say
 from printmend.model import SavedModel, saved_model
@@ -78,7 +79,7 @@ def model_by_hand(distances: Distances, readings_mm: np.ndarray, printer: Printe
     found = _machines(distances, readings_mm, printer)
     mechanism, branches = machine_of(found.scene, those_acting(found.parts))
     findings = tuple(_said(found, readings_mm))
-    details = {"promise": belief_section(found.scene, found.parts, by_hand=True)}
+    details = {"promise": belief_section(found.scene, found.parts, by_hand=True), DIGESTS: []}
     return saved_model(mechanism, learner="callipers", branches=branches, findings=findings, details=details)
 
 

@@ -24,7 +24,7 @@ from printmend.diagnosis.named import (
     part_words,
     renewed_lift,
 )
-from printmend.effects import EFFECTS, Scene, scene_of
+from printmend.effects import EFFECTS, Acts, Scene, scene_of
 from printmend.effects.prior import wear_share
 from printmend.effects.pulley import HARMONICS
 from printmend.effects.switch import spread_mm
@@ -33,7 +33,7 @@ from printmend.effects.words import NAMED_SIGMAS, Fault
 from printmend.errors import InputError, ModelError, TraceError
 from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
 from printmend.infer.phase import Phase, found_phase
-from printmend.infer.update import Renewed, both_seen, renewed
+from printmend.infer.update import Renewed, both_seen, renewed, told_apart
 from printmend.learn.learned import (
     DIGESTS,
     PLANE_FACTOR,
@@ -257,7 +257,12 @@ def changes_of(found: Renewed) -> list[Change]:
     of_motors = [scene.printer.motors[motor] for motor in story.anew]
     changes = [_turn(found, motor, by) for motor, by in enumerate(story.turned_rad) if by and motor not in story.anew]
     changes = [each for each in changes if abs(each.now) > max(NAMED_SIGMAS * each.sd, LEAST_CHANGE["°"])]
-    before, now = (_acting(parts, scene) for parts in (found.before, found.now.parts))
+    # what was in doubt is no change where it came as the old machine may have had it
+    doubted = {part.key[:2] for part in told_apart(found.before)[1]}.difference(key[:2] for key in found.changes)
+    before, now = (
+        _likely([part for part in parts if part.key[:2] not in doubted], scene)
+        for parts in (found.before, found.now.parts)
+    )
     for key in dict.fromkeys([*before, *now]):
         if key[0] in of_motors or key[1] in OF_ONE_PRINT:
             continue
@@ -270,15 +275,18 @@ def changes_of(found: Renewed) -> list[Change]:
     return changes
 
 
-def _acting(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]:
-    """Return the acting faults, named or not, by part and kind, from those drawn machines that have them."""
+def _likely(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]:
+    """Return the faults that act or that most drawn machines have, named or not, by part and kind, from those drawn
+    machines that have them."""
 
     def sure(part: Part) -> Part:
         there = np.flatnonzero(part.draws_mm.any(axis=0))
-        return replace(part, draws_mm=part.draws_mm[:, np.resize(there, DRAWS)]) if len(there) else part
+        draws_mm = part.draws_mm[:, np.resize(there, DRAWS)] if len(there) else part.draws_mm
+        return replace(part, acts_mm=part.acts_mm if part.acts_mm.any() else draws_mm.mean(axis=1), draws_mm=draws_mm)
 
-    acting = [sure(part) for part in parts if part.acts_mm.any()]
-    return {(fault.part, fault.kind): fault for fault in acting_faults(acting, scene)}
+    likely = [part for part in told_apart(parts)[0] if EFFECTS[part.effect].acts is not Acts.NOT]
+    found = [sure(part) for part in parts if part.acts_mm.any() or part in likely]
+    return {(fault.part, fault.kind): fault for fault in acting_faults(found, scene)}
 
 
 def _change(was: Fault, new: Fault, sd: float) -> Change:
