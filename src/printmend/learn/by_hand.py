@@ -13,10 +13,10 @@ from printmend.effects.pulley import HARMONICS
 from printmend.errors import TraceError
 from printmend.infer.distances import ByHand, machines_by_hand, printer_of
 from printmend.infer.machine import DRAWS, LIKELY, machine_of, those_acting
-from printmend.learn.learned import DIGESTS
 from printmend.measure.callipers import READING_SD_MM, Distances
 from printmend.messages import say
 from printmend.model import SavedModel, saved_model
+from printmend.model.model import DIGESTS
 from printmend.printer import Printer
 from printmend.promise.belief import belief_section
 

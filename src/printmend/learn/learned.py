@@ -41,7 +41,7 @@ from printmend.messages import is_one_of, say, together
 from printmend.metrics.robust import log_likelihood
 from printmend.model import SavedModel, saved_model, with_screw
 from printmend.model.branches import HARMONICS
-from printmend.model.model import NOTE, WARNING, Misfit, misfit_section, misfit_words
+from printmend.model.model import DIGESTS, NOTE, WARNING, Misfit, misfit_section, misfit_words
 from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.promise.belief import belief_section
@@ -103,7 +103,6 @@ AUTO = "auto"
 SEARCH = "printmend"  # the name of the search over effects: among learners, and in a model's file
 PLANE_FACTOR = 2**0.5  # RMS distance on the bed over the standard deviation of one coordinate
 DOUBTED_SCATTER = 2.0  # points that scatter by this factor more than their instrument says are reported
-DIGESTS = "measurements"  # the document's key of what tells the measurements that it was learned from
 _TOWER_TODO = say("tower-two-turns-screw-measured-several")
 _PROBE_TODO = say("printmend-probe-writes-print-shows-all")
 

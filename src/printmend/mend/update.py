@@ -35,7 +35,6 @@ from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
 from printmend.infer.phase import Phase, found_phase
 from printmend.infer.update import Renewed, both_seen, renewed, told_apart
 from printmend.learn.learned import (
-    DIGESTS,
     PLANE_FACTOR,
     instrument_scatter_mm,
     known_digests,
@@ -50,7 +49,7 @@ from printmend.measure.checks import check_origin, counted_once, digest_of, heig
 from printmend.mend.history import Ageing
 from printmend.messages import say, say_count, together
 from printmend.model import SavedModel, saved_model, screw_of, with_screw
-from printmend.model.model import REFITTED, REFUSAL, Misfit, found_in, misfit_section
+from printmend.model.model import DIGESTS, REFITTED, REFUSAL, Misfit, found_in, misfit_section
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, belief_section, says_nothing

@@ -118,6 +118,7 @@ def _check(value: Any, shape: Any, name: str, subject: str) -> None:
 
 NOTE, WARNING, REFUSAL = "note", "warning", "refusal"
 SEVERITIES = (NOTE, WARNING, REFUSAL)
+DIGESTS = "measurements"  # the document's key of what tells the measurements that a model was learned from
 REFITTED = "refitted"  # the kind of the refusal in a model whose belts were worked on
 PHASE_TODO = say("print-printmend-probe-phase-measure-run")
 
