@@ -1,8 +1,6 @@
-"""World models that are mechanisms: the naive one, the Oracle over the true machine, one over a learned machine."""
+"""World models that are mechanisms: the naive one, and one over a machine, the true or a learned one."""
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -62,35 +60,6 @@ class MechanismModel:
         if isinstance(self.mechanism, GainMechanism):
             return gain_tables(self.mechanism, c_max)
         return lattice_tables(self.mechanism, start_steps)
-
-
-class MachineLearned(ABC):
-    """What a learner found, as a world model: it imagines with a machine of it, `imagined`."""
-
-    @property
-    @abstractmethod
-    def imagined(self) -> Mechanism | GainMechanism:
-        """The machine to imagine with."""
-
-    @cached_property
-    def _model(self) -> MechanismModel:
-        return MechanismModel(self.imagined)
-
-    @property
-    def printer(self) -> Printer:
-        return self.imagined.printer
-
-    def start(self, start_steps: np.ndarray) -> State:
-        """Return the state [1] of a layer that starts at the lattice point ``start_steps`` [2]."""
-        return self._model.start(start_steps)
-
-    def advance(self, state: State, controls: np.ndarray) -> State:
-        """Return the states [K] after the controls [K, 2]."""
-        return self._model.advance(state, controls)
-
-    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:
-        """Return the machine as play tables, or as the published increments."""
-        return self._model.tabulate(start_steps, c_max=c_max)
 
 
 def _advance_gains(mechanism: GainMechanism, state: State, controls: np.ndarray) -> State:

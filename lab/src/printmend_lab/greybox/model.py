@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.learn.mechanism_model import MachineLearned
 from printmend.machine import Frame, Mechanism
 from printmend.model import Branches
 from printmend.path import Trace
@@ -14,6 +13,7 @@ from printmend_lab.greybox.drive import Choice, Jump, Rows, Structure, bed_middl
 from printmend_lab.greybox.drive.fit import seen_share
 from printmend_lab.greybox.drive.rest import CENTRED, rest_shares
 from printmend_lab.greybox.drive.select import OmittedParts
+from printmend_lab.protocols import MachineLearned
 
 
 @dataclass(frozen=True, eq=False)

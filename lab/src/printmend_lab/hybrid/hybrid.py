@@ -11,7 +11,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.infer.scatter import independent_share
-from printmend.learn.mechanism_model import MachineLearned
 from printmend.machine import GainMechanism, Mechanism, Transmission
 from printmend.machine.kernels import run
 from printmend.path import Trace
@@ -29,6 +28,7 @@ from printmend_lab.hybrid.residual import (
     fit_residual,
     points_in_contact,
 )
+from printmend_lab.protocols import MachineLearned
 
 # Learn the published simulator's own world: a gain for a step from every nominal position, in either direction.
 #

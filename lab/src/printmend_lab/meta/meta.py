@@ -15,7 +15,6 @@ from importlib import resources
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from printmend.learn.mechanism_model import MachineLearned
 from printmend.machine.mechanism import Mechanism, Transmission, healthy_transmission
 from printmend.measure.checks import check_trace
 from printmend.path import Trace, frozen, last_way
@@ -28,6 +27,7 @@ from printmend_lab.meta import kernels
 from printmend_lab.meta.bayes import believed, first_look, forward, membership, posterior
 from printmend_lab.meta.columns import GROUPS, columns, groups
 from printmend_lab.meta.tasks import evidence, reach_of
+from printmend_lab.protocols import MachineLearned
 
 BELIEF_PASSES = 4  # how often contacts are found under the belief, and the belief from the contacts
 LOOKED_AT = 800  # measured rows that all passes but the last one use at most

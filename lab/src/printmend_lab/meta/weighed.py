@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 
 from printmend.errors import PrintmendError
-from printmend.learn.mechanism_model import MachineLearned
 from printmend.learn.registry import learner
 from printmend.machine import Frame, Mechanism, Transmission
 from printmend.machine.printing import print_path
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend_lab.protocols import MachineLearned
 
 OF = ("greybox", "meta")
 STACKED = (3.4, 1.3, 4.4)  # of misfit, stated deviation, error beyond
