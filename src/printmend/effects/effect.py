@@ -113,17 +113,16 @@ class Places:
 
     ``motor_mm`` [N, 2] is where each motor was when it last moved its belt, ``side`` [N, 2] the branch that it touched:
     −1 pushed forwards, +1 pulled back, 0 not known. ``bed_mm`` [N, 2] is the place on the bed that the belts give,
-    ``ways`` [N, 2] the direction in which each bed axis last moved, ``turned`` [N, 2] that of each motor. ``done`` [N]
-    is the length printed so far over that of the measured print; ``move_mm`` [N] the length of the last move.
-    ``normal`` [N, 2] points out of a wall's plastic, 0 for other marks; ``z_mm`` [N] is the height, None for home's.
-    ``heading`` [N, 2] is the direction of the last move on the bed, of length 1, None for half-way between the axes'.
+    ``ways`` [N, 2] the direction in which each bed axis last moved. ``done`` [N] is the length printed so far over that
+    of the measured print; ``move_mm`` [N] the length of the last move. ``normal`` [N, 2] points out of a wall's
+    plastic, 0 for other marks; ``z_mm`` [N] is the height, None for home's. ``heading`` [N, 2] is the direction of the
+    last move on the bed, of length 1, None for half-way between the axes'.
     """
 
     motor_mm: np.ndarray
     side: np.ndarray
     bed_mm: np.ndarray
     ways: np.ndarray
-    turned: np.ndarray
     done: np.ndarray
     move_mm: np.ndarray
     normal: np.ndarray
@@ -265,7 +264,7 @@ def at_places(**known: np.ndarray) -> Places:
     """Return places [N] of which only this is known: all else is 0, and none is of a wall."""
     count = len(next(iter(known.values())))
     two, one = np.zeros((count, 2)), np.zeros(count)
-    unknown = {"motor_mm": two, "side": two, "bed_mm": two, "ways": two, "turned": two, "normal": two}
+    unknown = {"motor_mm": two, "side": two, "bed_mm": two, "ways": two, "normal": two}
     return Places(**{**unknown, "done": one, "move_mm": one, **known})
 
 
@@ -281,10 +280,10 @@ def home_of(scene: Scene) -> Places:
     """Return the place [1] at which the end stops leave the machine, each belt engaged as its motor came."""
     printer = scene.printer
     home = np.array(printer.home_mm)[None]
-    ways = np.array([[float(printer.motor_home_direction(motor)) for motor in range(2)]])
-    bed_ways = np.sign(printer.from_motor(ways))
-    return Places(
-        printer.to_motor(home), -ways, home, bed_ways, ways, np.zeros(1), np.full(1, LONG_MOVE_MM), np.zeros((1, 2))
+    motor_ways = np.array([[float(printer.motor_home_direction(motor)) for motor in range(2)]])
+    ways = np.sign(printer.from_motor(motor_ways))
+    return at_places(
+        motor_mm=printer.to_motor(home), side=-motor_ways, bed_mm=home, ways=ways, move_mm=np.full(1, LONG_MOVE_MM)
     )
 
 
@@ -304,7 +303,6 @@ def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndar
         side=np.where(contact_row >= 0, side, 0).astype(np.float32),
         bed_mm=bed_mm,
         ways=np.stack([last_way(axis) for axis in trace.commanded_mm.T], axis=1).astype(np.float32),
-        turned=np.stack([last_way(axis) for axis in motor.T], axis=1).astype(np.float32),
         done=done_of(step, scene),
         move_mm=step,
         normal=np.broadcast_to(0.0, (len(step), 2)) if trace.normal is None else np.nan_to_num(trace.normal),
@@ -405,7 +403,7 @@ def drawn_places(scene: Scene) -> Places:
     side, ways = rng.choice([-1.0, 1.0], (2, COUNT, 2))
     normal = rng.standard_normal((COUNT, 2))
     return Places(
-        scene.printer.to_motor(bed), side, bed, ways, -side, rng.uniform(0, 1, COUNT),
+        scene.printer.to_motor(bed), side, bed, ways, rng.uniform(0, 1, COUNT),
         rng.choice([1.0, LONG_MOVE_MM], COUNT), normal / np.linalg.norm(normal, axis=1, keepdims=True),
         np.linspace(scene.layers[0], scene.layers[1], COUNT) if scene.layers else None, rng.standard_normal((COUNT, 2)),
     )  # fmt: skip

@@ -78,12 +78,10 @@ class Belief:
         printer = self.scene.printer
         motor = printer.to_motor(waypoints_mm)
         touch, none = self.contacts(motor), np.zeros((len(rows), 2))
-        bed_ways, ways = (
-            np.stack([last_way(axis) for axis in each.T], axis=1)[rows].astype(float) for each in (waypoints_mm, motor)
-        )
+        ways = np.stack([last_way(axis) for axis in waypoints_mm.T], axis=1)[rows].astype(float)
         places = Places(
             np.take_along_axis(motor, touch.row, axis=0)[rows], touch.side[rows].astype(float), waypoints_mm[rows],
-            bed_ways, ways, none[:, 0], none[:, 0], none,
+            ways, none[:, 0], none[:, 0], none,
         )  # fmt: skip
         each = [columns_of(term.effect, places, term.where, term.shape, self.scene) for term in self.terms]
         return np.concatenate(each, axis=2).reshape(2 * len(rows), -1)

@@ -248,7 +248,7 @@ def _places(mechanism: Mechanism, path: PathPlaces, scene: Scene, at_rest: bool)
         ways = np.where(np.abs(path.tangent) > STANDS_SHARE, np.sign(path.tangent), ways)
     gone_mm = np.cumsum(path.weight) if path.gone_mm is None else path.gone_mm
     raw = Places(
-        printer.to_motor(path.wanted_mm), -side, np.asarray(printer.from_motor(belt)), ways, side,
+        printer.to_motor(path.wanted_mm), -side, np.asarray(printer.from_motor(belt)), ways,
         gone_mm / max(scene.way_mm, 1e-9), np.full(len(belt), LONG_MOVE_MM), np.zeros_like(belt), path.z_mm,
         None if at_rest else path.tangent,
     )  # fmt: skip

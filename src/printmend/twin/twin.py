@@ -12,8 +12,8 @@ import numpy as np
 
 from printmend.corruption import Beads, Corruption, Fault
 from printmend.corruption.transmission import Jumps
-from printmend.effects import EFFECTS, Of, Places, Scene, columns_of, places_of
-from printmend.effects.effect import STAYS
+from printmend.effects import EFFECTS, Of, Scene, columns_of, places_of
+from printmend.effects.effect import STAYS, at_places
 from printmend.effects.sized import Sized, guided, scene_of_printer, with_effects
 from printmend.errors import InputError
 from printmend.machine import (
@@ -117,9 +117,9 @@ class Twin:
         """How far the effects of the filament push a wall out on either side [mm]."""
         if not self.along:
             return 0.0
-        scene, none, one = scene_of_printer(self.printer), np.zeros((1, 2)), np.ones(1)
-        at = np.array(self.printer.middle_mm)[None]
-        places = Places(self.printer.to_motor(at), none, at, none, none, one, one, np.array([[1.0, 0.0]]))
+        scene, one, at = scene_of_printer(self.printer), np.ones(1), np.array(self.printer.middle_mm)[None]
+        motor, normal = self.printer.to_motor(at), np.array([[1.0, 0.0]])
+        places = at_places(motor_mm=motor, bed_mm=at, done=one, move_mm=one, normal=normal)
         walls = [part for part in self.along if EFFECTS[part.effect].of is Of.MATERIAL]
         moved = [columns_of(part.effect, places, part.where, part.shape, scene)[0, 0] @ part.sizes_mm for part in walls]
         return float(sum(moved))
