@@ -16,6 +16,7 @@ from printmend.machine import Frame, Mechanism, Transmission, healthy_transmissi
 from printmend.model.branches import Branches, Wave, rising
 
 DRAWS = 96  # machines that are drawn
+SUMMED = ("place", "scale", "bend", "pulley", "play", "wear", "breathing", "friction", "elastic")  # in a series
 LIKELY = 0.5  # share of the drawn machines from which on a part is likely to be there
 
 
@@ -124,57 +125,43 @@ def _drive(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Transmissi
 
 def _series(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Branches, list[Sized]]:
     """Return what of a drive is a short series, and the parts that are none."""
-    mean, play, friction = np.zeros(4), 0.0, np.zeros(2)
-    turn, breathing, elastic = (np.zeros((2, len(orders))) for orders in (ROUNDS, BREATHS, STRETCHES))
+
+    def summed(count: int, *effects: str) -> np.ndarray:
+        return sum((part.sizes_mm for part in parts if part.effect in effects), np.zeros(count))
+
+    def waved(effect: str, orders: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the orders of an effect's waves, their cosines and their sines, none where it is not there."""
+        cos, sin = summed(2 * len(orders), effect).reshape(2, -1)
+        count = len(orders) if cos.any() or sin.any() else 0
+        return orders[:count].astype(np.int64), cos[:count], sin[:count]
+
+    mean = np.concatenate([summed(1, "place"), summed(1, "scale"), summed(2, "bend")])
+    (play,), friction = summed(1, "play", "wear"), summed(2, "friction")
     warp, span, second, second_mm = np.zeros(0), (0.0, 1.0), np.zeros(2), 0.0
     teeth: dict[int, np.ndarray] = {}
     others = []
     for part in parts:
         sizes = part.sizes_mm
-        if part.effect == "place":
-            mean[0] += sizes[0]
-        elif part.effect == "scale":
-            mean[1] += sizes[0]
-        elif part.effect == "bend":
-            mean[2:] += sizes
-        elif part.effect == "pulley":
-            turn += sizes.reshape(2, -1)
-        elif part.effect in ("play", "wear"):
-            play += float(sizes[0])
-        elif part.effect == "breathing":
-            breathing += sizes.reshape(2, -1)
-        elif part.effect == "friction":
-            friction += sizes
-        elif part.effect == "elastic":
-            elastic += sizes.reshape(2, -1)
-        elif part.effect == "uneven":
+        if part.effect == "uneven":
             warp, span = sizes, (part.shape[0], part.shape[1])
         elif part.effect == "idler" and not second_mm:
             second, second_mm = sizes, part.shape[0]
         elif part.effect == "teeth" and _is_harmonic(scene.turns_mm[motor] / part.shape[0]):
             teeth[round(scene.turns_mm[motor] / part.shape[0])] = sizes
-        else:
+        elif part.effect not in SUMMED:
             others.append(part)
     high = np.array(sorted(teeth), np.int64)
-    more = np.array([teeth[k] for k in sorted(teeth)]).reshape(-1, 2).T
+    finer = (high, *np.array([teeth[k] for k in sorted(teeth)]).reshape(-1, 2).T)
+    turn = (np.concatenate(each) for each in zip(waved("pulley", ROUNDS), finer, strict=True))
     played = np.array([play, *friction]) if friction.any() else np.array([play]) if play else np.zeros(0)
-    rounds, breaths, stretched = (
-        orders.astype(np.int64) if sizes.any() else np.zeros(0, np.int64)
-        for orders, sizes in ((ROUNDS, turn), (BREATHS, breathing), (STRETCHES, elastic))
-    )
     powers = mean[: int(np.max(np.flatnonzero(mean), initial=-1)) + 1]
     series = Branches(
         scene.turns_mm[motor],
         scene.motor_middle_mm(motor),
         scene.motor_span_mm[motor],
-        Wave(
-            powers,
-            np.concatenate([rounds, high]),
-            np.concatenate([turn[0, : len(rounds)], more[0]]),
-            np.concatenate([turn[1, : len(rounds)], more[1]]),
-        ),
-        Wave(played, breaths, breathing[0, : len(breaths)], breathing[1, : len(breaths)]),
-        Wave(np.zeros(0), stretched, elastic[0, : len(stretched)], elastic[1, : len(stretched)]),
+        Wave(powers, *turn),
+        Wave(played, *waved("breathing", BREATHS)),
+        Wave(np.zeros(0), *waved("elastic", STRETCHES)),
         warp,
         span,
         Wave(np.zeros(0), np.ones(1, np.int64), second[:1], second[1:]) if second_mm else Wave(),
