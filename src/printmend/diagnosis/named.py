@@ -27,7 +27,7 @@ from printmend.effects.words import (
     plain_kind,
 )
 from printmend.errors import TraceError
-from printmend.infer.machine import Part
+from printmend.infer.machine import LIKELY, Part
 from printmend.infer.screw import fit_height
 from printmend.measure.checks import LEAST_RANK_CORRELATION, POSSIBLE_LEADS
 from printmend.messages import Said, catalogue, is_one_of, parts_of, say, together
@@ -209,7 +209,6 @@ def _sizes(terms: np.ndarray) -> np.ndarray:
 
 
 CERTAIN = 0.95  # share of the drawn machines from which on an effect is certain
-TOLD = 0.5  # … and from which on an effect that cannot act is reported by itself
 EITHER = (0.1, 0.9)  # shares of the drawn machines between which an effect is an alternative to another one
 TOGETHER = 0.1  # share of the rarer alternative's machines that may have both
 LEAST_COST_MM = 0.018  # root mean square on a print from which on an owner sees what cannot act
@@ -227,23 +226,6 @@ class Diagnosis:
     faults: tuple[Fault, ...]
     summary: str
     gaps: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Group:
-    """An effect with all its alternatives in shape; ``there`` [D] says which drawn machines have one of them."""
-
-    found: Found
-    there: np.ndarray
-
-    @property
-    def is_open(self) -> bool:
-        return EITHER[0] <= self.found.chance <= EITHER[1]
-
-    def excludes(self, other: "_Group") -> bool:
-        """Tell whether the drawn machines have either of two effects, and hardly ever both."""
-        both, fewer = (self.there & other.there).sum(), min(self.there.sum(), other.there.sum())
-        return bool(both <= TOGETHER * fewer)
 
 
 def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = (), lift: Lift | None = None) -> Diagnosis:
@@ -300,14 +282,13 @@ def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:
 
 def acting_faults(parts: Sequence[Part], scene: Scene) -> list[Fault]:
     """Return the faults that act, those that are too small or too uncertain for a name, too."""
-    groups = _groups(parts)
-    beside = [each.found for each in groups]
+    every = gathered(parts)
     found: list[Fault] = []
-    for group in groups:
-        if group.found.law.of is not Of.MACHINE or not (group.found.acts or _is_lost(group.found, scene)):
+    for one in every:
+        if one.law.of is not Of.MACHINE or not (one.acts or _is_lost(one, scene)):
             continue
-        faults = (replace(each, is_mended=group.found.acts) for each in _faults(group.found, beside, scene))
-        other = _either(_words(_rivals(group, groups), beside, scene))
+        faults = (replace(each, is_mended=one.acts) for each in _faults(one, every, scene))
+        other = _either(_words(_rivals(one, every), every, scene))
         found += [replace(fault, words=say("or-else", fault.words, other)) if other else fault for fault in faults]
     order = [*scene.printer.motors, "frame"]
     return sorted(found, key=lambda fault: order.index(fault.part) if fault.part in order else len(order))
@@ -318,29 +299,27 @@ def misfits_of(parts: Sequence[Part], scene: Scene, nats: Sequence[float] = ()) 
 
     ``nats`` say how well the first of the parts are supported.
     """
-    groups = _groups(parts)
-    beside = [each.found for each in groups]
+    every = gathered(parts)
     evidence = {(part.effect, part.where): each for part, each in zip(parts, nats, strict=False)}
     places = drawn_places(scene)
     found: list[Misfit] = []
-    said: list[_Group] = []
-    for group in sorted(groups, key=lambda each: -each.found.chance):
-        one = group.found
-        rivals = _rivals(group, groups)
-        if not _is_told(one) or any(each in said or each.found.acts for each in rivals):
+    said: list[Found] = []
+    for one in sorted(every, key=lambda each: -each.chance):
+        rivals = _rivals(one, every)
+        if not _is_told(one) or any(each in said or each.acts for each in rivals):
             continue
-        chance = float(np.mean(np.any([group.there, *(each.there for each in rivals)], axis=0)))
-        if chance < TOLD or not _is_sure(group):
+        chance = float(np.mean(np.any([each.there for each in (one, *rivals)], axis=0)))
+        if chance < LIKELY or not _is_sure(one):
             continue
         size_mm = _moved_mm(one, one.sizes_mm, places, scene)
         nats_of = evidence.get((one.effect, one.where), float(np.log(chance / max(1 - chance, SELDOM))))
-        for told in _told(one, beside, scene):
-            words = _either([told.words, *_words(rivals, beside, scene)])
+        for told in _told(one, every, scene):
+            words = _either([told.words, *_words(rivals, every, scene)])
             words = words if chance >= CERTAIN or rivals else say("likely-certain", words)
             if size_mm >= (LEAST_SHOWN_MM if told.is_harmless else LEAST_COST_MM):
                 severity = WARNING if size_mm >= WARNED_MM and not told.is_harmless else NOTE
                 found.append(Misfit(told.kind, severity, size_mm, nats_of, words))
-                said.append(group)
+                said.append(one)
     found = [*_one_of_each(found), *unseen(scene)]
     return sorted(found, key=lambda each: (-SEVERITIES.index(each.severity), -each.size_mm))
 
@@ -349,11 +328,6 @@ def _is_lost(found: Found, scene: Scene) -> bool:
     """Tell whether an effect is certain and acts no more because the next homing shifts it too far."""
     share = lasting(found.sizes_mm, found.effect, found.where, found.shape, scene)
     return share is not None and not share.any() and found.chance >= CERTAIN
-
-
-def gathered(parts: Sequence[Part]) -> list[Found]:
-    """Return the effects that any drawn machine has, near shapes of one put together; those that act come first."""
-    return [group.found for group in _groups(parts)]
 
 
 def unseen(scene: Scene) -> list[Misfit]:
@@ -369,11 +343,12 @@ def unseen(scene: Scene) -> list[Misfit]:
     return [Misfit(UNSEEN, NOTE, 0.0, 0.0, words)]
 
 
-def _groups(parts: Sequence[Part]) -> list[_Group]:
-    """Return the effects with their alternatives in shape put together; those that act first, as they come."""
+def gathered(parts: Sequence[Part]) -> list[Found]:
+    """Return the effects that any drawn machine has, near shapes of one put together; those that act first, as they
+    come."""
     left = sorted(parts, key=lambda part: (not part.acts_mm.any(), -part.chance))
     left = [part for part in left if part.draws_mm.any() and part.effect in EFFECTS]
-    groups: list[_Group] = []
+    found: list[Found] = []
     while left:
         first, *left = left
         there, draws = np.asarray(first.draws_mm.any(axis=0)), first.draws_mm
@@ -383,13 +358,11 @@ def _groups(parts: Sequence[Part]) -> list[_Group]:
             at = next(number for number, each in enumerate(left) if each is part)
             left[at] = replace(part, draws_mm=part.draws_mm * ~free)
         left = [part for part in left if part.draws_mm.any()]
-        chance = float(there.mean())
         acts, is_wave = bool(first.acts_mm.any()), hasattr(EFFECTS[first.effect], "waves_mm")
         alone = draws is first.draws_mm and not is_wave  # else near shapes, or the next homings, share what acts
         sizes = (first.acts_mm if alone else draws.mean(axis=1)) if acts else draws[:, there].mean(axis=1)
-        found = Found(EFFECTS[first.effect], first.where, first.shape, sizes, draws, chance, acts)
-        groups.append(_Group(found, there))
-    return groups
+        found.append(Found(EFFECTS[first.effect], first.where, first.shape, sizes, draws, acts))
+    return found
 
 
 def _is_alternative(first: Part, part: Part) -> bool:
@@ -438,10 +411,10 @@ def is_named(fault: Fault) -> bool:
     return fault.size > max(NAMED_SIGMAS * fault.sd, LEAST.get(fault.unit, 0.0))
 
 
-def _is_sure(group: _Group) -> bool:
+def _is_sure(found: Found) -> bool:
     """Tell whether the sizes of an effect are known, in the machines that have it."""
-    drawn = group.found.draws_mm[:, group.there]
-    return bool(np.linalg.norm(group.found.sizes_mm) > NAMED_SIGMAS * np.sqrt(np.mean(drawn.var(axis=1))))
+    drawn = found.draws_mm[:, found.there]
+    return bool(np.linalg.norm(found.sizes_mm) > NAMED_SIGMAS * np.sqrt(np.mean(drawn.var(axis=1))))
 
 
 def _either(words: Sequence[str]) -> str:
@@ -454,17 +427,27 @@ def _either(words: Sequence[str]) -> str:
     return said
 
 
-def _rivals(group: _Group, groups: Sequence[_Group]) -> list[_Group]:
+def _rivals(found: Found, every: Sequence[Found]) -> list[Found]:
     """Return the effects that share the odds with one: none of them is certain, and one excludes the other."""
-    others = [each for each in groups if each is not group and each.is_open] if group.is_open else []
-    return [each for each in others if group.excludes(each)]
+    others = [each for each in every if each is not found and _is_open(each)] if _is_open(found) else []
+    return [each for each in others if _excludes(found, each)]
 
 
-def _words(groups: Sequence[_Group], beside: Sequence[Found], scene: Scene) -> list[str]:
+def _is_open(found: Found) -> bool:
+    return EITHER[0] <= found.chance <= EITHER[1]
+
+
+def _excludes(found: Found, other: Found) -> bool:
+    """Tell whether the drawn machines have either of two effects, and hardly ever both."""
+    both, fewer = (found.there & other.there).sum(), min(found.there.sum(), other.there.sum())
+    return bool(both <= TOGETHER * fewer)
+
+
+def _words(rivals: Sequence[Found], beside: Sequence[Found], scene: Scene) -> list[str]:
     """Return the words of effects as if each of them acted."""
     words: list[str] = []
-    for group in groups:
-        found = replace(group.found, draws_mm=group.found.draws_mm[:, group.there], acts=True)
+    for each in rivals:
+        found = replace(each, draws_mm=each.draws_mm[:, each.there], acts=True)
         if _is_told(found):
             words += [told.words for told in _told(found, beside, scene)]
         else:

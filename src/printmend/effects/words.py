@@ -12,6 +12,7 @@ An effect without them is still named, by its name and by how far it moves a pri
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -257,8 +258,8 @@ class Found:
     """An effect at one place as it is believed.
 
     ``sizes_mm`` [P] are those that act, or for an effect that does not act the mean of the drawn machines that have it.
-    ``draws_mm`` [P, D] are those of all drawn machines, near shapes included; ``chance`` is the share of them that
-    have it.
+    ``draws_mm`` [P, D] are those of all drawn machines, near shapes included; ``there`` [D] says which of them have it,
+    ``chance`` how many.
     """
 
     law: Effect
@@ -266,12 +267,19 @@ class Found:
     shape: tuple[float, ...]
     sizes_mm: np.ndarray
     draws_mm: np.ndarray
-    chance: float = 1.0
     acts: bool = False
 
     @property
     def effect(self) -> str:
         return self.law.name
+
+    @cached_property
+    def there(self) -> np.ndarray:
+        return np.asarray(self.draws_mm.any(axis=0))
+
+    @property
+    def chance(self) -> float:
+        return float(self.there.mean())
 
     def columns(self, places: Places, scene: Scene) -> np.ndarray:
         """Return where places move [N, 2, P] mm for one unit of each size."""
@@ -282,7 +290,7 @@ class Found:
         machines that have it: that of a normal law with their median and a low quantile, for a few may be much larger.
         """
         size = float(measure(self.sizes_mm))
-        drawn = [np.sign(size) * measure(each) for each in self.draws_mm[:, self.draws_mm.any(axis=0)].T] or [0.0]
+        drawn = [np.sign(size) * measure(each) for each in self.draws_mm[:, self.there].T] or [0.0]
         low, middle = np.quantile(drawn, [BELOW_SHARE, 0.5])
         return size, float(middle - low) / BELOW_SIGMAS
 
