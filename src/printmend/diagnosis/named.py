@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
-from printmend.effects.effect import drawn_places
+from printmend.effects.effect import FEW_LAYERS, drawn_places
 from printmend.effects.homing import lasting
 from printmend.effects.wobble import LEAST_TURNS, OFTEN
 from printmend.effects.words import (
@@ -47,7 +47,6 @@ _GAPS = (  # messages: gaps of Z
     "z-lead-backlash-no-heights-were",
 )  # fmt: skip
 Z_SAID = "z"  # the document's key of what was said of the lift, kind by kind
-_LEAST_HEIGHTS = 3  # that were measured; fewer say nothing of Z
 HEALTHY_SD_MM = 0.03  # a trace that tells a wave less well than this does not call a screw healthy
 
 
@@ -132,27 +131,25 @@ def find_lift(trace: Trace, printer: Printer) -> Lift | None:
     if trace.z_mm is None or trace.z_measured_mm is None:
         return None
     z_mm, measured_mm, seen = trace.z_mm, trace.z_measured_mm, np.isfinite(trace.z_measured_mm)
-    if seen.sum() < _LEAST_HEIGHTS:
+    if seen.sum() < FEW_LAYERS:
         return None
     lead_mm = printer.z.mm_per_turn
     span_mm = float(np.ptp(z_mm[seen]))
+    known: dict[str, Quantity] = {}
     gaps: dict[str, str] = {}
     turns = span_mm >= LEAST_TURNS * lead_mm
-    if not turns:
-        gaps["lead"] = too_low("lead-and-unevenness", span_mm, lead_mm)
-    else:
+    if turns:
         _check_follows(z_mm[seen], measured_mm[seen])
     height = fit_height(z_mm, measured_mm, printer, turns=turns)
-    spreads = np.array([height.sds[0], *np.repeat(_sizes(height.sds[1:]) / np.sqrt(2), 2)])
-    terms, known = height.terms, {}
-    for kind, sd_mm in (("lead", float(spreads[0] * span_mm)), ("periodic", float(spreads[1]))):
-        if not turns:
-            continue
-        own = terms[:1] if kind == "lead" else terms[1:]
-        if not own.any() and sd_mm > HEALTHY_SD_MM:
-            gaps[kind] = say("z-told-mm-only-measure-more", say(f"z-{kind}"), f"{sd_mm:.2f}")
-        else:
-            known[kind] = _of_lead(own, height.sds, spreads) if kind == "lead" else _of_waves(own, height.sds, spreads)
+    if turns:
+        lead, waves = _of_lead(height.terms[:1], height.sds[0]), _of_waves(height.terms[1:], height.sds[1:])
+        for kind, own, sd_mm in (("lead", lead, float(height.sds[0] * span_mm)), ("periodic", waves, waves.sd)):
+            if not own.terms.any() and sd_mm > HEALTHY_SD_MM:
+                gaps[kind] = say("z-told-mm-only-measure-more", say(f"z-{kind}"), f"{sd_mm:.2f}")
+            else:
+                known[kind] = own
+    else:
+        gaps["lead"] = too_low("lead-and-unevenness", span_mm, lead_mm)
     if (last_way(z_mm)[seen] < 0).any():  # a height was measured after the nozzle came down to it
         backlash_mm, sd = height.backlash_mm, height.backlash_sd_mm
         said = say("z-has-backlash", amount(backlash_mm, sd)) if backlash_mm else ""
@@ -163,22 +160,23 @@ def find_lift(trace: Trace, printer: Printer) -> Lift | None:
     return Lift(known, gaps)
 
 
-def _of_lead(terms: np.ndarray, sds: np.ndarray, spreads: np.ndarray) -> Quantity:
-    percent, sd = 100 * float(terms[0]), 100 * float(sds[0])
+def _of_lead(terms: np.ndarray, share_sd: float) -> Quantity:
+    percent, sd = 100 * float(terms[0]), 100 * float(share_sd)
     if not percent:
-        return Quantity(terms, sd=100 * float(spreads[0]))
+        return Quantity(terms, sd=sd)
     said = say("z-lead-too-long" if percent > 0 else "z-lead-too-short", amount(abs(percent), sd, "%"))
-    return Quantity(terms, said, (Fault("z", "lead", percent, sd, "%", said),), 100 * float(spreads[0]))
+    return Quantity(terms, said, (Fault("z", "lead", percent, sd, "%", said),), sd)
 
 
-def _of_waves(terms: np.ndarray, sds: np.ndarray, spreads: np.ndarray) -> Quantity:
-    each = ((k, size, float(sds[2 * k])) for k, size in enumerate(_sizes(terms), 1))
+def _of_waves(terms: np.ndarray, sds: np.ndarray) -> Quantity:
+    once_sd = float(_sizes(sds)[0] / np.sqrt(2))
+    each = ((k, size, float(sds[2 * k - 1])) for k, size in enumerate(_sizes(terms), 1))
     waved = [(k, size, sd) for k, size, sd in each if size > max(NAMED_SIGMAS * sd, LEAST["mm"])]
     if not waved:
-        return Quantity(terms, sd=float(spreads[1]))
+        return Quantity(terms, sd=once_sd)
     said = say("z-lifts-unevenly", together(" / ", [say(OFTEN[k - 1], amount(size, sd)) for k, size, sd in waved]))
     faults = tuple(Fault("z", f"periodic-{k}", float(size), sd, "mm", said) for k, size, sd in waved)
-    return Quantity(terms, said, faults, float(spreads[1]))
+    return Quantity(terms, said, faults, once_sd)
 
 
 def _check_follows(z_mm: np.ndarray, measured_mm: np.ndarray) -> None:
