@@ -72,10 +72,10 @@ def portrait(parts: Sequence[Part], scene: Scene, motor: int, contacts: Contacts
     drives = [each for each in gathered(parts) if each.law.acts is Acts.DRIVE and each.where == motor]
     acts = [each for each in drives if each.acts]
     at = np.linspace(*scene.motor_span_mm[motor], POINTS)
-    error = np.stack([_belt_mm(acts, motor, at, side, scene) for side in (-1.0, 1.0)])
+    error = np.stack([_belt_mm(acts, motor, at, side, scene)[:, 0] for side in (-1.0, 1.0)])
     error[1] = np.maximum(error[1], error[0])
-    drawn = np.stack([_drawn_mm(drives, motor, at, side, scene) for side in (-1.0, 1.0)])
-    on_curve = _belt_mm(acts, motor, contacts.motor_mm, contacts.side, scene)
+    drawn = np.stack([_belt_mm(drives, motor, at, side, scene, drawn=True) for side in (-1.0, 1.0)])
+    on_curve = _belt_mm(acts, motor, contacts.motor_mm, contacts.side, scene)[:, 0]
     noise_mm *= float(np.linalg.norm(scene.printer.to_motor(np.eye(2))[:, motor]))  # along the belt
     return Portrait(
         scene.printer.motors[motor].upper(), scene.turns_mm[motor], at, error, drawn.std(axis=2), error[1] - error[0],
@@ -101,23 +101,18 @@ def _scale_percent(acts: Sequence[Found]) -> float:
     return sum(float(each.sizes_mm[0]) for each in acts if each.effect == "scale")
 
 
-def _columns(found: Found, motor: int, motor_mm: np.ndarray, side: np.ndarray | float, scene: Scene) -> np.ndarray:
-    """Return where an effect puts a belt [N, P] beyond a healthy one, at motor positions on one side of the play."""
-    moved = columns_of(found.effect, belt_places(motor, motor_mm, side), found.where, found.shape, scene)
-    return np.asarray(scene.printer.to_motor(np.moveaxis(moved, 1, 2))[..., motor])
-
-
 def _belt_mm(
-    drives: Sequence[Found], motor: int, motor_mm: np.ndarray, side: np.ndarray | float, scene: Scene
-) -> np.ndarray:
-    moved = (_columns(each, motor, motor_mm, side, scene) @ each.sizes_mm for each in drives)
-    return np.asarray(sum(moved, np.zeros(len(motor_mm))))
-
-
-def _drawn_mm(drives: Sequence[Found], motor: int, motor_mm: np.ndarray, side: float, scene: Scene) -> np.ndarray:
-    """Return where each drawn machine has its belt [N, D] beyond a healthy one."""
-    moved = (_columns(each, motor, motor_mm, side, scene) @ each.draws_mm for each in drives)
-    return np.asarray(sum(moved, np.zeros((len(motor_mm), 1))))
+    drives: Sequence[Found], motor: int, motor_mm: np.ndarray, side: np.ndarray | float, scene: Scene, *,
+    drawn: bool = False,
+) -> np.ndarray:  # fmt: skip
+    """Return where effects put a belt beyond a healthy one at motor positions [N] on one side of the play: what acts
+    [N, 1], or each of the ``drawn`` machines [N, D]."""
+    places, belt_mm = belt_places(motor, motor_mm, side), np.zeros((len(motor_mm), 1))
+    for each in drives:
+        moved = columns_of(each.effect, places, each.where, each.shape, scene)
+        columns = scene.printer.to_motor(np.moveaxis(moved, 1, 2))[..., motor]
+        belt_mm = belt_mm + columns @ (each.draws_mm if drawn else each.sizes_mm[:, None])
+    return belt_mm
 
 
 def hull_mm(acts: Sequence[Found], motor: int, scene: Scene) -> np.ndarray:
