@@ -102,9 +102,11 @@ def test_an_effect_without_words_is_named_by_its_name(page: dict[str, Any], monk
 def test_effects_of_other_packages_have_names_of_their_own(
     page: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(effects, "plugin_names", lambda group: ("ours",) if group == GROUP else ())
-    monkeypatch.setattr(effects, "load_plugin", lambda group, name, **_: page["KINK"])
-    assert effects._of_others() == {"kink": page["KINK"]}
+    known = {name: effect for name, effect in EFFECTS.items() if name != "kink"}
+    monkeypatch.setattr(effects, "EFFECTS", known)
+    monkeypatch.setattr(effects, "load_plugin", lambda group, name, **_: {(GROUP, "ours"): page["KINK"]}[group, name])
+    assert effects._added("ours") == "kink"
+    assert known["kink"] is page["KINK"]
     monkeypatch.setattr(page["Kink"], "name", "play")
     with pytest.raises(ConfigError, match="a name of its own"):
-        effects._of_others()
+        effects._added("ours")

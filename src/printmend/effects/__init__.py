@@ -67,22 +67,22 @@ _ALL: tuple[Effect, ...] = (
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")
 
 
-def _of_others() -> dict[str, Effect]:
-    """Return the effects of other packages. Raises `ConfigError` for one that is not an effect, or has a name of
-    printmend's."""
-    ours = {effect.name for effect in _ALL}
-    found: dict[str, Effect] = {}
-    for point in plugin_names(GROUP):
-        effect = load_plugin(GROUP, point, wanted=say("effect-2"), has=_NEEDS)
-        if effect.name in ours or effect.name in found:
-            raise ConfigError(
-                point, wanted=say("effect-name-own"), came=f"{effect.name!r}", todo=say("give-another-name")
-            )
-        found[effect.name] = effect
-    return found
+EFFECTS: dict[str, Effect] = {effect.name: effect for effect in _ALL}
 
 
-EFFECTS: dict[str, Effect] = {effect.name: effect for effect in _ALL} | _of_others()
+def _added(point: str) -> str:
+    """Add an effect of another package to `EFFECTS`, and return its name.
+
+    Raises `ConfigError` where there is none at this ``point``, or where its name is another's.
+    """
+    effect: Effect = load_plugin(GROUP, point, wanted=say("effect-2"), has=_NEEDS)
+    if EFFECTS.setdefault(effect.name, effect) is not effect:
+        raise ConfigError(point, wanted=say("effect-name-own"), came=f"{effect.name!r}", todo=say("give-another-name"))
+    return effect.name
+
+
+for _point in plugin_names(GROUP):
+    _added(_point)
 
 
 def registered(name: str) -> str:
@@ -90,12 +90,7 @@ def registered(name: str) -> str:
 
     Raises `ConfigError` where there is none, or where its name is another's.
     """
-    if ":" not in name:
-        return name
-    effect: Effect = load_plugin(GROUP, name, wanted=say("effect-2"), has=_NEEDS)
-    if EFFECTS.setdefault(effect.name, effect) is not effect:
-        raise ConfigError(name, wanted=say("effect-name-own"), came=f"{effect.name!r}", todo=say("give-another-name"))
-    return effect.name
+    return _added(name) if ":" in name else name
 
 
 def title_of(name: str) -> str | None:
