@@ -11,8 +11,7 @@ from scipy import special
 
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, places_of, scene_of
 from printmend.effects.effect import drawn_places, drawn_sizes
-from printmend.effects.idler import OWN_SHARE
-from printmend.effects.prior import share_of
+from printmend.effects.prior import NEAR_SHARE, share_of
 from printmend.effects.sized import Sized, frame_of
 from printmend.effects.words import Found
 from printmend.infer import kernels
@@ -144,7 +143,7 @@ def test_no_finer_idler_is_the_pulley() -> None:
     near = [term for term in EFFECTS["idler"].terms(scene) if abs(turn_mm / term.shape[0] - 2) < 0.1]
     finer = [turn_mm / shape[0] for term in near for shape in EFFECTS["idler"].finer(0, term.shape, 0, scene)]
     assert finer
-    assert min(abs(turns - 2) for turns in finer) > OWN_SHARE
+    assert min(abs(turns - 2) for turns in finer) > NEAR_SHARE
 
 
 def test_finer_shapes_share_the_odds_of_the_grids_own(rng: np.random.Generator) -> None:

@@ -11,7 +11,7 @@ from typing import Protocol, cast
 
 import numpy as np
 
-from printmend.effects.prior import bead_range_mm
+from printmend.effects.prior import numbers_of
 from printmend.effects.sized import Sized
 from printmend.effects.switch import homing_mm, refit_mm
 from printmend.effects.teeth import TOOTH_MM
@@ -112,7 +112,7 @@ class Filament:
         drawn = known[int(rng.integers(len(known)))]
         material = material_of(str(given.get("polymer", drawn)))
         shrinks = np.maximum(100 * (material.mean + material.sd * rng.standard_normal(2)), 0.0)
-        size = {name: float(rng.uniform(*bead_range_mm(name))) for name in self.names[3:]}
+        size = {name: float(rng.uniform(*numbers_of("beads", name))) for name in self.names[3:]}
         size |= {name: float(value) for name, value in given.items() if name in size}
         percent = [float(given.get(name, each)) for name, each in zip(self.names[1:3], shrinks, strict=True)]
         parts = [Sized("shrinkage", axis, (), np.array([each])) for axis, each in enumerate(percent)]

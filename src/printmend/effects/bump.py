@@ -5,11 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from printmend.effects.effect import Places, Scene, Term, about, about_factor, onto_bed
-from printmend.effects.prior import alternatives
+from printmend.effects.prior import alternatives, numbers_of
 from printmend.effects.splice import AtOnePlace
 
 SPACING = 2.0  # distance of the places that are tried, in widths
-WIDTHS_MM = (1.0, 2.5)  # of the bell; a wider one is no better than a smooth belt error
 WIDTHS_APART = 0.7  # of the logarithms of two widths
 
 
@@ -26,7 +25,8 @@ class Bump(AtOnePlace):
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
-            shapes = [(float(at), width) for width in WIDTHS_MM for at in np.arange(low, high, SPACING * width)]
+            widths = numbers_of(self.name, "widths")
+            shapes = [(float(at), width) for width in widths for at in np.arange(low, high, SPACING * width)]
             yield from alternatives(self.name, motor, shapes)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:

@@ -6,18 +6,15 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along
-from printmend.effects.prior import alternatives, each_share, share_of
+from printmend.effects.prior import alternatives, each_share, numbers_of, share_of
 from printmend.effects.process import cosines, share_of_span, walk
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Told, Whole
 from printmend.messages import say
 
-# Cosines of a random walk over the picture, and of how many coordinates: along the carriage's way, where steps of its
-# motor jitter from line to line, or, more smoothly, of both.
-COURSES = ((64.0, 1.0), (24.0, 2.0))
-
 
 class Carriage(Usual):
-    """Cosines of the place along one axis of the picture."""
+    """Cosines of the place along one axis of the picture, as of a random walk: of one coordinate, that along the
+    carriage's way, where steps of its motor jitter from line to line, or, more smoothly, of both."""
 
     name = "carriage"
     of = Of.INSTRUMENT
@@ -26,11 +23,12 @@ class Carriage(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.instrument.wave_mm:
-            share = each_share(share_of(self.name), len(COURSES))
+            counts = numbers_of(self.name, "cosines")
+            share = each_share(share_of(self.name), len(counts))
             for axis in range(2):
-                for count, ways in COURSES:
-                    profile = int(ways) * walk(int(count))
-                    yield from alternatives(self.name, axis, [(count, ways)], profile, share=share)
+                for ways, count in enumerate(counts, start=1):
+                    profile = ways * walk(int(count))
+                    yield from alternatives(self.name, axis, [(count, float(ways))], profile, share=share)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         count, ways = map(int, shape)

@@ -5,12 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Of, Places, Scene, Term, Usual, about_factor, carrier
-from printmend.effects.prior import alternatives, fate_of
+from printmend.effects.prior import alternatives, fate_of, numbers_of
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
 
-TIMES = (0.06, 0.1, 0.16, 0.25, 0.4, 0.7)  # shares of the print
-APART = 0.5  # of the logarithms of two of them
+APART = 0.5  # of the logarithms of two times
 
 
 class Creep(Usual):
@@ -23,7 +22,7 @@ class Creep(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for where in range(4 if scene.corexy else 2):
-            yield from alternatives(self.name, where, [(each,) for each in TIMES])
+            yield from alternatives(self.name, where, [(each,) for each in numbers_of(self.name, "times")])
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         course = 1.0 - np.exp(-places.done / shape[0])

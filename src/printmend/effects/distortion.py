@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, drawn_places
-from printmend.effects.prior import alternatives, lengths_mm
+from printmend.effects.prior import alternatives, numbers_of
 from printmend.effects.process import cosines, plane_waves, rates_rad, share_of_span, smooth
 from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Whole
 from printmend.messages import say
@@ -22,7 +22,7 @@ class Distortion(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         x_mm, y_mm = scene.bed_span_mm
-        lengths = lengths_mm(self.name)
+        lengths = numbers_of(self.name, "lengths")
         profiles = [tuple(np.outer(smooth(x_mm, each, COUNT), smooth(y_mm, each, COUNT)).flat) for each in lengths]
         for axis in range(2):
             yield from alternatives(self.name, axis, [(*x_mm, *y_mm)], *profiles)

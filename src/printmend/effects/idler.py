@@ -5,15 +5,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Scene, Term, finer_periods, parts_periods_mm
-from printmend.effects.prior import alternatives
+from printmend.effects.prior import NEAR_SHARE, alternatives, number_of, numbers_of
 from printmend.effects.pulley import LEAST_EFFECT_MM
 from printmend.effects.teeth import TOOTH_MM, OfOnePeriod
 from printmend.effects.words import Care, Fault, Found, amount, motor_name, where_seen
 from printmend.messages import say
 
-SHORTEST_MM = 12.0  # of a period: no idler is smaller
-IDLERS, NEAR_TEETH = (16, 18, 20), 0.1  # teeth of common idlers; a period counts as theirs within this many teeth
-OWN_SHARE = 0.02  # a period this near to a fraction of the turn is the pulley's own
+NEAR_TEETH = 0.1  # a period counts as a common idler's within this many teeth
 
 
 class Idler(OfOnePeriod):
@@ -24,7 +22,7 @@ class Idler(OfOnePeriod):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
-            periods = parts_periods_mm(SHORTEST_MM, scene.motor_span_mm[motor])
+            periods = parts_periods_mm(number_of(self.name, "shortest"), scene.motor_span_mm[motor])
             shapes = [(each,) for each in periods if _is_another(each, scene.turns_mm[motor])]
             yield from alternatives(self.name, motor, shapes, (1.0, 1.0))
 
@@ -38,7 +36,7 @@ class Idler(OfOnePeriod):
         if size < LEAST_EFFECT_MM:
             return
         teeth = round(period_mm / TOOTH_MM)
-        toothed = abs(period_mm / TOOTH_MM - teeth) < NEAR_TEETH and teeth in IDLERS
+        toothed = abs(period_mm / TOOTH_MM - teeth) < NEAR_TEETH and teeth in numbers_of(self.name, "teeth")
         words = say("fault-idler", f"{period_mm:.1f}", amount(size, sd))
         if toothed:
             words = say("fault-idler-of-teeth", f"{period_mm:.1f}", teeth, amount(size, sd))
@@ -52,6 +50,6 @@ class Idler(OfOnePeriod):
 
 
 def _is_another(period_mm: float, turn_mm: float) -> bool:
-    """Tell whether a wave of this length is none of the pulley's."""
+    """Tell whether a wave of this length is none of the pulley's, whose waves fit into a turn."""
     turns = turn_mm / period_mm
-    return abs(turns - round(turns)) > OWN_SHARE
+    return abs(turns - round(turns)) > NEAR_SHARE

@@ -18,7 +18,7 @@ def _table() -> dict[str, Any]:
 
 
 def number_of(name: str, key: str) -> float:
-    """Return a number of an effect's own row, beside its share and its size."""
+    """Return a number of an effect's own row, or of another one of the table."""
     return float(_table()[name][key])
 
 
@@ -32,9 +32,9 @@ def mild_shares() -> tuple[float, ...]:
     return tuple(_table()["mild"])
 
 
-def lengths_mm(name: str) -> tuple[float, ...]:
-    """Return the lengths over which a smooth process changes, all equally likely."""
-    return tuple(_table()[name]["lengths"])
+def numbers_of(name: str, key: str) -> tuple[float, ...]:
+    """Return some numbers of an effect's own row, such as the ``lengths`` over which a smooth process changes."""
+    return tuple(map(float, _table()[name][key]))
 
 
 def share_of(name: str) -> float:
@@ -51,11 +51,6 @@ def profile_of(name: str) -> tuple[float, ...]:
     """Return the standard deviations [P] of an effect's sizes over the usual one; it has one size unless the table says
     otherwise."""
     return tuple(_table().get(name, {}).get("profile", (1.0,)))
-
-
-def happens_share(event: str) -> float:
-    """Return for how many motors an event comes between two measurements: ``turned`` or ``replaced``."""
-    return float(_table()["since"][event])
 
 
 def wear_share(name: str) -> float:
@@ -75,27 +70,6 @@ def machine_scales() -> list[tuple[float, float]]:
     row = _table()["scale"]
     damaged = [(factor * row["sd"] / SCALE_MM, row["share"] / len(mild_shares())) for factor in mild_shares()]
     return [(row["every"] / SCALE_MM, 1.0 - row["share"]), *reversed(damaged)]
-
-
-def unshown() -> tuple[float, float, float]:
-    """Return the median [mm] of the errors of motion, the deviation of its logarithm, and the length [mm] over which
-    they stay alike."""
-    row = _table()["unshown"]
-    return float(row["median"]), float(row["log_sd"]), float(row["length"])
-
-
-def next_shares() -> tuple[float, float]:
-    """Return the share of an unexplained pattern that a mended print may add, and that of homings after which a belt
-    lies within its play."""
-    row = _table()["next"]
-    return float(row["otherwise"]), float(row["loose"])
-
-
-def bead_range_mm(name: str) -> tuple[float, float]:
-    """Return how far at least and at most a filament's lines stand out: ``outline_mm``, ``hole_mm``, ``corner_mm`` or
-    ``foot_mm``."""
-    low, high = _table()["beads"][name]
-    return float(low), float(high)
 
 
 def lift_rests() -> tuple[tuple[float, float], ...]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from printmend.effects.effect import Acts, Scene, Term, Usual, held
-from printmend.effects.prior import alternatives, lengths_mm
+from printmend.effects.prior import alternatives, numbers_of
 from printmend.effects.words import Whole
 
 LEAST_SPAN_MM = 1.0  # a shorter span counts as so long
@@ -27,7 +27,7 @@ class Process(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for where, span in enumerate(scene.bed_span_mm if self.acts is Acts.WAVE else scene.motor_span_mm):
-            sizes = (smooth(span, length, self.count) for length in lengths_mm(self.name))
+            sizes = (smooth(span, length, self.count) for length in numbers_of(self.name, "lengths"))
             yield from alternatives(self.name, where, [span], *sizes)
 
     def series(self, place_mm: np.ndarray, span_mm: tuple[float, ...]) -> np.ndarray:

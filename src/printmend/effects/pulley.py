@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed, waves
-from printmend.effects.prior import NEAR_SHARE, alternatives, number_of, turning_share
+from printmend.effects.prior import NEAR_SHARE, alternatives, number_of, numbers_of, turning_share
 from printmend.effects.words import (
     NAMED_SIGMAS,
     Care,
@@ -21,12 +21,11 @@ from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 33.0)  # number of harmonics: corners need so many
 SMOOTH = HARMONICS ** -number_of("pulley", "falls")  # their sizes on most pulleys
-FOLDS = (2, 3, 4, 5, 6)  # of symmetric pulleys: oval, three-cornered, …
 
 
 def profiles() -> list[np.ndarray]:
     """Return profiles of the harmonics' sizes [32]: usual, smoother, eccentric alone, or those of one symmetry."""
-    large = [HARMONICS == 1, *(HARMONICS % fold == 0 for fold in FOLDS)]
+    large = [HARMONICS == 1, *(HARMONICS % fold == 0 for fold in numbers_of("pulley", "folds"))]
     few = [np.where(each, 1.0, number_of("pulley", "beside")) * SMOOTH for each in large]
     return [SMOOTH, HARMONICS ** -number_of("pulley", "smoother"), *few]
 

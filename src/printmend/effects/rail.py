@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, finer_periods, periods_mm, waves
-from printmend.effects.prior import alternatives
-from printmend.effects.words import Care, Fault, Found, Waves, is_first, those_of, where_seen
+from printmend.effects.prior import alternatives, number_of
+from printmend.effects.words import Care, Fault, Found, Waves, is_first, span_mm, those_of, where_seen
 from printmend.messages import say, together
 
-SHORTEST_MM, LONGEST_MM, LONGEST_SHARE = 25.0, 300.0, 1.2  # of a period, and of the span for the longest
+LONGEST_SHARE = 1.2  # of the span, for the longest period
 
 
 class Rail(Usual):
@@ -23,8 +23,8 @@ class Rail(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2):
-            low, high = scene.bed_span_mm[axis]
-            periods = periods_mm(SHORTEST_MM, min(LONGEST_MM, LONGEST_SHARE * (high - low)), high - low)
+            seen_mm, longest_mm = span_mm(scene, axis), number_of(self.name, "longest")
+            periods = periods_mm(number_of(self.name, "shortest"), min(longest_mm, LONGEST_SHARE * seen_mm), seen_mm)
             profile = (1.0,) * (4 if scene.corexy else 2)
             yield from alternatives(self.name, axis, [(each,) for each in periods], profile)
 

@@ -5,12 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, about, about_factor, onto_bed
-from printmend.effects.prior import alternatives
+from printmend.effects.prior import alternatives, number_of
 from printmend.effects.words import Care, Fault, Found, Numbers, amount, motor_name, where_seen
 from printmend.messages import say
 
 STEP_MM = 5.0  # distance of the places that are tried
-WIDTH_MM = 4.0  # that is tried first: others are looked for about it
 WIDTHS_APART = 1.4  # of the logarithms of two widths
 
 
@@ -49,7 +48,8 @@ class Splice(AtOnePlace):
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
-            shapes = [(float(at), WIDTH_MM) for at in np.arange(low + STEP_MM, high, STEP_MM)]
+            width = number_of(self.name, "width")  # others are looked for about it
+            shapes = [(float(at), width) for at in np.arange(low + STEP_MM, high, STEP_MM)]
             yield from alternatives(self.name, motor, shapes)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import OTHERWISE, Of, Places, Scene, Term, Usual, along
-from printmend.effects.prior import alternatives, lengths_mm
+from printmend.effects.prior import alternatives, numbers_of
 from printmend.effects.process import cosines, smooth, walk
 from printmend.effects.words import Found, Told, Whole
 from printmend.messages import say
@@ -22,7 +22,7 @@ class Wander(Usual):
     keys = Whole()
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        lengths = [length for length in lengths_mm(self.name) if scene.way_mm < COUNT * length]
+        lengths = [length for length in numbers_of(self.name, "lengths") if scene.way_mm < COUNT * length]
         profiles = [walk(COUNT), *(smooth((0.0, scene.way_mm), length, COUNT) for length in lengths)]
         for axis in range(2):
             yield from alternatives(self.name, axis, [()], *profiles)

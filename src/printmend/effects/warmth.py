@@ -5,12 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import ANEW, SCALE_MM, Of, Places, Scene, Term, Usual, about_factor, along, along_both
-from printmend.effects.prior import alternatives
+from printmend.effects.prior import alternatives, numbers_of
 from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
 
-TIMES = (0.1, 0.25, 0.7)  # shares of the print
-APART = 0.9  # of the logarithms of two of them
+APART = 0.9  # of the logarithms of two times
 
 
 class Warmth(Usual):
@@ -22,7 +21,7 @@ class Warmth(Usual):
     keys = Numbers(("grow_x_mm", "grow_y_mm", "move_x_mm", "move_y_mm"), ("after_share",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        yield from alternatives(self.name, 0, [(each,) for each in TIMES], (1.0, 1.0, 1.0, 1.0))
+        yield from alternatives(self.name, 0, [(each,) for each in numbers_of(self.name, "times")], (1.0,) * 4)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         grown = (1.0 - np.exp(-places.done / shape[0]))[:, None]

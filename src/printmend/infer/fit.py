@@ -10,7 +10,7 @@ import numpy as np
 from printmend.effects import EFFECTS, Places, Scene, Term, columns_of, places_of
 from printmend.effects.breathing import PROFILE as BREATHS
 from printmend.effects.effect import SCALE_MM, TIMES_FINER, done_of
-from printmend.effects.prior import mild_shares, share_of, size_mm
+from printmend.effects.prior import mild_shares, numbers_of, share_of, size_mm
 from printmend.effects.pulley import SMOOTH
 from printmend.effects.sized import Sized, guided
 from printmend.effects.switch import STEPS_A_TURN, spread_mm
@@ -468,7 +468,6 @@ STILL = (
 )  # fmt: skip
 FEW = (*STILL, "pulley", "breathing", "elastic", "idler", "bent")
 REPEATING = ("pulley", "breathing", "elastic", "idler")  # effects whose place a turn of another length takes
-TEETH = range(8, 43)  # of a pulley: no printer has others
 TOOTH_STEPS = 10  # full steps of a tooth that is skipped
 ALIKE_MM = 0.2  # by which a skip may differ from such a number: a turn that is lost also turns the pulley
 NEAR_SPACING = 0.0025  # half the distance of lengths that are tried, as a share
@@ -554,7 +553,9 @@ def _rival(fit: Fit, motor: int, *, near: bool) -> tuple[Turn, float] | None:
 def _lengths(scene: Scene, motor: int, *, near: bool) -> Iterator[Turn]:
     """Yield the lengths of a turn that are tried."""
     own_mm = scene.turns_mm[motor]
-    teeth = [length for length in np.multiply(TOOTH_MM, TEETH).tolist() if own_mm % length]  # else a part of its turn
+    fewest, most = numbers_of("other_turn", "teeth")
+    whole = np.multiply(TOOTH_MM, np.arange(fewest, most + 1)).tolist()
+    teeth = [length for length in whole if own_mm % length]  # else a part of its turn
     close = [own_mm * (1 + share) for share in NEAR_SHARES if share]
     for lengths in (close,) if near else (teeth, close):
         log_odds = math.log(share_of("other_turn") / 2 / len(lengths))

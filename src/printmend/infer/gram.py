@@ -9,9 +9,8 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Effect, Of, Places, Scene, Term, columns_of
 from printmend.effects.effect import Key
+from printmend.effects.prior import number_of
 from printmend.metrics.robust import NORMAL_SQUARE
-
-HIDDEN_MM = 2.0  # of a motor's way that play may hide: the widest of any printer
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +151,7 @@ def _shows(term: Term, scene: Scene) -> bool:
     effect = EFFECTS[term.effect]
     if scene.homed or effect.of is not Of.MACHINE or term.effect == "place":
         return True
-    moved = [high - low > HIDDEN_MM for low, high in scene.motor_span_mm]
+    moved = [high - low > number_of("play", "widest") for low, high in scene.motor_span_mm]
     return moved[term.where] if effect.acts is Acts.DRIVE else all(moved)
 
 

@@ -17,7 +17,7 @@ from printmend.effects.breathing import HARMONICS as BREATHS
 from printmend.effects.effect import SCALE_MM, TIMES_FINER, Key, belt_places
 from printmend.effects.elastic import HARMONICS as STRETCHES
 from printmend.effects.homing import waves_of
-from printmend.effects.prior import happens_share, wear_share
+from printmend.effects.prior import number_of, wear_share
 from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.effects.switch import drawn_shifts_mm, spread_mm
 from printmend.effects.words import along_motor_mm
@@ -415,7 +415,7 @@ def _seldom(blocks: tuple[Block, ...], story: Story) -> tuple[Block, ...]:
         if effect.of is not Of.MACHINE or story.whole or (effect.acts is Acts.DRIVE and one.where in story.anew):
             return one
         if not story.refit or effect.from_home:
-            seldom = happens_share("changed" if wear_share(one.effect) else "replaced")
+            seldom = number_of("since", "changed" if wear_share(one.effect) else "replaced")
             one = replace(one, log_odds=one.log_odds + math.log(seldom))
         if (part := doubted.get(one.key)) is None:
             return one
@@ -453,7 +453,7 @@ def _changes(at: _Pass) -> list[Block]:
 def _others(at: _Pass, always: Set) -> Iterator[Story]:
     """Yield the stories that tell one thing more than one does."""
     story = at.story
-    other = math.log(happens_share("replaced"))
+    other = math.log(number_of("since", "replaced"))
     for motor in range(2):
         own = [part for part in story.parts if is_of_drive(part, motor)]
         if not own:
@@ -463,7 +463,7 @@ def _others(at: _Pass, always: Set) -> Iterator[Story]:
         if not story.turned_rad[motor] and any(part.effect in TURNING for part in own):
             by_rad = _likeliest_turn_rad(at, motor, always)
             turned_rad = (by_rad, story.turned_rad[1]) if motor == 0 else (story.turned_rad[0], by_rad)
-            odds = story.log_odds + math.log(happens_share("turned"))
+            odds = story.log_odds + math.log(number_of("since", "turned"))
             yield replace(story, parts=turned(story.parts, motor, by_rad), turned_rad=turned_rad, log_odds=odds)
     yield replace(story, parts=(), anew=(0, 1), whole=True, log_odds=story.log_odds + 2 * other)
 

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
 from printmend.effects.effect import LONG_MOVE_MM
-from printmend.effects.prior import next_shares, unshown
+from printmend.effects.prior import number_of, numbers_of
 from printmend.effects.switch import drawn_shifts_mm
 from printmend.infer.machine import DRAWS, Part
 from printmend.machine import Mechanism, Transmission
@@ -34,9 +34,8 @@ def after_homing(belief: Belief) -> Belief:
 
 MOST_PLACES = 512  # most places of a path that are evaluated: 2048 change no figure by more than another seed does
 LOW, HIGH = 0.05, 0.95  # quantiles of the drawn machines that bound the 90 % range
-ROUNDED = (0.5, 1.1)  # range of the factor on the variance of rounding to micro-steps, which is 1 for even rounding
-UNSHOWN_MM, UNSHOWN_SD, CELL_MM = unshown()  # lines at speed narrow it
-OTHERWISE_SHARE, LOOSE_AT_HOME_SHARE = next_shares()
+UNSHOWN_MM, UNSHOWN_SD = number_of("unshown", "median"), number_of("unshown", "log_sd")  # lines at speed narrow it
+CELL_MM = number_of("unshown", "length")  # over which errors are alike
 LINEAR = ("scale", "skew", "aspect", "resized")  # effects that a scanner's own stretch looks like
 LASTING = ("scatter", "motion")  # local causes whose errors are alike at neighbouring places, as rounding is not
 NO_ERROR_MM2 = 1e-12  # mean square below which a path shows no error
@@ -173,7 +172,7 @@ def _outlook(
     (before, raw_mm), (after, mended_mm) = (_summed_up(each, belief.placed, along, rng) for each in (raw, mended))
     # a shift of all that is printed does the same to both files
     strange = {"scatter", *(name for name in after.made_of if name in EFFECTS)}
-    strange2 = OTHERWISE_SHARE**2 * sum(after.made_of[name] ** 2 for name in strange)
+    strange2 = number_of("next", "otherwise") ** 2 * sum(after.made_of[name] ** 2 for name in strange)
     return Outlook(before, after, raw_mm - np.sqrt(mended_mm**2 + strange2))
 
 
@@ -278,7 +277,7 @@ def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) ->
     shift = np.zeros((2, DRAWS))
     for motor, table in enumerate(mechanism.transmissions):
         lower, upper = (float(each[0]) for each in table.branches_mm(at_home[[motor]]))
-        resting = rng.uniform(0, 1, DRAWS) * (rng.uniform(0, 1, DRAWS) < LOOSE_AT_HOME_SHARE)
+        resting = rng.uniform(0, 1, DRAWS) * (rng.uniform(0, 1, DRAWS) < number_of("next", "loose"))
         shift[motor] = -printer.motor_home_direction(motor) * max(upper - lower, 0.0) * resting
     return DrawnCause(_across(mechanism, path), shift)
 
@@ -324,8 +323,8 @@ def _local(mechanism: Mechanism, belief: Belief, path: PathPlaces, rng: np.rando
     evenly = rng.permutation((np.arange(DRAWS) + 0.5) / DRAWS)  # few draws of a wide range are spread over it
     unshown = unshown_mm(evenly, belief.motion)
     motion = DrawnCause(0.5 * one, unshown[None] ** 2)
-    # Some drives stop evenly on their micro-steps, others hardly hold them or go between them.
-    rounding = DrawnCause((across2 @ (steps**2 / 12))[:, None], rng.uniform(*ROUNDED, DRAWS)[None] ** 2)
+    factors = rng.uniform(*numbers_of("rounding", "factors"), DRAWS)
+    rounding = DrawnCause((across2 @ (steps**2 / 12))[:, None], factors[None] ** 2)
     # What marks scatter beyond their instrument is the plastic's and the machine's, in shares that nobody knows.
     scatter = DrawnCause(one, rng.uniform(0.0, 1.0, DRAWS)[None] * belief.scatter_mm**2)
     return {"scatter": scatter, "motion": motion, "rounding": rounding}
