@@ -24,7 +24,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, scene_of
-from printmend.effects.effect import LONG_MOVE_MM, Places
+from printmend.effects.effect import LONG_MM, Places
 from printmend.effects.sized import Sized
 from printmend.infer.fit import begun, fitted
 from printmend.infer.machine import DRAWS, Part, machine_of
@@ -104,7 +104,7 @@ def _places(printer: Printer, rng: np.random.Generator, count: int = 200) -> Pla
     bed = low + rng.uniform(0, 0.4, (count, 2)) * [axis.length_mm for axis in printer.axes[:2]]
     side, ways = rng.choice([-1.0, 1.0], (2, count, 2))
     none = np.zeros((count, 2))
-    return Places(printer.to_motor(bed), side, bed, ways, -side, np.ones(count), np.full(count, LONG_MOVE_MM), none)
+    return Places(printer.to_motor(bed), side, bed, ways, np.ones(count), np.full(count, LONG_MM), none)
 
 
 def _printed(parts: Sequence[Sized], places: Places, scene: Scene) -> tuple[np.ndarray, Places]:

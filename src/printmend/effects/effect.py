@@ -16,7 +16,7 @@ import numpy as np
 from printmend.path import Instrument, Trace, last_way
 from printmend.printer import Printer
 
-LONG_MOVE_MM = 50.0  # moves of a part, and those to the end stops, count as long
+LONG_MM = 10.0  # on longer moves the head reaches its speed: on those of a part, and to the end stops
 ALWAYS = 1e3  # logarithm of the odds of an effect that every print or measurement has
 SCALE_MM = 100.0  # slopes are in mm per this distance, as in the model file
 FEW_LAYERS, MOST_LAYERS = 3, 48  # heights; fewer show nothing of the screw, and with more, neighbours share a size
@@ -283,7 +283,7 @@ def home_of(scene: Scene) -> Places:
     motor_ways = np.array([[float(printer.motor_home_direction(motor)) for motor in range(2)]])
     ways = np.sign(printer.from_motor(motor_ways))
     return at_places(
-        motor_mm=printer.to_motor(home), side=-motor_ways, bed_mm=home, ways=ways, move_mm=np.full(1, LONG_MOVE_MM)
+        motor_mm=printer.to_motor(home), side=-motor_ways, bed_mm=home, ways=ways, move_mm=np.full(1, LONG_MM)
     )
 
 
@@ -404,7 +404,7 @@ def drawn_places(scene: Scene) -> Places:
     normal = rng.standard_normal((COUNT, 2))
     return Places(
         scene.printer.to_motor(bed), side, bed, ways, rng.uniform(0, 1, COUNT),
-        rng.choice([1.0, LONG_MOVE_MM], COUNT), normal / np.linalg.norm(normal, axis=1, keepdims=True),
+        rng.choice([1.0, LONG_MM], COUNT), normal / np.linalg.norm(normal, axis=1, keepdims=True),
         np.linspace(scene.layers[0], scene.layers[1], COUNT) if scene.layers else None, rng.standard_normal((COUNT, 2)),
     )  # fmt: skip
 

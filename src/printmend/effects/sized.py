@@ -17,7 +17,7 @@ from printmend.path import RESIZED
 from printmend.printer import Printer
 
 GRID = 7  # places along either axis of the bed at which a frame's terms are taken
-ROWS = 2048  # of a table that are evaluated at once: their columns stay in the processor's cache
+CHUNK_ROWS = 2048  # that are evaluated at once: their columns stay in the processor's cache
 TINY_MM = 1e-9  # what a model file rounds to
 FEW = 97  # places of a table at which both sides are compared
 
@@ -72,11 +72,11 @@ def belts_mm(scene: Scene, motor: int, parts: Sequence[Sized], motor_mm: np.ndar
 
 def _belt_mm(scene: Scene, motor: int, parts: Sequence[Sized], motor_mm: np.ndarray, side: float) -> np.ndarray:
     moved = np.zeros(len(motor_mm))
-    for first in range(0, len(motor_mm), ROWS):
-        at = motor_mm[first : first + ROWS]
+    for first in range(0, len(motor_mm), CHUNK_ROWS):
+        at = motor_mm[first : first + CHUNK_ROWS]
         places = belt_places(motor, at, side)
         for part in parts:
-            moved[first : first + ROWS] += scene.printer.to_motor(part.moved_mm(places, scene))[:, motor]
+            moved[first : first + CHUNK_ROWS] += scene.printer.to_motor(part.moved_mm(places, scene))[:, motor]
     return moved
 
 

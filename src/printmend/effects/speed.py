@@ -4,16 +4,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Places, Scene, Term, Usual, onto_bed
+from printmend.effects.effect import LONG_MM, Places, Scene, Term, Usual, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say
 
-LONG_MM = 10.0  # on longer moves the head reaches its speed
-
 
 class Speed(Usual):
-    """Play that grows with the length of the last move, to its whole size at 10 mm."""
+    """Play that grows with the length of the last move, to its whole size at `LONG_MM`."""
 
     name = "speed"
 

@@ -12,7 +12,7 @@ from printmend.effects.breathing import PROFILE as BREATHS
 from printmend.effects.effect import SCALE_MM, TIMES_FINER, done_of
 from printmend.effects.prior import mild_shares, numbers_of, share_of, size_mm
 from printmend.effects.pulley import SMOOTH
-from printmend.effects.sized import Sized, guided
+from printmend.effects.sized import CHUNK_ROWS, Sized, guided
 from printmend.effects.switch import STEPS_A_TURN, spread_mm
 from printmend.effects.teeth import TOOTH_MM
 from printmend.infer.gram import (
@@ -42,7 +42,6 @@ from printmend.machine import Contacts, Mechanism, contacts_of, healthy_mechanis
 from printmend.metrics.robust import own_share, scale_of, weights_of
 from printmend.path import Trace
 
-CHUNK_ROWS = 2048  # that are summed at once
 MOST_MARKS = 1200  # marks for the search: more take time and give the same set
 FEW_MARKS = 600  # that a first look is for
 PASSES = 4  # of contacts, then search, at most

@@ -26,7 +26,7 @@ from printmend.printer import Printer
 
 TERMS = ("lead", "periodic", "backlash")
 ORIGIN_SD_MM = 1e3  # of where the heights are counted from: anywhere
-FIRST_BACKLASH_MM, FIRST_SIGMA_MM = 0.1, 0.1  # where the search for contacts begins
+FIRST_MM = 0.1  # of backlash, and of noise, with which the search for contacts begins
 PASSES = 12  # of contacts, then search, at most
 
 
@@ -71,7 +71,7 @@ def _fitted(
     """Return what contacts that begin with a rest lead to; the first column is the commanded heights."""
     (rest_share, log_odds), commanded_mm, seen = rest, columns[:, 0], np.isfinite(measured_mm)
     ones = np.ones(int(seen.sum()))
-    sizes, backlash_mm, sigma_mm, weight = np.zeros(columns.shape[1] + 2), FIRST_BACKLASH_MM, FIRST_SIGMA_MM, ones
+    sizes, backlash_mm, sigma_mm, weight = np.zeros(columns.shape[1] + 2), FIRST_MM, FIRST_MM, ones
     for _ in range(PASSES):
         at, side = _touched(commanded_mm + columns @ sizes[1:-1], backlash_mm, rest_share)
         slack = np.where(side == 0, rest_share - 0.5, side / 2)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from printmend.effects.teeth import TOOTH_MM
+from printmend.infer.fit import NEAR_SHARES
 from printmend.infer.machine import Part
 from printmend.infer.posterior import Posterior
 from printmend.infer.scatter import robust_sigma_mm
@@ -15,7 +16,6 @@ from printmend.model.model import NOTE, REFUSAL, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import Printer
 
-NEAR_SHARE = 0.04  # most by which calibrated steps a millimetre make a turn differ from the printer's, as a share
 LEAST_ROWS = 60  # with fewer rows nothing is tested
 LOST_SIGMAS, LOST_MM = 6.0, 0.05  # a point whose residual exceeds both limits was measured wrongly
 MANY_LOST, MOST_LOST = 0.08, 0.3  # shares of such points from which on they are a warning, or a refusal
@@ -111,7 +111,7 @@ def _other_turns(posterior: Posterior) -> list[Misfit]:
         teeth = round(period / TOOTH_MM)
         is_toothed = times == 1 and abs(period - teeth * TOOTH_MM) < 1e-9
         cause = say("pulley-teeth-idler", teeth) if is_toothed else say("idler-belt-own-pulley")
-        if abs(period / usual - 1) < NEAR_SHARE:
+        if abs(period / usual - 1) < NEAR_SHARES.max():
             cause = say("steps-millimetre-calibrated-another-pulley")
         words = say("error-repeats-every-mm-every-printer", name.upper(), f"{period:.1f}", f"{usual:g}", cause)
         found.append(Misfit("turn", NOTE, 0.0, SURE_NATS, words))

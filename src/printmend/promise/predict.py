@@ -13,7 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
-from printmend.effects.effect import LONG_MOVE_MM
+from printmend.effects.effect import LONG_MM
 from printmend.effects.prior import number_of, numbers_of
 from printmend.effects.switch import drawn_shifts_mm
 from printmend.infer.machine import DRAWS, Part
@@ -248,7 +248,7 @@ def _places(mechanism: Mechanism, path: PathPlaces, scene: Scene, at_rest: bool)
     gone_mm = np.cumsum(path.weight) if path.gone_mm is None else path.gone_mm
     raw = Places(
         printer.to_motor(path.wanted_mm), -side, np.asarray(printer.from_motor(belt)), ways,
-        gone_mm / max(scene.way_mm, 1e-9), np.full(len(belt), LONG_MOVE_MM), np.zeros_like(belt), path.z_mm,
+        gone_mm / max(scene.way_mm, 1e-9), np.full(len(belt), LONG_MM), np.zeros_like(belt), path.z_mm,
         None if at_rest else path.tangent,
     )  # fmt: skip
     return raw, replace(raw, motor_mm=after)
