@@ -207,8 +207,7 @@ def _sizes(terms: np.ndarray) -> np.ndarray:
 
 
 CERTAIN = 0.95  # share of the drawn machines from which on an effect is certain
-EITHER = (0.1, 0.9)  # shares of the drawn machines between which an effect is an alternative to another one
-TOGETHER = 0.1  # share of the rarer alternative's machines that may have both
+FEW = 0.1  # share of the drawn machines that hardly counts: that lack a certain effect, or have both of two rivals
 LEAST_COST_MM = 0.018  # root mean square on a print from which on an owner sees what cannot act
 WARNED_MM = 0.03  # … and from which on it is a warning
 COVERED_SHARE = 0.6  # share of an axis of the bed that a print must span
@@ -432,13 +431,14 @@ def _rivals(found: Found, every: Sequence[Found]) -> list[Found]:
 
 
 def _is_open(found: Found) -> bool:
-    return EITHER[0] <= found.chance <= EITHER[1]
+    """Tell whether a drawn machine may have an effect or not."""
+    return FEW <= found.chance <= 1 - FEW
 
 
 def _excludes(found: Found, other: Found) -> bool:
     """Tell whether the drawn machines have either of two effects, and hardly ever both."""
     both, fewer = (found.there & other.there).sum(), min(found.there.sum(), other.there.sum())
-    return bool(both <= TOGETHER * fewer)
+    return bool(both <= FEW * fewer)
 
 
 def _words(rivals: Sequence[Found], beside: Sequence[Found], scene: Scene) -> list[str]:

@@ -537,15 +537,15 @@ def _rival(fit: Fit, motor: int, *, near: bool) -> tuple[Turn, float] | None:
 
     ``near`` tries only those near it, where the fit's wave fades along the belt: one of another length would look so.
     """
-    if near and not any(block.effect in REPEATING and block.where == motor for block in fit.blocks):
+    if near and not any(_repeats(block, motor) for block in fit.blocks):
         return None
-    beside = _Beside(fit, motor)
+    beside = _beside(fit, motor)
     tried = [Turn(motor, fit.scene.turns_mm[motor]), *_lengths(fit.scene, motor, near=near)]
-    own, *gains = beside.gains(tried)
+    own, *gains = beside(tried)
     best = tried[1 + int(np.argmax(gains))]
     if max(gains) < own - SHARPER_NATS:
         return None
-    best, gain = _sharpened(beside, best)
+    best, gain = _sharpened(best, fit.scene, beside)
     return (best, gain - own) if gain > own else None
 
 
@@ -561,37 +561,32 @@ def _lengths(scene: Scene, motor: int, *, near: bool) -> Iterator[Turn]:
         yield from (Turn(motor, length_mm, log_odds) for length_mm in lengths)
 
 
-@dataclass(frozen=True, eq=False)
-class _Beside:
-    """What one motor's turn is tried beside: all of a fit but what repeats along that motor."""
+def _beside(fit: Fit, motor: int) -> Callable[[Sequence[Turn]], list[float]]:
+    """Return the function that tells how likely each of some turns of a motor is, beside all of a fit but what repeats
+    along that motor: the score of the set with a pulley of that turn, whose play breathes or not, and its log odds."""
+    blocks, members, rows = fit.dictionary.blocks, fit.state.members, fit.rows
+    kept: Set = tuple(one for one in members if not _repeats(blocks[one[0]], motor))
+    weight = weighed(rows, fit.left_mm())
+    dictionary = fit.search.narrowed([blocks[b] for b, _ in kept]).dictionary
+    beside = search_of(dictionary, rows, weight).posterior(alone(kept), fit.state.sigma_mm, rounds=0)
+    keys = ("pulley", motor, (ROUND_MOST,)), ("breathing", motor, (BREATH_MOST,))
+    sizes, count = _sizes_mm(), len(kept)
+    own = Block("pulley", motor, (), slice(0, sizes.shape[1]), sizes, np.zeros(len(sizes)))
 
-    fit: Fit
-    motor: int
-
-    @cached_property
-    def known(self) -> tuple[Search, State, np.ndarray]:
-        """The search among the blocks that stay, the set of them all, and the rows' weights."""
-        blocks, members = self.fit.dictionary.blocks, self.fit.state.members
-        kept: Set = tuple(
-            one for one in members if blocks[one[0]].effect not in REPEATING or blocks[one[0]].where != self.motor
-        )
-        weight = weighed(self.fit.rows, self.fit.left_mm())
-        dictionary = self.fit.search.narrowed([blocks[b] for b, _ in kept]).dictionary
-        search = search_of(dictionary, self.fit.rows, weight)
-        return search, search.posterior(alone(kept), self.fit.state.sigma_mm, rounds=0), weight
-
-    def gains(self, turns: Sequence[Turn]) -> list[float]:
-        """Return the score of the set with a pulley of each turn, whose play breathes or not, and its log odds."""
-        search, beside, weight = self.known
-        fit, sizes, count = self.fit, _sizes_mm(), len(search.dictionary.blocks)
-        keys = ("pulley", self.motor, (ROUND_MOST,)), ("breathing", self.motor, (BREATH_MOST,))
-        new = [side_by_side(keys, fit.places, fit.rows, turn.of(fit.scene)) for turn in turns]
-        own = Block("pulley", self.motor, (), slice(0, sizes.shape[1]), sizes, np.zeros(len(sizes)))
-        search = search_of(search.dictionary.with_more([own] * len(turns), np.hstack(new)), fit.rows, weight)
+    def scores(turns: Sequence[Turn]) -> list[float]:
+        new = [side_by_side(keys, fit.places, rows, turn.of(fit.scene)) for turn in turns]
+        search = search_of(dictionary.with_more([own] * len(turns), np.hstack(new)), rows, weight)
         gains = search.gains(beside, count + np.arange(len(turns))).values.reshape(len(turns), -1)
         likeliest = enumerate(np.argmax(gains, axis=1).tolist(), start=count)
         found = [search.posterior((*beside.members, one), beside.sigma_mm).score for one in likeliest]
         return [score + turn.log_odds for score, turn in zip(found, turns, strict=True)]
+
+    return scores
+
+
+def _repeats(block: Block, motor: int) -> bool:
+    """Tell whether an effect repeats along a motor."""
+    return block.effect in REPEATING and block.where == motor
 
 
 def _sizes_mm() -> np.ndarray:
@@ -601,16 +596,16 @@ def _sizes_mm() -> np.ndarray:
     return np.array([np.concatenate([mild * pulley, mild * own]) for mild in mild_shares() for own in (0 * play, play)])
 
 
-def _sharpened(beside: _Beside, turn: Turn) -> tuple[Turn, float]:
+def _sharpened(turn: Turn, scene: Scene, beside: Callable[[Sequence[Turn]], list[float]]) -> tuple[Turn, float]:
     """Return the turn between those that were tried, or with a whole number of teeth where that is as likely."""
     spacing, gain = NEAR_SPACING, -np.inf
     for _ in range(LENGTH_ROUNDS):
         around = [replace(turn, length_mm=turn.length_mm * (1 + spacing * each)) for each in FINER]
-        gains = beside.gains(around)
+        gains = beside(around)
         turn, gain = around[int(np.argmax(gains))], max(gains)
         spacing /= 2
     toothed = replace(turn, length_mm=TOOTH_MM * round(turn.length_mm / TOOTH_MM))
-    if toothed.length_mm != beside.fit.scene.turns_mm[turn.motor]:
-        (other,) = beside.gains([toothed])
+    if toothed.length_mm != scene.turns_mm[turn.motor]:
+        (other,) = beside([toothed])
         turn, gain = max((turn, gain), (toothed, other + TOOTHED_NATS), key=lambda each: each[1])
     return turn, gain
