@@ -11,17 +11,12 @@ from printmend.messages import say
 
 TOOTH_MM = 2.0  # of a GT2 belt, which printers have: a pulley has a whole number of them
 BACK_SIGMAS = 3.0  # a wave as large as so many standard deviations would turn its motor back
-NAMES = {  # messages by full steps of a motor's waves: a pair of poles is four
-    4.0: "fault-ripple-poles",
-    2.0: "fault-ripple-pairs",
-    1.0: "fault-ripple-steps",
-    0.5: "fault-ripple-half-steps",
-}
-
-DETENT = "motor-steps-unevenly", "nothing-repair-walls-look-good-else"  # messages: what it is, and what to do
-SAID = {
-    4.0: ("motor-ripples-pole-pole", "nothing-repair-walls-look-good-else-3"),
-    2.0: ("motor-steps-unevenly-coils-differ", "nothing-repair-walls-look-good-else-2"),
+# Messages by full steps of a motor's waves, of which a pair of poles has four: its name, what it is, and what to do.
+RIPPLES = {
+    4.0: ("fault-ripple-poles", "motor-ripples-pole-pole", "nothing-repair-walls-look-good-else-3"),
+    2.0: ("fault-ripple-pairs", "motor-steps-unevenly-coils-differ", "nothing-repair-walls-look-good-else-2"),
+    1.0: ("fault-ripple-steps", "motor-steps-unevenly", "nothing-repair-walls-look-good-else"),
+    0.5: ("fault-ripple-half-steps", "motor-steps-unevenly", "nothing-repair-walls-look-good-else"),
 }
 
 
@@ -48,7 +43,7 @@ class Teeth(OfOnePeriod):
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             step = scene.printer.axes[motor].mm_per_step
-            periods = dict.fromkeys([TOOTH_MM, *(count * step for count in NAMES)])
+            periods = dict.fromkeys([TOOTH_MM, *(count * step for count in RIPPLES)])
             share = each_share(share_of(self.name), len(periods))
             for period in periods:
                 sd_mm = min(size_mm(self.name), period / (2 * np.pi * BACK_SIGMAS))
@@ -58,7 +53,7 @@ class Teeth(OfOnePeriod):
         size, sd = found.size(lambda sizes: float(np.hypot(*sizes)))
         (period_mm,) = found.shape
         count = period_mm / scene.printer.axes[found.where].mm_per_step
-        name = next((message for steps, message in NAMES.items() if abs(count - steps) < 1e-6), None)
+        name = next((name for steps, (name, _, _) in RIPPLES.items() if abs(count - steps) < 1e-6), None)
         kind = f"ripple-{count:g}" if name else "teeth"
         words = say(name or "fault-ripple-teeth", amount(size, sd), f"{period_mm:g}")
         yield Fault(motor_name(scene, found.where), kind, size, sd, "mm", words)
@@ -70,6 +65,6 @@ class Teeth(OfOnePeriod):
             repair = say("nothing-repair-walls-look-good-else-4")
             return Care(say("belt-ripples-tooth-tooth", where), meaning, fault.size, repair)
         _, _, count = fault.kind.partition("-")
-        title, todo = SAID.get(float(count or 1), DETENT)
+        _, title, todo = RIPPLES.get(float(count or 1), RIPPLES[1.0])
         meaning = say("walls-show-very-fine-lines-mm", f"{fault.size:.3f}")
         return Care(say(title, where), meaning, fault.size, say(todo))
