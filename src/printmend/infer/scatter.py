@@ -1,10 +1,10 @@
-"""How far residuals scatter, whether they are independent, and the far tail of the normal distribution."""
+"""Whether residuals are independent, and the far tail of the normal distribution."""
 
 import math
 
 import numpy as np
 
-from printmend.metrics.robust import CLIP_SIGMAS, scale_of
+from printmend.metrics.robust import CLIP_SIGMAS
 
 # The far tail of the normal distribution, and triangular matrices: `pip install printmend` learns without scipy.
 
@@ -36,14 +36,8 @@ def inverse_of(lower: np.ndarray) -> np.ndarray:
     return out
 
 
-LEAST_SIGMA_MM = 1e-4  # tables are written no finer
 BLOCKS = (4, 16, 64)  # lengths of the blocks whose means are looked at
 LEAST_BLOCKS = 8
-
-
-def robust_sigma_mm(residual_mm: np.ndarray) -> float:
-    """Return the standard deviation of Gaussian residuals with this median absolute value."""
-    return scale_of(residual_mm, LEAST_SIGMA_MM)
 
 
 def independent_share(residual_mm: np.ndarray, sigma_mm: float) -> float:

@@ -21,11 +21,11 @@ from printmend.errors import ConfigError
 from printmend.infer.fit import Fit, begun, fitted
 from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
 from printmend.infer.posterior import posterior_of
-from printmend.infer.scatter import independent_share, robust_sigma_mm
+from printmend.infer.scatter import independent_share
 from printmend.infer.search import LEAST_SIGMA_MM
 from printmend.learn import learner
 from printmend.learn.order import in_order, passed_over, roughly
-from printmend.learn.rows import LEAST_ROWS, MOST_LOST, lost_rows, said_of_rows, skipped
+from printmend.learn.rows import FINEST_MM, LEAST_ROWS, MOST_LOST, lost_rows, said_of_rows, skipped
 from printmend.learn.walls import with_walls
 from printmend.machine import Mechanism, healthy_mechanism
 from printmend.measure.checks import (
@@ -38,7 +38,7 @@ from printmend.measure.checks import (
     with_heights,
 )
 from printmend.messages import is_one_of, say, together
-from printmend.metrics.robust import log_likelihood
+from printmend.metrics.robust import log_likelihood, scale_of
 from printmend.model import SavedModel, saved_model, with_screw
 from printmend.model.branches import HARMONICS
 from printmend.model.model import DIGESTS, NOTE, WARNING, Misfit, misfit_section, misfit_words
@@ -69,11 +69,11 @@ def another_printers(fit: Fit, trace: Trace) -> tuple[Misfit, ...]:
     if known.sum() < LEAST_ROWS:
         return ()
     their, our = (log_likelihood(each[known].ravel(), LEAST_SIGMA_MM) for each in (theirs_mm, ours_mm))
-    share = min(independent_share(each, robust_sigma_mm(each)) for each in theirs_mm[known].T)
+    share = min(independent_share(each, scale_of(each, FINEST_MM)) for each in theirs_mm[known].T)
     nats = share * (their - our) + _of_set(other) - _of_set(fit) + math.log(share_of("other_printer"))
     if nats < math.log(SURE_ODDS):
         return ()
-    their_mm, our_mm = (math.sqrt(2) * robust_sigma_mm(each[known]) for each in (theirs_mm, ours_mm))
+    their_mm, our_mm = (math.sqrt(2) * scale_of(each[known], FINEST_MM) for each in (theirs_mm, ours_mm))
     told = "table-looks-printer-motor-each-axis" if is_corexy else "table-looks-corexy-made-printer-motor"
     return (Misfit("printer", WARNING, our_mm, nats, say(told, f"{their_mm:.2f}", f"{our_mm:.2f}")),)
 

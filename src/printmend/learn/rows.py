@@ -9,13 +9,14 @@ from printmend.effects.teeth import TOOTH_MM
 from printmend.infer.fit import NEAR_SHARES
 from printmend.infer.machine import Part
 from printmend.infer.posterior import Posterior
-from printmend.infer.scatter import robust_sigma_mm
 from printmend.measure.checks import RANDOM_SDS, in_no_order
 from printmend.messages import say
+from printmend.metrics.robust import scale_of
 from printmend.model.model import NOTE, REFUSAL, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import Printer
 
+FINEST_MM = 1e-4  # tables are written no finer
 LEAST_ROWS = 60  # with fewer rows nothing is tested
 LOST_SIGMAS, LOST_MM = 6.0, 0.05  # a point whose residual exceeds both limits was measured wrongly
 MANY_LOST, MOST_LOST = 0.08, 0.3  # shares of such points from which on they are a warning, or a refusal
@@ -45,7 +46,7 @@ def lost_rows(left_mm: np.ndarray) -> np.ndarray:
     known = np.isfinite(left_mm).all(axis=1)
     if not known.any():
         return np.zeros(len(left_mm), bool)
-    sigma = np.array([robust_sigma_mm(each[known]) for each in left_mm.T])
+    sigma = np.array([scale_of(each[known], FINEST_MM) for each in left_mm.T])
     with np.errstate(invalid="ignore"):
         away = np.abs(left_mm)
         return np.asarray(known & ((away > LOST_SIGMAS * sigma) & (away > LOST_MM)).any(axis=1))
