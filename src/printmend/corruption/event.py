@@ -112,7 +112,8 @@ class Filament:
         drawn = known[int(rng.integers(len(known)))]
         material = material_of(str(given.get("polymer", drawn)))
         shrinks = np.maximum(100 * (material.mean + material.sd * rng.standard_normal(2)), 0.0)
-        size = {name: float(rng.uniform(*numbers_of("beads", name))) for name in self.names[3:]}
+        ranges = {name: numbers_of("beads", name) for name in self.names[3:]}
+        size = {name: float(rng.uniform(low, high)) for name, (low, high) in ranges.items()}
         size |= {name: float(value) for name, value in given.items() if name in size}
         percent = [float(given.get(name, each)) for name, each in zip(self.names[1:3], shrinks, strict=True)]
         parts = [Sized("shrinkage", axis, (), np.array([each])) for axis, each in enumerate(percent)]

@@ -212,7 +212,7 @@ class Effect(Protocol):
 
 class Usual:
     """The usual answers of an effect: it is of the machine, nothing holds it, and it stays. Homing removes its error at
-    home, each place has at most one term, and its shape needs no refinement."""
+    home. Either motor or axis may have it, with one size of either sign at a time, and without a shape."""
 
     name: str
     of = Of.MACHINE
@@ -220,6 +220,13 @@ class Usual:
     fate = STAYS
     from_home = True
     most = 1
+    positive = False
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        from printmend.effects.prior import alternatives  # which makes terms
+
+        for where in range(2):
+            yield from alternatives(self.name, where, positive=self.positive)
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         return iter(())

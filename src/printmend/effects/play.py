@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, belt_places, onto_bed
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import Acts, Places, Scene, Usual, belt_places, onto_bed
 from printmend.effects.words import PLACES, Care, Fault, Found, along_motor_mm, amount, motor_name, those_of, where_seen
 from printmend.messages import say
 
@@ -17,10 +16,7 @@ class Play(Usual):
 
     name = "play"
     acts = Acts.DRIVE
-
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for motor in range(2):
-            yield from alternatives(self.name, motor, positive=True)
+    positive = True
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, 0.5 * places.side[:, [where]])

@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import LONG_MM, Places, Scene, Term, Usual, onto_bed
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import LONG_MM, Places, Scene, Usual, onto_bed
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say
 
@@ -14,10 +13,6 @@ class Speed(Usual):
     """Play that grows with the length of the last move, to its whole size at `LONG_MM`."""
 
     name = "speed"
-
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for motor in range(2):
-            yield from alternatives(self.name, motor)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         fast = np.minimum(places.move_mm / LONG_MM, 1.0)

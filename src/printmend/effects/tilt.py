@@ -5,8 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Places, Scene, Term, Usual, along
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import SCALE_MM, Places, Scene, Usual, along
 from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
 
@@ -16,10 +15,6 @@ class Tilt(Usual):
 
     name = "tilt"
     keys = Numbers(("size_mm", "grow_mm"))
-
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for axis in range(2):
-            yield from alternatives(self.name, axis, [()], (1.0, 1.0))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         place = scene.off_middle(places.bed_mm)[:, where]

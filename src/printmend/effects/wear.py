@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, Usual, onto_bed
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import Acts, Of, Places, Scene, Usual, onto_bed
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say, together
 
@@ -18,10 +17,7 @@ class Wear(Usual):
     name = "wear"
     of = Of.SESSION  # that stays: a print is mended for the play with which the last one ended
     acts = Acts.DRIVE
-
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for motor in range(2):
-            yield from alternatives(self.name, motor, positive=True)
+    positive = True
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, (0.5 * places.side[:, where] * places.done)[:, None])

@@ -323,8 +323,8 @@ def _local(mechanism: Mechanism, belief: Belief, path: PathPlaces, rng: np.rando
     evenly = rng.permutation((np.arange(DRAWS) + 0.5) / DRAWS)  # few draws of a wide range are spread over it
     unshown = unshown_mm(evenly, belief.motion)
     motion = DrawnCause(0.5 * one, unshown[None] ** 2)
-    factors = rng.uniform(*numbers_of("rounding", "factors"), DRAWS)
-    rounding = DrawnCause((across2 @ (steps**2 / 12))[:, None], factors[None] ** 2)
+    least, most = numbers_of("rounding", "factors")
+    rounding = DrawnCause((across2 @ (steps**2 / 12))[:, None], rng.uniform(least, most, DRAWS)[None] ** 2)
     # What marks scatter beyond their instrument is the plastic's and the machine's, in shares that nobody knows.
     scatter = DrawnCause(one, rng.uniform(0.0, 1.0, DRAWS)[None] * belief.scatter_mm**2)
     return {"scatter": scatter, "motion": motion, "rounding": rounding}
