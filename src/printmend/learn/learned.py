@@ -24,15 +24,13 @@ from printmend.infer.posterior import posterior_of
 from printmend.infer.scatter import independent_share
 from printmend.infer.search import LEAST_SIGMA_MM
 from printmend.learn import learner
-from printmend.learn.order import in_order, passed_over, roughly
+from printmend.learn.order import once_in_order, roughly
 from printmend.learn.rows import FINEST_MM, LEAST_ROWS, MOST_LOST, lost_rows, said_of_rows, skipped
-from printmend.learn.walls import with_walls
 from printmend.machine import Mechanism, healthy_mechanism
 from printmend.measure.checks import (
     check_follows,
     check_origin,
     check_trace,
-    counted_once,
     digest_of,
     is_at_home,
     with_heights,
@@ -140,9 +138,8 @@ def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.G
 def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> Learned:
     check_origin(say("measurement-2"), trace.origin, printer)
     digests = (digest_of(trace),)
-    trace, copies = counted_once(trace)
-    ordered = in_order(with_walls(trace, printer), printer)
-    told = (*passed_over(trace, copies), *ordered.found, *another_home(ordered.trace, printer))
+    ordered = once_in_order(trace, printer)
+    told = (*ordered.found, *another_home(ordered.trace, printer))
     trace = with_heights(ordered.trace, printer)
     check_trace(trace)
     check_follows(trace, printer)

@@ -17,7 +17,8 @@ from printmend.effects.effect import SCALE_MM
 from printmend.effects.prior import size_mm
 from printmend.errors import TraceError
 from printmend.infer.fit import Fit, fitted
-from printmend.measure.checks import AXES_TODO, FARTHEST_MM, is_at_home, wrong_axes
+from printmend.learn.walls import with_walls
+from printmend.measure.checks import AXES_TODO, FARTHEST_MM, counted_once, is_at_home, wrong_axes
 from printmend.messages import say, together
 from printmend.metrics.robust import ridge, scale_of
 from printmend.metrics.shape import nearest, spacing
@@ -55,6 +56,14 @@ class InOrder:
 
     trace: Trace
     found: tuple[Misfit, ...] = ()
+
+
+def once_in_order(trace: Trace, printer: Printer) -> InOrder:
+    """Return a trace without copied rows, its walls completed to places, with every place in its own row, and all that
+    was found. Raises `TraceError` as `in_order` does."""
+    once, copies = counted_once(trace)
+    ordered = in_order(with_walls(once, printer), printer)
+    return replace(ordered, found=(*passed_over(once, copies), *ordered.found))
 
 
 def passed_over(trace: Trace, copies: int) -> tuple[Misfit, ...]:

@@ -43,9 +43,8 @@ from printmend.learn.learned import (
     trace_section,
     with_z,
 )  # fmt: skip
-from printmend.learn.order import in_order, passed_over
-from printmend.learn.walls import with_walls
-from printmend.measure.checks import check_origin, counted_once, digest_of, heights_alone, with_heights
+from printmend.learn.order import once_in_order
+from printmend.measure.checks import check_origin, digest_of, heights_alone, with_heights
 from printmend.mend.history import Ageing
 from printmend.messages import say, say_count, together
 from printmend.model import SavedModel, saved_model, screw_of, with_screw
@@ -108,16 +107,14 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
         return Updated(old, (), (), is_known=True)
     belief = believed(old)
     with threadpool_limits(1, user_api="blas"):
-        once, copies = counted_once(trace)
-        ordered = in_order(with_walls(once, old.printer), old.printer)
+        ordered = once_in_order(trace, old.printer)
         flat = with_heights(ordered.trace, old.printer)
         if heights_alone(flat):
-            return _lifted(old, belief, flat, (*passed_over(once, copies), *ordered.found), digest)
+            return _lifted(old, belief, flat, ordered.found, digest)
         found = measured_again(old, belief, flat, rng, ageing=ageing)
         if found.story.whole:
             return _anew(old, trace, rng)
-        said = (*passed_over(once, copies), *ordered.found)
-        return _updated(old, belief, found, flat, said, digest)
+        return _updated(old, belief, found, flat, ordered.found, digest)
 
 
 def believed(old: SavedModel) -> Belief:
@@ -370,8 +367,7 @@ def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> U
         )  # fmt: skip
     belief = believed(old)
     with threadpool_limits(1, user_api="blas"):
-        once, copies = counted_once(trace)
-        ordered = in_order(with_walls(once, old.printer), old.printer)
+        ordered = once_in_order(trace, old.printer)
         if not ordered.trace.measured_rows.any() and not ordered.trace.wall_rows.any():
             raise TraceError(say("trace"), wanted=say("measured-marks"), came=say("none"), todo=say("check-trace"))
         scene = both_seen(belief.scene, scene_of(ordered.trace, old.printer, belief.scene.turns_mm))
@@ -389,9 +385,7 @@ def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> U
                 came=together(", ", dict.fromkeys(foreign)) if foreign else scatter,
             )  # fmt: skip
         # the work moved the motors, not the end stop, so the shift says nothing about the scatter of end stops
-        updated = _updated(
-            old, moved, replace(found, homed_mm=()), ordered.trace, (*passed_over(once, copies), *ordered.found), digest
-        )
+        updated = _updated(old, moved, replace(found, homed_mm=()), ordered.trace, ordered.found, digest)
     # so small a print shows an idler's angle, but hardly its amplitude
     changes = (
         *_shifts(old, phase),
