@@ -593,7 +593,7 @@ def test_a_dictionary_does_not_depend_on_the_places_that_no_row_is_of() -> None:
     places = places_of(Trace(path, path, homed=True), scene, np.tile(np.arange(len(path))[:, None], 2), every + 1, path)
     mark = np.flatnonzero(dots)[:20]
     rows = Rows(mark, np.tile([[1.0, 0.0]], (20, 1)), every[:20, 0], every[:20, 0] + 1, every[:20, 0] + 1)
-    found = dictionary_of(places, rows, scene)
+    found = dictionary_of(blocks_of(scene), places, rows, scene)
     for block in found.blocks:
         whole = seen(block.key, places, rows, scene)
         assert np.array_equal(found.columns[:, block.at], whole)

@@ -21,6 +21,7 @@ from printmend.infer.gram import (
     Gram,
     Rows,
     blocks_of,
+    dictionary_of,
     gram_of,
     narrowed,
     side_by_side,
@@ -290,7 +291,7 @@ def _searched(
     blocks: tuple[Block, ...], *, doubting: bool,
 ) -> Fit:  # fmt: skip
     """Return the likeliest set for rows. With ``doubting`` the last weighing doubts each of its members."""
-    dictionary = Dictionary(blocks, side_by_side((block.key for block in blocks), places, rows, scene))
+    dictionary = dictionary_of(blocks, places, rows, scene)
     members: Set = tuple(
         (b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0 or block.effect in BEGUN_WITH
     )

@@ -137,11 +137,8 @@ def _blocks_of(scene: Scene, kept: Callable[[Term], bool] | None, effects: tuple
     )
 
 
-def dictionary_of(
-    places: Places, rows: Rows, scene: Scene, *, kept: Callable[[Term], bool] | None = None
-) -> Dictionary:
-    """Return every term that the effects offer, or those that are ``kept``, with its columns."""
-    blocks = blocks_of(scene, kept)
+def dictionary_of(blocks: tuple[Block, ...], places: Places, rows: Rows, scene: Scene) -> Dictionary:
+    """Return blocks with what rows see of them."""
     return Dictionary(blocks, side_by_side((block.key for block in blocks), places, rows, scene))
 
 

@@ -13,7 +13,7 @@ from printmend.effects import Scene
 from printmend.effects.effect import Key
 from printmend.effects.homing import shifted, waves_of
 from printmend.infer.fit import looked
-from printmend.infer.gram import dictionary_of, seen
+from printmend.infer.gram import blocks_of, dictionary_of, seen
 from printmend.infer.machine import Part, machine_of, those_acting
 from printmend.infer.update import rebased
 from printmend.machine import Mechanism
@@ -119,7 +119,7 @@ def _rows(
 ) -> _Rows:
     _, places, rows = looked(trace, scene, mechanism, is_first=is_first)
     scale = np.sqrt(rows.weight) / sigma_mm
-    dictionary = dictionary_of(places, rows, scene)
+    dictionary = dictionary_of(blocks_of(scene), places, rows, scene)
     free = [
         dictionary.columns[:, block.at] * block.sds_mm[:, :1].max() * scale[:, None]
         for block in dictionary.blocks

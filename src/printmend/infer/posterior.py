@@ -199,7 +199,7 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
         fit = replace(fit, state=likeliest)
     fit = replace(fit, state=likely_set(fit.search, fit.state, sets))
     likely = [b for b, _ in fit.state.members]
-    order = list(dict.fromkeys([*likely, *(b for members in sets for b, _ in members)]))
+    order = dict.fromkeys([*likely, *(b for members in sets for b, _ in members)])
     draws = {b: np.zeros((blocks[b].width, DRAWS)) for b in order}
     first_draw = 0
     for members, count in sets.items():
@@ -208,11 +208,9 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
         sizes_mm = drawn_of(state, fit.search.positive[state.columns], count, rng)
         for (b, _), own in zip(members, fit.dictionary.own(members), strict=True):
             draws[b][:, mine] = sizes_mm[own]
-    acts = {part.key: part.sizes_mm for part in fit.parts() if EFFECTS[part.effect].acts is not Acts.NOT}
-    parts = []
-    for b in order:
-        acts_mm = acts.get(blocks[b].key) if b in likely else None
-        parts.append(Part(*blocks[b].key, np.zeros(len(draws[b])) if acts_mm is None else acts_mm, draws[b]))
+    owned = zip(likely, fit.parts(), strict=True)
+    acts = {b: part.sizes_mm for b, part in owned if EFFECTS[part.effect].acts is not Acts.NOT}
+    parts = [Part(*blocks[b].key, acts.get(b, np.zeros(len(each))), each) for b, each in draws.items()]
     return Posterior(fit.scene, tuple(acting(fit.scene, parts)), fit.state.sigma_mm, _nats(fit))
 
 

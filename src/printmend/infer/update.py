@@ -38,6 +38,7 @@ from printmend.infer.gram import (
     Dictionary,
     Gram,
     Rows,
+    blocks_of,
     dictionary_of,
     gram_of,
     laid_side_by_side,
@@ -347,10 +348,8 @@ def _weighed_stories(
     story: Story, wearing: Wearing, places: Places, rows: Rows, scene: Scene, *, stories: bool
 ) -> _Pass:
     like, doubted = told_apart(story.parts)
-    dictionary = _with_shapes(dictionary_of(places, rows, scene), doubted, places, rows, scene)
-    dictionary = replace(  # of changes: play may become less
-        dictionary, blocks=tuple(replace(block, positive=False, needs=()) for block in dictionary.blocks)
-    )
+    changes = tuple(replace(block, positive=False, needs=()) for block in blocks_of(scene))  # play may become less
+    dictionary = _with_shapes(dictionary_of(changes, places, rows, scene), doubted, places, rows, scene)
     old = side_by_side((part.key for part in like), places, rows, scene)
     always: Set = tuple((b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0)
     left_mm = rows.error_mm - old @ wearing.known(story, like)[0]
@@ -369,7 +368,7 @@ def _weighed_stories(
             return _Pass(each, like, places, rows, sums, left, state, score, old)
 
         best = told(story, members)
-        while stories and _changed(best):
+        while stories and _changes(best) and not best.story.whole:
             rough = {each: told(each, always, by_growing) for each in _others(best, always)}
             found = max(rough, key=lambda each: rough[each].score)
             newer = told(found, rough[found].state.members)
@@ -437,11 +436,6 @@ def _sizes_of(part: Part, sds_mm: np.ndarray) -> Iterator[tuple[np.ndarray, floa
             sds_mm[at] * np.sqrt(away2[at, likeliest == at].mean() / len(draws_mm)),
             float(np.mean(likeliest == at)) * part.chance,
         )
-
-
-def _changed(at: _Pass) -> bool:
-    """Tell whether a story needs changes of the machine beside it."""
-    return bool(_changes(at)) and not at.story.whole
 
 
 def _changes(at: _Pass) -> list[Block]:
