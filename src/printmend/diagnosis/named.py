@@ -213,7 +213,7 @@ WARNED_MM = 0.03  # … and from which on it is a warning
 COVERED_SHARE = 0.6  # share of an axis of the bed that a print must span
 UNSEEN = "unseen"  # the kind of the note about the rest
 SELDOM = 0.01  # chance of an effect's absence that counts for its evidence where every drawn machine has it
-SILENT = ("origin", "stretch", "resized")  # of instruments without a place or a scale: this is said beside the scale
+SILENT = ("origin", "stretch", "resized", "shrinkage")  # they say that no place is known, or are said beside the scale
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,11 @@
 """A part that shrank once it had cooled: by another share along X than along Y, in every print in this filament."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from printmend.effects.effect import ALWAYS, SCALE_MM, Of, Places, Scene, Term, Usual, along
-from printmend.effects.words import Found, Numbers, Told
+from printmend.effects.words import Numbers
 
 
 class Shrinkage(Usual):
@@ -27,6 +27,3 @@ class Shrinkage(Usual):
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, -scene.off_middle(places.bed_mm)[:, [where]])
-
-    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        return iter(())  # it is reported beside the machine's scale
