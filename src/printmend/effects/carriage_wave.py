@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along, finer_periods, parts_periods_mm, waves
-from printmend.effects.prior import alternatives, number_of
+from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along, finer_periods, waves
+from printmend.effects.prior import alternatives, periods_of
 from printmend.effects.words import Found, Told, Waves
 from printmend.messages import say
 
@@ -23,7 +23,7 @@ class CarriageWave(Usual):
         if not (sd_mm := scene.instrument.carriage_mm):
             return
         for axis in range(2):
-            periods = parts_periods_mm(number_of(self.name, "shortest"), scene.bed_span_mm[axis])
+            periods = periods_of(self.name, scene.bed_span_mm[axis])
             yield from alternatives(self.name, axis, [(each,) for each in periods], (1.0, 1.0), sd_mm=sd_mm)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:

@@ -370,7 +370,6 @@ def about_factor(value: float, spacing: float, round_: int) -> list[float]:
     return found
 
 
-LONGEST_MM, LONGEST_SHARE = 150.0, 0.5  # of a wave: no part is larger, and a span must show two of it
 CYCLES = 0.25  # by which two neighbouring periods of a grid differ over the whole span
 FINER_SPAN_MM = 200.0  # a usual span, by which finer periods are spaced
 
@@ -381,12 +380,6 @@ def periods_mm(shortest_mm: float, longest_mm: float, span_mm: float) -> list[fl
         return []
     found: list[float] = (1.0 / np.arange(1.0 / longest_mm, 1.0 / shortest_mm, CYCLES / span_mm)).tolist()
     return found
-
-
-def parts_periods_mm(shortest_mm: float, span_mm: tuple[float, float]) -> list[float]:
-    """Return periods of a turning part from a shortest one on, as long as a span from one end to the other shows."""
-    seen_mm = span_mm[1] - span_mm[0]
-    return periods_mm(shortest_mm, min(LONGEST_MM, LONGEST_SHARE * seen_mm), seen_mm)
 
 
 def finer_periods(period_mm: float, round_: int) -> Iterator[tuple[float, ...]]:

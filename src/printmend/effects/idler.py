@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Scene, Term, finer_periods, parts_periods_mm
-from printmend.effects.prior import NEAR_SHARE, alternatives, number_of, numbers_of
+from printmend.effects.effect import Scene, Term, finer_periods
+from printmend.effects.prior import NEAR_SHARE, alternatives, numbers_of, periods_of
 from printmend.effects.pulley import LEAST_EFFECT_MM
 from printmend.effects.teeth import TOOTH_MM, OfOnePeriod
 from printmend.effects.words import Care, Fault, Found, amount, motor_name, where_seen
@@ -22,7 +22,7 @@ class Idler(OfOnePeriod):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
-            periods = parts_periods_mm(number_of(self.name, "shortest"), scene.motor_span_mm[motor])
+            periods = periods_of(self.name, scene.motor_span_mm[motor])
             shapes = [(each,) for each in periods if _is_another(each, scene.turns_mm[motor])]
             yield from alternatives(self.name, motor, shapes, (1.0, 1.0))
 

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from printmend.effects.effect import SCALE_MM, Fate, Scene, Term
+from printmend.effects.effect import SCALE_MM, Fate, Scene, Term, periods_mm
 
 NEAR_SHARE = 0.02  # a turn that differs less from the printer's is its pulley's
 
@@ -76,6 +76,13 @@ def lift_rests() -> tuple[tuple[float, float], ...]:
     """Return where in its play a nut may rest at first, 0 to 1, and the logarithm of how often it does."""
     on_flank = share_of("rest")
     return (0.5, math.log(1 - on_flank)), (0.0, math.log(on_flank / 2)), (1.0, math.log(on_flank / 2))
+
+
+def periods_of(name: str, span_mm: tuple[float, float]) -> list[float]:
+    """Return the periods of an effect's waves that a span from one end to the other shows."""
+    low, high = span_mm
+    longest_mm = min(number_of(name, "longest"), number_of(name, "longest_share") * (high - low))
+    return periods_mm(number_of(name, "shortest"), longest_mm, high - low)
 
 
 def turning_share(name: str, scene: Scene, motor: int) -> float:

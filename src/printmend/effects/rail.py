@@ -4,12 +4,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, finer_periods, periods_mm, waves
-from printmend.effects.prior import alternatives, number_of
-from printmend.effects.words import Care, Fault, Found, Waves, is_first, span_mm, those_of, where_seen
+from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, finer_periods, waves
+from printmend.effects.prior import alternatives, periods_of
+from printmend.effects.words import Care, Fault, Found, Waves, is_first, those_of, where_seen
 from printmend.messages import say, together
-
-LONGEST_SHARE = 1.2  # of the span, for the longest period
 
 
 class Rail(Usual):
@@ -23,8 +21,7 @@ class Rail(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2):
-            seen_mm, longest_mm = span_mm(scene, axis), number_of(self.name, "longest")
-            periods = periods_mm(number_of(self.name, "shortest"), min(longest_mm, LONGEST_SHARE * seen_mm), seen_mm)
+            periods = periods_of(self.name, scene.bed_span_mm[axis])
             profile = (1.0,) * (4 if scene.corexy else 2)
             yield from alternatives(self.name, axis, [(each,) for each in periods], profile)
 
