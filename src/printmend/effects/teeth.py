@@ -5,12 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed, waves
-from printmend.effects.prior import alternatives, each_share, share_of, size_mm
+from printmend.effects.prior import alternatives, each_share, number_of, share_of, size_mm
 from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_name
 from printmend.messages import say
 
 TOOTH_MM = 2.0  # of a GT2 belt, which printers have: a pulley has a whole number of them
-BACK_SIGMAS = 3.0  # a wave as large as so many standard deviations would turn its motor back
 # Messages by full steps of a motor's waves, of which a pair of poles has four: its name, what it is, and what to do.
 RIPPLES = {
     4.0: ("fault-ripple-poles", "motor-ripples-pole-pole", "nothing-repair-walls-look-good-else-3"),
@@ -46,7 +45,7 @@ class Teeth(OfOnePeriod):
             periods = dict.fromkeys([TOOTH_MM, *(count * step for count in RIPPLES)])
             share = each_share(share_of(self.name), len(periods))
             for period in periods:
-                sd_mm = min(size_mm(self.name), period / (2 * np.pi * BACK_SIGMAS))
+                sd_mm = min(size_mm(self.name), period / (2 * np.pi * number_of(self.name, "back")))
                 yield from alternatives(self.name, motor, [(period,)], (1.0, 1.0), share=share, sd_mm=sd_mm)
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:

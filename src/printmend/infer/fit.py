@@ -10,7 +10,7 @@ import numpy as np
 from printmend.effects import EFFECTS, Places, Scene, Term, columns_of, places_of
 from printmend.effects.breathing import PROFILE as BREATHS
 from printmend.effects.effect import SCALE_MM, TIMES_FINER, done_of
-from printmend.effects.prior import mild_shares, numbers_of, share_of, size_mm
+from printmend.effects.prior import mild_shares, number_of, numbers_of, share_of, size_mm
 from printmend.effects.pulley import SMOOTH
 from printmend.effects.sized import CHUNK_ROWS, Sized, guided
 from printmend.effects.switch import STEPS_A_TURN, spread_mm
@@ -474,7 +474,6 @@ NEAR_SPACING = 0.0025  # half the distance of lengths that are tried, as a share
 NEAR_SHARES = 2 * NEAR_SPACING * np.arange(-8, 9)  # by which calibrated steps let a turn differ from the printer's
 ROUND_MOST, BREATH_MOST = 4, 2  # harmonics of a turn that is tried, and of its play
 SHARPER_NATS = 12.0  # a length between two tried ones may gain so much
-TOOTHED_NATS = 4.0  # a whole number of teeth may lose so much against a length near it
 LENGTH_ROUNDS, FINER = 4, np.linspace(-1.0, 1.0, 5)  # lengths about one that was found, in each round
 
 
@@ -608,5 +607,5 @@ def _sharpened(turn: Turn, scene: Scene, beside: Callable[[Sequence[Turn]], list
     toothed = replace(turn, length_mm=TOOTH_MM * round(turn.length_mm / TOOTH_MM))
     if toothed.length_mm != scene.turns_mm[turn.motor]:
         (other,) = beside([toothed])
-        turn, gain = max((turn, gain), (toothed, other + TOOTHED_NATS), key=lambda each: each[1])
+        turn, gain = max((turn, gain), (toothed, other + number_of("other_turn", "toothed")), key=lambda each: each[1])
     return turn, gain
