@@ -38,7 +38,10 @@ def scale_words(model: SavedModel) -> tuple[str, ...]:
         doubt = max(doubt, beyond)
     if doubt < LEAST_DOUBT:
         return lean
-    return (scale_in_words(np.array(shown, float), acts, doubt, length_given=knows_a_length(model)), *lean)
+    settles = "scale-settled-across" if knows_a_length(model) else "scale-settled-by-callipers"
+    if knows_all_but_a_reading(model):
+        settles = "scale-settled-by-reading"
+    return (scale_in_words(np.array(shown, float), acts, doubt, settles), *lean)
 
 
 def _lean_words(belief: Belief) -> tuple[str, ...]:
@@ -111,15 +114,16 @@ def instrument_of(model: SavedModel) -> dict[str, float]:
     return {name: value for name, value in instrument.items() if isinstance(value, int | float)}
 
 
-def scale_in_words(shown: np.ndarray, acts: np.ndarray, doubt: float, *, length_given: bool = False) -> str:
+def scale_in_words(
+    shown: np.ndarray, acts: np.ndarray, doubt: float, settles: str = "scale-settled-by-callipers"
+) -> str:
     """Say by which shares the print is too large in the picture in X and Y [2], which of them act [2], how sure that
-    is, and what would settle it beyond a length that was given."""
+    is, and what ``settles`` it, a message."""
     seen, taken = (say("scale-x-and-y", *(f"{100 * v:+.2f}" for v in each)) for each in (shown, acts))
-    known = "-length-known" if length_given else ""
     may_mm = f"{100 * doubt:.1f}"
     if np.abs(acts).max() >= LEAST_DOUBT / 10:
-        return say(WARNING, say(f"scale-not-settled-taken-off{known}", seen, taken, may_mm))
-    return say(WARNING, say(f"scale-not-settled{known}", seen, may_mm))
+        return say(WARNING, say("scale-not-settled-taken-off", seen, taken, may_mm, say(settles)))
+    return say(WARNING, say("scale-not-settled", seen, may_mm, say(settles)))
 
 
 # key of `Promise.made_of` → (in a line, in a table, type): type A is from the scatter of the measurement, B is not
