@@ -160,7 +160,7 @@ def verify_in(model: SavedModel, trace: Trace, filament: str | None) -> Verdict:
 def updated_in(model: SavedModel, trace: Trace, filament: str | None) -> Updated:
     """Update a model with a mended check print in a ``filament``, enlarged by mending as in `verify_in`."""
     mended = printed_in(model, filament) if filament in known_filaments(model) else model
-    return update_in(model, made(mended, trace), filament, rng=np.random.default_rng(0))
+    return update_in(model, made(mended, trace)[0], filament, rng=np.random.default_rng(0))
 
 
 def printed_in(model: SavedModel, filament: str | None) -> SavedModel:

@@ -6,6 +6,7 @@ Their measured errors, with the noise of the measurement subtracted, are compare
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from printmend.effects import EFFECTS, Of, columns_of
 from printmend.effects.effect import SCALE_MM, at_places
 from printmend.errors import TraceError
+from printmend.gcode.read import read_gcode
 from printmend.infer.gram import seen
 from printmend.infer.machine import DRAWS
 from printmend.infer.update import Renewed
@@ -21,6 +23,7 @@ from printmend.learn.walls import with_walls
 from printmend.machine import print_from_home
 from printmend.measure.checks import check_origin, digest_of, with_heights
 from printmend.mend.history import remember
+from printmend.mend.mend import mend_gcode
 from printmend.mend.update import Updated, changes_of, measured_again, update
 from printmend.messages import say, say_count, together
 from printmend.model import SavedModel
@@ -140,14 +143,15 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
         )  # fmt: skip
     placed = trace.placed and belief.placed
     outlook, off = _outlook_at_marks(model, belief, trace)
-    found = measured_again(model, belief, made(model, trace), np.random.default_rng(0), stories=False)
+    commanded, wanted_mm = made(model, trace)
+    found = measured_again(model, belief, commanded, np.random.default_rng(0), stories=False)
     noise_mm = found.now.noise_mm
     sigmas = np.empty(0) if trace.sigma_mm is None else trace.sigma_mm[known]
     stated = sigmas[np.isfinite(sigmas)]
     own_mm = float(np.sqrt(np.mean(stated**2))) if len(stated) else model.noise_mm
     # scatter beyond the instrument's noise may or may not come from the printer
     beyond_mm = PLANE_FACTOR * float(np.sqrt(max(noise_mm**2 - ((1 + 2 * _NOISE_SD_SHARE) * own_mm) ** 2, 0.0)))
-    surely_mm, wanders_mm = _errors_mm(found, trace, placed=placed)
+    surely_mm, wanders_mm = _errors_mm(found, wanted_mm, placed=placed)
     whole_mm = np.hypot(surely_mm, wanders_mm)
     now = float(np.median(whole_mm))
     # a random walk imitates place and scale as far as its end strays: 6 times its mean square about its mean
@@ -167,12 +171,12 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     )  # fmt: skip
 
 
-def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return each drawn machine's RMS distance of the marks from their wanted places [DRAWS], and how much of it is
-    drift, which may be the printer's or the instrument's."""
+def _errors_mm(found: Renewed, wanted_mm: np.ndarray, *, placed: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return each drawn machine's RMS distance [DRAWS] of the marks from their wanted places, of which each row has one
+    [N, 2], and how much of it is drift, which may be the printer's or the instrument's."""
     fit, scene = found.fit, found.now.scene
     nominal = scene.printer.from_motor(fit.places.motor_mm)
-    ahead = np.einsum("mc,mc->m", fit.rows.along, (nominal - trace.commanded_mm)[fit.rows.mark])
+    ahead = np.einsum("mc,mc->m", fit.rows.along, (nominal - wanted_mm)[fit.rows.mark])
     sums = {False: np.repeat(ahead[:, None], DRAWS, axis=1)}
     sums[True] = np.zeros_like(sums[False])
     wanders = any(block.effect == "wander" for block in found.fit.blocks)
@@ -279,11 +283,47 @@ def updated(model: SavedModel, trace: Trace) -> Updated:
 
     Raises `ModelError` for a model without drawn machines, `TraceError` like `learn_model`.
     """
-    return update(model, made(model, trace), rng=np.random.default_rng(0))
+    return update(model, made(model, trace)[0], rng=np.random.default_rng(0))
 
 
-def made(model: SavedModel, trace: Trace) -> Trace:
-    """Return a check print with the places that were really commanded: mending made them from the wanted ones."""
+def made(model: SavedModel, trace: Trace) -> tuple[Trace, np.ndarray]:
+    """Return a check print as it was commanded, with the places that mending made, and the wanted place of each of its
+    rows [N, 2]: of dots those of a file that mends them, for between two dots a mended file goes its own way."""
+    if not trace.homed or trace.wall_rows.any() or trace.z_mm is not None:
+        return _each_made(model, trace), trace.commanded_mm
+    dots = np.flatnonzero(trace.measured_rows)
+    moves, rests = _mended_dots(model, trace.commanded_mm, dots)
+    measured, sigma = np.full((1 + moves.shape[0], 2), np.nan), np.full(1 + moves.shape[0], np.nan)
+    wanted = np.vstack([trace.commanded_mm[:1], moves])
+    commanded, rows = wanted.copy(), 1 + rests
+    if dots[0] == 0:
+        rows = np.append(0, rows)
+    measured[rows], wanted[rows] = trace.measured_mm[dots], trace.commanded_mm[dots]
+    if trace.sigma_mm is not None:
+        sigma[rows] = trace.sigma_mm[dots]
+    return replace(
+        trace, commanded_mm=commanded, measured_mm=measured, sigma_mm=None if trace.sigma_mm is None else sigma,
+        layer=None, z_measured_mm=None, normal=None, offset_mm=None, origin=None, blank_rows=0, taken=None,
+    ), wanted  # fmt: skip
+
+
+def _mended_dots(model: SavedModel, wanted_mm: np.ndarray, dots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the places [N, 2] to which a mended file goes from home along wanted places [M, 2], and which of them are
+    those of the ``dots``, which may begin with home."""
+    lines = [f"G0 X{x:.5f} Y{y:.5f} F6000" for x, y in wanted_mm[1:].tolist()]
+    for dot in dots[dots > 0]:
+        lines[dot - 1] += "\nG1 E1"
+    with TemporaryDirectory() as folder:
+        source, output = Path(folder) / "wanted.gcode", Path(folder) / "mended.gcode"
+        source.write_text("\n".join(["G21", "G90", "M83", "G28", *lines, ""]))
+        mend_gcode(source, model, output, force=True)
+        moves = read_gcode(output, printer=model.printer).moves
+    goes = (moves.start_mm[:, :2] != moves.end_mm[:, :2]).any(axis=1)
+    return moves.end_mm[goes, :2], np.cumsum(goes)[moves.extrusion_mm > 0] - 1
+
+
+def _each_made(model: SavedModel, trace: Trace) -> Trace:
+    """Return a check print as it was commanded where mending moved each of its places by itself."""
     printer, mechanism = model.printer, model.mechanism
     belts = printer.to_motor(mechanism.frame.invert(trace.commanded_mm))
     motors = np.empty_like(belts)
