@@ -11,8 +11,10 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import ModelError, TraceError
+from printmend.gcode.read import read_gcode
 from printmend.learn.learned import learn_model
 from printmend.measure.table import write_trace
+from printmend.mend import mend_gcode
 from printmend.mend.filament import printed_in, update_in, updated_in, verify_in
 from printmend.mend.history import read_history, rows_of
 from printmend.mend.update import Updated
@@ -20,7 +22,10 @@ from printmend.mend.verify import BROKEN, KEPT, UNSURE, expectation, made, updat
 from printmend.model import SavedModel, exact_model, read_model, write_model
 from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.printer import read_printer
+from printmend.probe import design_probe
+from printmend.probe.probe import write_probe
 from printmend.twin import Twin
+from printmend.twin.gcode import print_dots
 from tests.test_greybox_learning import stairs
 
 ENDER3 = read_printer("ender3")
@@ -182,6 +187,20 @@ def test_an_idlers_error_is_no_noise_of_the_table(bent: SavedModel) -> None:
     trace = checked(bent, BENT, 0.03)
     idler = 0.15 * np.sin(trace.commanded_mm * (2 * np.pi / 33.3))
     assert verify(bent, replace(trace, measured_mm=trace.measured_mm + idler)).result == BROKEN
+
+
+@pytest.mark.parametrize("play_mm", [0.0, 0.45])
+def test_a_mended_test_print_shows_play_as_it_is_now(bent: SavedModel, tmp_path: Path, play_mm: float) -> None:
+    """Between its dots a mended file goes its own way, and from which side it reaches a dot is what play depends on."""
+    plan = design_probe(ENDER3, size_mm=100)
+    write_probe(tmp_path / "check.gcode", plan)
+    mend_gcode(tmp_path / "check.gcode", bent, tmp_path / "mended.gcode", force=True)
+    twin = Twin.of(machine(play_mm), ENDER3)
+    dots_mm = print_dots(read_gcode(tmp_path / "mended.gcode", printer=ENDER3), twin, plan)
+    newer = updated(bent, plan.trace(dots_mm + np.random.default_rng(5).normal(0, 0.01, dots_mm.shape)))
+    plays_mm = [float(np.mean(table.upper_mm - table.lower_mm)) for table in newer.model.mechanism.transmissions]
+    assert plays_mm == pytest.approx([play_mm, 0.2], abs=0.01)
+    assert {(change.part, change.kind) for change in newer.changes} <= {("X", "play")}
 
 
 def test_the_model_is_brought_up_to_date_with_what_was_really_commanded(bent: SavedModel) -> None:

@@ -112,10 +112,11 @@ class Trace:
     only: ``normal`` [N, 2] points out of the plastic and ``offset_mm`` [N] is how far along it the wall lies from where
     it was commanded, both NaN where a row has none. What all walls share is no error of the machine: beads are wider
     than thought, the first layer is squashed. ``origin`` is None where unknown. Of a part that shrank after it was
-    printed, what is believed of that is taken off; ``shrinkage_sd`` is the standard deviation of what is left of it
-    along either axis, a share. ``motion`` is what lines printed at speed showed. ``blank_rows`` are those that stood
-    empty between others in a table, and are not among the N. ``taken`` are the hexadecimal digits over the measurement
-    from which this one was made, None for one as it was taken.
+    printed, what is believed of that is taken off: ``shrunk``, a share, about the middle of the bed. ``shrinkage_sd``
+    is the standard deviation of what is left of it along either axis, a share. ``motion`` is what lines printed at
+    speed showed. ``blank_rows`` are those that stood empty between others in a table, and are not among the N.
+    ``taken`` are the hexadecimal digits over the measurement from which this one was made, None for one as it was
+    taken.
     """
 
     commanded_mm: np.ndarray
@@ -132,6 +133,7 @@ class Trace:
     origin: Origin | None = None
     blank_rows: int = 0
     shrinkage_sd: float | None = None
+    shrunk: float = 0.0
     motion: Motion | None = None
     taken: str | None = None
 

@@ -264,12 +264,23 @@ def instrument_scatter_mm(trace: Trace) -> float | None:
 def errors_mm(trace: Trace, fit: Fit, parts: Iterable[Sized], told: np.ndarray) -> np.ndarray:
     """Return how far each row [N, 2] was printed from where it was commanded; ``told`` [N] are the rows that count.
 
-    What ``parts`` say that the instrument and its origin did is no error, nor is the mean shift of an unplaced print.
-    Turns are left in: rows are turned back.
+    What ``parts`` say that the instrument and its origin did is no error, nor is the mean shift of an unplaced print;
+    but it is one that a part shrank, or looks as if it had. Turns of dots are left in: these are turned back.
     """
-    own = (part for part in parts if EFFECTS[part.effect].of is Of.INSTRUMENT and part.effect != "turn")
-    off_mm = trace.measured_mm - trace.commanded_mm - fit.moved_mm(own)
-    return off_mm if trace.placed else off_mm - off_mm[told].mean(axis=0)  # nobody knows where the plate lay
+    seen = () if trace.shrinkage_sd is None else ("shrinkage", "stretch")  # in the print, whosever its scale is
+    if not trace.wall_rows.any():
+        seen = (*seen, "turn")
+    own = [part for part in parts if EFFECTS[part.effect].of is Of.INSTRUMENT and part.effect not in seen]
+    shrank_mm = trace.shrunk * (trace.commanded_mm - fit.scene.middle_mm)
+    moved_mm = shrank_mm + fit.moved_mm(own)
+    off_mm = trace.measured_mm - trace.commanded_mm - moved_mm
+    if trace.normal is None or trace.offset_mm is None:
+        return off_mm if trace.placed else off_mm - off_mm[told].mean(axis=0)  # nobody knows where the plate lay
+    across_mm = trace.offset_mm - np.sum(moved_mm * trace.normal, axis=1)  # walls show no more
+    if not trace.placed:
+        some = told & trace.wall_rows
+        across_mm -= trace.normal @ np.linalg.lstsq(trace.normal[some], across_mm[some], rcond=None)[0]
+    return np.where(trace.wall_rows[:, None], across_mm[:, None] * trace.normal, off_mm)
 
 
 def trace_section(

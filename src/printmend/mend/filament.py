@@ -220,7 +220,7 @@ def grown(trace: Trace, printer: Printer, filament: str | None) -> Trace:
     more = material.mean / (1 - material.mean)
     grown = replace(
         trace, measured_mm=trace.measured_mm + more * (trace.measured_mm - middle), shrinkage_sd=material.sd,
-        taken=digest_of(trace),
+        shrunk=material.mean, taken=digest_of(trace),
     )  # fmt: skip
     if trace.normal is None or trace.offset_mm is None:
         return grown
