@@ -132,7 +132,7 @@ def test_the_printer_s_file_says_how_fast_and_the_owner_is_told_where_it_cannot_
         )
         assert done.exit_code == 0, done.output
         assert (b"M204 P12000\n" in output.read_bytes()) is not bool(options)
-        assert ("crossings are not sped up" in done.output) is bool(options)
+        assert ("the slack is crossed no faster" in done.output) is bool(options)
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_a_crossing_speeds_up_no_more_than_the_file_lets_the_firmware(limit: byt
         assert done.exit_code == 0, done.output
         asked = {accel for accel, _ in lines_with_accel(output.read_bytes())}
         assert OWN < max(asked) == most
-        assert "not sped up" not in done.output
-        assert ("speed up by 3000 mm/s² at most" in done.output) is (most == 3000)
+        assert "crossed no faster" not in done.output
+        assert ("crossed with 3000 mm/s² at most" in done.output) is (most == 3000)
     slow = ["mend", str(source), "-m", str(model), "-o", str(output), "--overwrite", "--crossing", "500"]
     assert f"{OWN:.0f} mm/s², is no smaller than the one that was asked for" in CliRunner().invoke(group, slow).output

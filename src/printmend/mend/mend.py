@@ -398,7 +398,7 @@ def _mended_text(
 
 
 def _crossing_words(planner: Planner, fineness: Fineness) -> str | None:
-    """Say that crossings are not sped up, because the normal acceleration is unknown or no smaller."""
+    """Say that the slack is crossed no faster, because the normal acceleration is unknown or no smaller."""
     asked_mm_s2, counts, head = fineness.crossing_mm_s2, planner.counts, planner.model.head
     if asked_mm_s2 is None or head.crossing < asked_mm_s2 or counts.hurried or not counts.takeups:
         return None
