@@ -340,3 +340,13 @@ def test_a_picture_that_was_resized_is_noticed(plan, printed, size, quality):
         picture = Image.open(file)
     assert is_resampled(np.asarray(picture)[..., ::-1]) == (size != 1.0)
     assert resolution(np.asarray(picture)[..., ::-1], None, 300.0)[2] == (FLATBED if size == 1.0 else RESIZED)
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, 1.0])
+def test_squared_paper_was_not_resized(rng, turned_deg):
+    """Its lines repeat, too, but the noise between them does not."""
+    along, across = np.cos(np.radians(turned_deg)), np.sin(np.radians(turned_deg))
+    y, x = np.mgrid[:1500, :1500]
+    lines = [np.abs((way + 30) % 59.06 - 30) < 1.5 for way in (along * x + across * y, along * y - across * x)]
+    grey = 225.0 - 80.0 * (lines[0] | lines[1]) + rng.normal(0, 2.5, x.shape)
+    assert not is_resampled(np.repeat(grey.astype(np.uint8)[:, :, None], 3, axis=2))

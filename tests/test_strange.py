@@ -30,8 +30,9 @@ def mended(law: Law) -> tuple[float, Promise]:
     model = learn_model(trace, read_printer("ender3"))
     wanted = walk(200, rng)
     fresh = Trace(wanted, np.where((np.arange(401) % 2 == 0)[:, None], wanted, np.nan), homed=True)
-    commanded = made(model, fresh).commanded_mm
-    left_mm = (commanded + law(commanded, rng) - wanted)[2::2]
+    mended, _ = made(model, fresh)
+    printed_mm = mended.commanded_mm + law(mended.commanded_mm, rng)
+    left_mm = (printed_mm - mended.measured_mm)[mended.measured_rows][1:]  # from where they are wanted, but for home
     promise = expectation(model, fresh)
     assert promise is not None
     return float(np.sqrt(np.mean(np.square(left_mm).sum(axis=1)))), promise

@@ -117,6 +117,19 @@ def test_a_belt_that_was_put_back_some_teeth_away_is_thought_of(old: SavedModel)
         assert ("teeth" in said) == (teeth == 7)
 
 
+def test_a_dent_of_many_likely_shapes_did_not_shrink() -> None:
+    """Some drawn machines have it narrower, or elsewhere by a millimetre: that is no change."""
+
+    def dented(seed: int) -> Trace:
+        trace = printed(Corruption((Drive(belt=Play(0.1)), Drive(belt=Play(0.2)))), 400, seed, small=False)
+        dent_mm = 0.1 * np.exp(-np.square((trace.commanded_mm[:, 1] - 100.0) / 4.0))
+        return replace(trace, measured_mm=trace.measured_mm + dent_mm[:, None] * [0.0, 1.0])
+
+    newer = update(learn_model(dented(1), ENDER3), dented(2), rng=np.random.default_rng(0))
+    assert not newer.changes
+    assert not newer.anew
+
+
 def test_play_that_grew_is_found(old: SavedModel) -> None:
     """Though the print lies elsewhere."""
     now = machine(play_x=0.35)

@@ -210,6 +210,7 @@ def test_the_model_is_brought_up_to_date_with_what_was_really_commanded(bent: Sa
     assert np.array_equal(wanted_mm[rows], trace.commanded_mm)
     assert np.abs(commanded.commanded_mm[rows] - mended_mm(bent, trace.commanded_mm)).max() < 0.01
     newer = updated(bent, trace)
+    assert updated(newer.model, trace).is_known
     assert [(change.part, change.kind) for change in newer.changes] == [("X", "play")]
     again = verify(newer.model, checked(newer.model, machine(0.4), 0.02, seed=11))
     assert again.result == KEPT

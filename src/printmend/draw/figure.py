@@ -122,7 +122,8 @@ def quiet(axes: Axes, tell: Tell = str, *, framed: bool = False) -> Axes:
     for side in ("top", "right"):
         axes.spines[side].set_visible(framed)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(_Numbers(tell))
+        if type(axis.get_major_formatter()) is ScalarFormatter:
+            axis.set_major_formatter(_Numbers(tell))
     axes.tick_params(colors=INK, labelsize=8)
     return axes
 

@@ -27,9 +27,9 @@ def size_mm(name: str) -> float:
     return number_of(name, "sd")
 
 
-def mild_shares() -> tuple[float, ...]:
-    """Return the shares of an effect's usual size that are tried, milder ones last."""
-    return tuple(_table()["mild"])
+def mild_shares(name: str = "") -> tuple[float, ...]:
+    """Return the shares of an effect's usual size that are tried, milder ones last: those of all unless it has own."""
+    return tuple(_table().get(name, {}).get("mild", _table()["mild"]))
 
 
 def numbers_of(name: str, key: str) -> tuple[float, ...]:
@@ -68,7 +68,7 @@ def machine_scales() -> list[tuple[float, float]]:
     """Return the standard deviations of a machine's scale error, as shares, and the chance of each: every one has a
     small error, some have another pulley."""
     row = _table()["scale"]
-    damaged = [(factor * row["sd"] / SCALE_MM, row["share"] / len(mild_shares())) for factor in mild_shares()]
+    damaged = [(factor * row["sd"] / SCALE_MM, row["share"] / len(row["mild"])) for factor in row["mild"]]
     return [(row["every"] / SCALE_MM, 1.0 - row["share"]), *reversed(damaged)]
 
 
@@ -113,7 +113,8 @@ def alternatives(
     and ``sd_mm``.
     """
     sd, profiles = size_mm(name) if sd_mm is None else sd_mm, profiles or (profile_of(name),)
-    sizes = [tuple(factor * sd * each for each in profile) for profile in profiles for factor in mild or mild_shares()]
+    factors = mild or mild_shares(name)
+    sizes = [tuple(factor * sd * each for each in profile) for profile in profiles for factor in factors]
     chance = share_of(name) if share is None else share
     log_odds = math.log(chance / max(1.0 - chance, 1e-6)) - math.log(max(len(shapes), 1) * len(sizes))
     yield from (Term(name, where, shape, size, log_odds, positive) for shape in shapes for size in sizes)

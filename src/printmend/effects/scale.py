@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed
-from printmend.effects.prior import alternatives, number_of
+from printmend.effects.effect import Acts, Places, Scene, Usual, onto_bed
 from printmend.effects.teeth import TOOTH_MM
 from printmend.effects.words import Care, Fault, Found, Numbers, amount, motor_name
 from printmend.messages import say
@@ -19,12 +18,6 @@ class Scale(Usual):
     name = "scale"
     acts = Acts.DRIVE
     keys = Numbers(("percent",))
-
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        yield from super().terms(scene)
-        share, sd_mm = number_of(self.name, "every_share"), number_of(self.name, "every")
-        for motor in range(2):
-            yield from alternatives(self.name, motor, share=share, sd_mm=sd_mm, mild=(1.0,))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, scene.motor_off_middle(where, places.motor_mm[:, [where]]))

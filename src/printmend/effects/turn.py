@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import FAR_MM, GONE, SCALE_MM, Of, Places, Scene, Term, Usual
-from printmend.effects.prior import alternatives, number_of
+from printmend.effects.effect import ALWAYS, FAR_MM, GONE, SCALE_MM, Of, Places, Scene, Term, Usual
+from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told
 from printmend.messages import say
 
@@ -19,8 +19,10 @@ class Turn(Usual):
     keys = Numbers(("angle_deg",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        share, sd_mm = (None, None) if scene.placed else (number_of(self.name, "unplaced"), FAR_MM)
-        yield from alternatives(self.name, 0, share=share, sd_mm=sd_mm)
+        if scene.placed:
+            yield from alternatives(self.name, 0)
+        else:  # nobody knows how a sheet lay on a scanner
+            yield Term(self.name, 0, (), (FAR_MM,), ALWAYS)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x, y = scene.off_middle(places.bed_mm).T

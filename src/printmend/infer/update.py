@@ -416,7 +416,7 @@ def _seldom(blocks: tuple[Block, ...], story: Story) -> tuple[Block, ...]:
         if not story.refit or effect.from_home:
             seldom = number_of("since", "changed" if wear_share(one.effect) else "replaced")
             one = replace(one, log_odds=one.log_odds + math.log(seldom))
-        if (part := doubted.get(one.key)) is None:
+        if (part := doubted.get(one.key)) is None or not part.draws_mm.any():
             return one
         sds_mm, shares = zip(*_sizes_of(part, one.sds_mm), strict=True)
         odds = np.log(np.array(shares) / (1 - part.chance))

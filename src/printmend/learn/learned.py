@@ -270,7 +270,11 @@ def errors_mm(trace: Trace, fit: Fit, parts: Iterable[Sized], told: np.ndarray) 
     seen = () if trace.shrinkage_sd is None else ("shrinkage", "stretch")  # in the print, whosever its scale is
     if not trace.wall_rows.any():
         seen = (*seen, "turn")
-    own = [part for part in parts if EFFECTS[part.effect].of is Of.INSTRUMENT and part.effect not in seen]
+    own = [
+        part
+        for part in parts
+        if part.effect == "bead" or (EFFECTS[part.effect].of is Of.INSTRUMENT and part.effect not in seen)
+    ]
     shrank_mm = trace.shrunk * (trace.commanded_mm - fit.scene.middle_mm)
     moved_mm = shrank_mm + fit.moved_mm(own)
     off_mm = trace.measured_mm - trace.commanded_mm - moved_mm
@@ -279,7 +283,8 @@ def errors_mm(trace: Trace, fit: Fit, parts: Iterable[Sized], told: np.ndarray) 
     across_mm = trace.offset_mm - np.sum(moved_mm * trace.normal, axis=1)  # walls show no more
     if not trace.placed:
         some = told & trace.wall_rows
-        across_mm -= trace.normal @ np.linalg.lstsq(trace.normal[some], across_mm[some], rcond=None)[0]
+        shift_mm, *_ = np.linalg.lstsq(trace.normal[some], across_mm[some], rcond=None)
+        across_mm, off_mm = across_mm - trace.normal @ shift_mm, off_mm - shift_mm
     return np.where(trace.wall_rows[:, None], across_mm[:, None] * trace.normal, off_mm)
 
 
@@ -297,12 +302,13 @@ def trace_section(
     if lost is not None and 0 < count <= MOST_LOST * measured:
         told = told & ~lost
     off_mm = errors_mm(trace, fit, (Sized(*part.key, part.mean_mm) for part in parts), told)[told]
+    on_bed = PLANE_FACTOR if trace.wall_rows.any() else 1.0  # a wall shows what lies across it
     return {
         "rows": len(trace),
         "measured": measured,
         **({"seen_mm": np.round([seen_mm.min(axis=0), seen_mm.max(axis=0)], 3).tolist()} if len(seen_mm) else {}),
         **({"left_out": count} if told.sum() < measured else {}),
-        "residual_before_mm": round(float(np.sqrt(np.mean(np.square(off_mm).sum(axis=1)))), 6),
+        "residual_before_mm": round(on_bed * float(np.sqrt(np.mean(np.square(off_mm).sum(axis=1)))), 6),
         "residual_after_mm": round(left_mm, 6),
         **({} if scatter_mm is None else {"instrument_mm": round(scatter_mm, 6)}),
     }

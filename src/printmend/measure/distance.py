@@ -29,7 +29,7 @@ SLIP_MM = 2.0  # standard deviation of a slip: a line of the scale misread, jaws
 SLIP_SHARE = RESIZED_SHARE = 0.02  # of readings, and of pictures of another size than they say (priors.toml, `resized`)
 DOUBTED_SHARE = 0.5  # of pictures of another size among those that do not state theirs, or were resized since
 SLIPPED = 0.5  # chance of a slip above which an owner is asked to measure again
-MOST_SCALE_SHARE = 0.02  # a distance that is off by more is hardly the one asked for
+MOST_SCALE_SHARE = 0.02  # a distance that is off by more is another one, if the picture's scale is known
 UNIT_SHARE = 0.05  # a length that fits another unit to within this share is taken to be in that unit
 
 _SIDES = (  # messages, by thirds of a plate
@@ -108,7 +108,7 @@ def scaled_by(
     one, other = measured_mm[list(span)]
     seen = math.dist(one, other) + float(np.mean(dots_mm))
     excess = seen / distance_mm - 1.0  # by which share lengths in the image are too long
-    if not abs(excess) <= MOST_SCALE_SHARE + 2 * (instrument.scale_sd + instrument.resized_sd):
+    if not abs(excess) <= _most_share(instrument):
         raise TraceError(
             say("distance-option"), wanted=say("about-mm-from-dot-dot-outer", f"{seen:.2f}", span[0], span[1]),
             came=together("", [f"{distance_mm:g}", inches(distance_mm, seen)]),
@@ -144,6 +144,12 @@ def scaled_by_rulers(
     return (places_mm - middle) @ np.linalg.inv(taken).T + middle, instrument, notes
 
 
+def _most_share(instrument: Instrument) -> float:
+    """Return by which share a distance that was asked for may be off: by that of others, and by two standard deviations
+    of the picture's scale."""
+    return MOST_SCALE_SHARE + 2 * (instrument.scale_sd + instrument.resized_sd)
+
+
 def _row(angle_rad: float) -> np.ndarray:
     """Return the derivative of a length at an angle by scale, by half the axes' difference, and by half their lean."""
     return np.array([1.0, math.cos(2 * angle_rad), math.sin(2 * angle_rad)])
@@ -161,7 +167,8 @@ def settled(
     """
     row, plain, usual = _row(angle_rad), instrument.covariance, (reading_mm / distance_mm) ** 2
     resized = plain + np.diag([RESIZED.resized_sd**2, 0.0, 0.0])
-    shares = np.array([1.0, DOUBTED_SHARE if instrument.resized_sd else RESIZED_SHARE, slip_share])
+    other = DOUBTED_SHARE if instrument.resized_sd else RESIZED_SHARE
+    shares = np.array([1.0 - other, other, slip_share])
     cases = ((plain, usual), (resized, usual), (plain, usual + (SLIP_MM / distance_mm) ** 2))
     spreads = np.array([row @ prior @ row + noise for prior, noise in cases])
     with np.errstate(divide="ignore"):  # what never happens
@@ -277,7 +284,7 @@ def scaled_by_widths(
     for distance_mm, width in zip(distances_mm, widths, strict=False):
         seen = width.across_mm(edge_mm)
         excess = seen / distance_mm - 1.0
-        if not abs(excess) <= MOST_SCALE_SHARE + 2 * (instrument.scale_sd + instrument.resized_sd):
+        if not abs(excess) <= _most_share(instrument):
             raise TraceError(
                 say("distance-option"), wanted=say("about-mm", f"{width.across_mm(begun):.2f}", width.words),
                 came=together("", [f"{distance_mm:g}", inches(distance_mm, seen)]), todo=say("measure-again-in-mm"),

@@ -90,9 +90,9 @@ def resolution(image: np.ndarray, given: float | None, stated: float | None) -> 
     the picture's file ``stated``, else the usual one. It is a `FLATBED`'s if the file stated it (a PNG rounds it) and
     the picture was not resized since, else that of a `RESIZED` one."""
     dpi = given or stated or USUAL_DPI
-    if is_resampled(image):
-        return dpi, say("scale-from-dpi-resized", f"{dpi:g}"), RESIZED
     agree = stated is not None and abs(dpi / stated - 1) < FLATBED.scale_sd
+    if agree and is_resampled(image):
+        return dpi, say("scale-from-dpi-resized", f"{dpi:g}"), RESIZED
     return dpi, say("scale-from-dpi" if given or stated else _ASSUMED, f"{dpi:g}"), FLATBED if agree else RESIZED
 
 

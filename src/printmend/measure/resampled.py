@@ -12,7 +12,8 @@ from scipy.ndimage import median_filter
 SIDE_PX = 2048  # of the middle of the picture, which is looked at
 SMOOTH_PX, APART_PX = 9, 25  # what noise is smoothed over; how far from an edge noise alone is left
 QUIET = 2.0  # of the usual unevenness: more is an edge
-WAVES = 8192  # frequencies a pixel at which waves are looked for, up to twice that of one wave in two pixels
+FEWEST_SHARE, FEWEST = 0.02, 64  # of a column's pixels, and of columns: with fewer quiet ones nothing is told
+WAVES = 8192  # waves are looked for at half as many frequencies, up to one wave in two pixels
 LOWEST, NEAR = 0.004, 0.003  # waves a pixel: of uneven light; within these two are one
 WHOLE_PX = np.arange(2, 9)  # after which a JPEG's blocks, and what was enlarged so many times, repeat
 SURE = 15.0  # over the usual power, along both sides: noise alone gets there in one picture of 10^9
@@ -42,8 +43,12 @@ def _quiet(grey: np.ndarray) -> np.ndarray:
 
 def _power(grey: np.ndarray, quiet: np.ndarray) -> np.ndarray:
     """Return the power of each wave of the noise along the rows, over the usual power near it."""
-    noise = np.abs(np.diff(grey, 2, axis=1)) * quiet[:, 1:-1]
-    mean = noise.sum(axis=0) / np.maximum(quiet[:, 1:-1].sum(axis=0), 1)
+    noise, count = np.abs(np.diff(grey, 2, axis=1)) * quiet[:, 1:-1], quiet[:, 1:-1].sum(axis=0)
+    told = count > FEWEST_SHARE * len(grey)  # not along a printed line
+    if told.sum() < FEWEST:
+        return np.zeros(WAVES // 2 + 1)
+    mean = noise.sum(axis=0) / np.maximum(count, 1)
+    mean = np.where(told, mean, np.median(mean[told]))
     mean -= median_filter(mean, round(1 / (2.5 * LOWEST)))
     power = np.abs(np.fft.rfft(mean * np.hanning(len(mean)), WAVES)) ** 2
     usual = median_filter(power, WAVES // 10) / np.log(2)  # an exponential's median is its mean times log 2

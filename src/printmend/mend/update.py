@@ -280,7 +280,11 @@ def _likely(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]
         draws_mm = part.draws_mm[:, np.resize(there, DRAWS)] if len(there) else part.draws_mm
         return replace(part, acts_mm=part.acts_mm if part.acts_mm.any() else draws_mm.mean(axis=1), draws_mm=draws_mm)
 
-    likely = [part for part in told_apart(parts)[0] if EFFECTS[part.effect].acts is not Acts.NOT]
+    slots: dict[tuple[str, int], list[Part]] = {}
+    for part in told_apart(parts)[0]:
+        if EFFECTS[part.effect].acts is not Acts.NOT:
+            slots.setdefault(part.key[:2], []).append(part)
+    likely = [max(each, key=lambda part: (part.acts_mm.any(), part.chance)) for each in slots.values()]
     found = [sure(part) for part in parts if part.acts_mm.any() or part in likely]
     return {(fault.part, fault.kind): fault for fault in acting_faults(found, scene)}
 
@@ -319,7 +323,7 @@ def _turn(found: Renewed, motor: int, by_rad: float) -> Change:
     value, sd, name = float(angles.mean()), float(angles.std()), found.now.scene.printer.motors[motor].upper()
     words = say("pulley-turned-shaft", name, f"{value:.1f}°", f"{sd:.1f}")
     scene = found.now.scene
-    mm_per_degree = scene.printer.mm_per_turn[motor] / 360.0
+    mm_per_degree = scene.turns_mm[motor] / 360.0
     teeth = round(value * mm_per_degree / TOOTH_MM)
     doubt_mm = NAMED_SIGMAS * float(np.hypot(sd * mm_per_degree, spread_mm(scene)[motor]))
     if teeth and abs(value * mm_per_degree - teeth * TOOTH_MM) < doubt_mm < TOOTH_MM / 2:

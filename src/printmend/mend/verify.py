@@ -288,22 +288,26 @@ def updated(model: SavedModel, trace: Trace) -> Updated:
 
 def made(model: SavedModel, trace: Trace) -> tuple[Trace, np.ndarray]:
     """Return a check print as it was commanded, with the places that mending made, and the wanted place of each of its
-    rows [N, 2]: of dots those of a file that mends them, for between two dots a mended file goes its own way."""
-    if not trace.homed or trace.wall_rows.any() or trace.z_mm is not None:
-        return _each_made(model, trace), trace.commanded_mm
+    rows [N, 2]: of dots those of a file that mends them, for between two dots a mended file goes its own way. Walls,
+    and a print with heights or without a home, are taken place by place."""
     dots = np.flatnonzero(trace.measured_rows)
+    begins = np.allclose(trace.commanded_mm[0], model.printer.home_mm)
+    if not (trace.homed and begins and len(dots)) or trace.wall_rows.any() or trace.z_mm is not None:
+        return _each_made(model, trace), trace.commanded_mm
     moves, rests = _mended_dots(model, trace.commanded_mm, dots)
     measured, sigma = np.full((1 + moves.shape[0], 2), np.nan), np.full(1 + moves.shape[0], np.nan)
     wanted = np.vstack([trace.commanded_mm[:1], moves])
     commanded, rows = wanted.copy(), 1 + rests
     if dots[0] == 0:
         rows = np.append(0, rows)
+    if len(np.unique(rows)) < len(dots):  # twice at one place
+        return _each_made(model, trace), trace.commanded_mm
     measured[rows], wanted[rows] = trace.measured_mm[dots], trace.commanded_mm[dots]
     if trace.sigma_mm is not None:
         sigma[rows] = trace.sigma_mm[dots]
     return replace(
         trace, commanded_mm=commanded, measured_mm=measured, sigma_mm=None if trace.sigma_mm is None else sigma,
-        layer=None, z_measured_mm=None, normal=None, offset_mm=None, origin=None, blank_rows=0, taken=None,
+        layer=None, z_measured_mm=None, normal=None, offset_mm=None, origin=None, blank_rows=0, taken=digest_of(trace),
     ), wanted  # fmt: skip
 
 
@@ -342,7 +346,7 @@ def _each_made(model: SavedModel, trace: Trace) -> Trace:
     return Trace(
         commanded, trace.measured_mm, sigma_mm=trace.sigma_mm, homed=trace.homed, placed=trace.placed,
         instrument=trace.instrument, normal=trace.normal, offset_mm=offset, shrinkage_sd=trace.shrinkage_sd,
-        motion=trace.motion,
+        motion=trace.motion, taken=digest_of(trace),
     )  # fmt: skip
 
 
