@@ -5,11 +5,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from printmend.corruption import Corruption, Drive, EccentricBore
 from printmend.learn.learned import learn_model
 from printmend.mend.verify import expectation, made
 from printmend.path import Trace, last_way
 from printmend.printer import read_printer
 from printmend.promise.predict import Promise
+from printmend.twin import Twin
+from tests.test_greybox_learning import stairs
 
 NOISE_MM = 0.02
 Law = Callable[[np.ndarray, np.random.Generator], np.ndarray]  # commanded [N, 2] → by how much they print elsewhere
@@ -77,3 +80,17 @@ def test_what_cannot_be_mended_is_promised(law: Law) -> None:
     """A walk goes another way in each print: the measured one, walked again, would be more even."""
     left_mm, promise = mended(law)
     assert promise.rms_low_mm < left_mm < promise.rms_high_mm
+
+
+@pytest.mark.parametrize("preset", ["ender3", "prusa-mk4s"])
+def test_a_skipped_tooth_is_no_lost_turn_of_the_motor(preset: str) -> None:
+    """Its 2 mm are a whole number of electrical turns of no motor, or nearly: the pulley did not turn with the belt."""
+    printer, rng = read_printer(preset), np.random.default_rng(4)
+    path = stairs(400)
+    eccentric = Corruption((Drive(pulley=EccentricBore(0.3, 1.0)), Drive()))
+    measured = Twin.of(eccentric, printer).follow(path) + rng.normal(0, NOISE_MM, path.shape)
+    measured[len(path) // 2 :, 0] += 2.0
+    model = learn_model(Trace(path, measured, homed=True), printer)
+    (fault,) = model.document["diagnosis"]
+    assert (fault["part"], fault["kind"]) == ("x", "harmonic-1")
+    assert fault["value"] == pytest.approx(0.3, abs=0.006)

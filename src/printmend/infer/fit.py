@@ -468,8 +468,7 @@ STILL = (
 )  # fmt: skip
 FEW = (*STILL, "pulley", "breathing", "elastic", "idler", "bent")
 REPEATING = ("pulley", "breathing", "elastic", "idler")  # effects whose place a turn of another length takes
-TOOTH_STEPS = 10  # full steps of a tooth that is skipped
-ALIKE_MM = 0.2  # by which a skip may differ from such a number: a turn that is lost also turns the pulley
+ALIKE_MM = 0.2  # by which a skip may differ from whole electrical turns: a turn that is lost also turns the pulley
 NEAR_SPACING = 0.0025  # half the distance of lengths that are tried, as a share
 NEAR_SHARES = 2 * NEAR_SPACING * np.arange(-8, 9)  # by which calibrated steps let a turn differ from the printer's
 ROUND_MOST, BREATH_MOST = 4, 2  # harmonics of a turn that is tried, and of its play
@@ -521,12 +520,12 @@ def _as_turned(trace: Trace, fit: Fit) -> Trace:
     lost_mm = np.zeros((len(trace), 2))
     done = _done(trace.commanded_mm, fit.scene)
     for part in fit.parts():
-        axis = fit.scene.printer.axes[part.where]
-        turns, teeth = (part.sizes_mm[0] / (count * axis.mm_per_step) for count in (STEPS_A_TURN, TOOTH_STEPS))
-        off, other = (abs(each - round(each)) * count for each, count in ((turns, STEPS_A_TURN), (teeth, TOOTH_STEPS)))
-        if part.effect == "skip" and off < other and off * axis.mm_per_step < ALIKE_MM:
-            after = done > part.shape[0]
-            lost_mm[after, part.where] += round(turns) * STEPS_A_TURN * axis.mm_per_step
+        if part.effect != "skip":
+            continue
+        size_mm, turn_mm = part.sizes_mm[0], STEPS_A_TURN * fit.scene.printer.axes[part.where].mm_per_step
+        turns_mm, teeth_mm = (each * round(size_mm / each) for each in (turn_mm, TOOTH_MM))
+        if abs(size_mm - turns_mm) < min(abs(size_mm - teeth_mm), ALIKE_MM):
+            lost_mm[done > part.shape[0], part.where] += turns_mm
     if not lost_mm.any():
         return trace
     return replace(trace, commanded_mm=trace.commanded_mm + fit.scene.printer.from_motor(lost_mm))
