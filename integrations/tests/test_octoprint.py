@@ -528,7 +528,7 @@ def test_the_page_sends_the_test_print_and_a_mended_file_to_octoprint(octoprint:
         machine = Corruption((Drive(belt=Play(0.4)), Drive(belt=Play(0.6)))).lower(read_printer("ender3"))
         write_model(folder / "printer.mend.json", exact_model(machine))
         (source := tmp_path / "gear.gcode").write_bytes(part(1))
-        with pytest.raises(StudioError, match="expected a key that it accepts, found no"):
+        with pytest.raises(StudioError, match="expected a key that it accepts, found a refusal"):
             studio.post(f"/printers/{key}/host", {"address": octoprint.url, "key": "wrong" + KEY[5:]})
         with chromium() as browser:
             watched = Watched(browser.new_context(locale="en-GB").new_page(), server.address)
