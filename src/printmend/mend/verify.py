@@ -152,7 +152,8 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     # scatter beyond the instrument's noise may or may not come from the printer
     beyond_mm = PLANE_FACTOR * float(np.sqrt(max(noise_mm**2 - ((1 + 2 * _NOISE_SD_SHARE) * own_mm) ** 2, 0.0)))
     surely_mm, wanders_mm = _errors_mm(found, wanted_mm, placed=placed)
-    whole_mm = np.hypot(surely_mm, wanders_mm)
+    rounding_mm = PLANE_FACTOR * outlook.after.made_of.get("rounding", 0.0)  # scatters the marks as noise does
+    whole_mm = np.sqrt(surely_mm**2 + wanders_mm**2 + rounding_mm**2)
     now = float(np.median(whole_mm))
     # a random walk imitates place and scale as far as its end strays: 6 times its mean square about its mean
     low2 = float(np.quantile(surely_mm, LOW) ** 2 - 6 * np.median(wanders_mm) ** 2) if _is_beyond(found) else 0.0
