@@ -411,7 +411,9 @@ def test_most_of_a_doubt_is_told_before_printing(bent: SavedModel) -> None:
     assert advice_of(bent, fine) == ()  # no callipers for three micrometres
 
 
-@pytest.mark.parametrize(("cause", "said"), [("creep", "a shift that slows down"), ("parameters", "measure mo")])
+@pytest.mark.parametrize(
+    ("cause", "said"), [("creep", "a shift that slows down"), ("parameters", "measure mo"), ("shrinkage", "measure mo")]
+)
 def test_a_refusal_names_what_would_have_to_be_put_right(
     cause: str, said: str, bent: SavedModel, tmp_path: Path
 ) -> None:

@@ -31,6 +31,11 @@ class Of(Enum):
     INSTRUMENT = "instrument"  # of the measurement: never acts
     MATERIAL = "material"  # goes with the filament
 
+    @property
+    def is_printers(self) -> bool:
+        """Tell whether the printer makes it, if only in this print."""
+        return self in (Of.MACHINE, Of.SESSION)
+
 
 class Acts(Enum):
     """The part of a mechanism that holds an effect, so that mending can undo it."""

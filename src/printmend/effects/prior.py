@@ -69,7 +69,7 @@ def machine_scales() -> list[tuple[float, float]]:
     small error, some have another pulley."""
     row = _table()["scale"]
     damaged = [(factor * row["sd"] / SCALE_MM, row["share"] / len(row["mild"])) for factor in row["mild"]]
-    return [(row["every"] / SCALE_MM, 1.0 - row["share"]), *reversed(damaged)]
+    return [(damaged[-1][0], 1.0 - row["share"]), *reversed(damaged)]
 
 
 def lift_rests() -> tuple[tuple[float, float], ...]:

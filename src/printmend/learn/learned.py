@@ -264,19 +264,19 @@ def instrument_scatter_mm(trace: Trace) -> float | None:
 def errors_mm(trace: Trace, fit: Fit, parts: Iterable[Sized], told: np.ndarray) -> np.ndarray:
     """Return how far each row [N, 2] was printed from where it was commanded; ``told`` [N] are the rows that count.
 
-    What ``parts`` say that the instrument and its origin did is no error, nor is the mean shift of an unplaced print;
-    but it is one that a part shrank, or looks as if it had. Turns of dots are left in: these are turned back.
+    What ``parts`` say that the instrument and its origin did is no error, nor is the width of the beads, nor the mean
+    shift of an unplaced print. Shrinkage, real or apparent, is one. A turn of dots counts, a turn of walls does not.
     """
-    seen = () if trace.shrinkage_sd is None else ("shrinkage", "stretch")  # in the print, whosever its scale is
-    if not trace.wall_rows.any():
-        seen = (*seen, "turn")
-    own = [
-        part
-        for part in parts
-        if part.effect == "bead" or (EFFECTS[part.effect].of is Of.INSTRUMENT and part.effect not in seen)
-    ]
+
+    def is_taken_off(effect: str) -> bool:
+        if effect == "turn":
+            return bool(trace.wall_rows.any())
+        if effect == "stretch":  # of a part that shrank, nobody knows whose the scale is
+            return trace.shrinkage_sd is None
+        return effect == "bead" or EFFECTS[effect].of is Of.INSTRUMENT
+
     shrank_mm = trace.shrunk * (trace.commanded_mm - fit.scene.middle_mm)
-    moved_mm = shrank_mm + fit.moved_mm(own)
+    moved_mm = shrank_mm + fit.moved_mm(part for part in parts if is_taken_off(part.effect))
     off_mm = trace.measured_mm - trace.commanded_mm - moved_mm
     if trace.normal is None or trace.offset_mm is None:
         return off_mm if trace.placed else off_mm - off_mm[told].mean(axis=0)  # nobody knows where the plate lay

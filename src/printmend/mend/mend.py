@@ -12,7 +12,7 @@ from typing import IO
 import numpy as np
 
 from printmend.clock import Duration, Stopwatch, limits_of, start_stopwatch, told_as_a_whole, with_times
-from printmend.effects import EFFECTS, Of
+from printmend.effects import EFFECTS
 from printmend.errors import GcodeError, ModelError, RefusedError
 from printmend.files import replacing
 from printmend.gcode import kernels as k
@@ -456,7 +456,7 @@ def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Predict
         if (worse := prediction.chance_of_none) > 0 and prediction.after.rms_mm < prediction.before.rms_mm:
             came = say("expected-but-no-gain", came, max(1, round(100 * worse)))
             cause = max(prediction.after.made_of.items(), key=lambda item: item[1], default=("", 0.0))[0]
-            is_printers = cause in EFFECTS and EFFECTS[cause].of is not Of.INSTRUMENT
+            is_printers = cause in EFFECTS and EFFECTS[cause].of.is_printers
             todo = say("put-right-cause", in_words(cause)) if is_printers else say("measure-more-or-original")
         raise RefusedError(file.name, wanted=say("smaller-error-after-mending-surely"), came=came, todo=todo)
 

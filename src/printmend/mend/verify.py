@@ -183,7 +183,7 @@ def _errors_mm(found: Renewed, wanted_mm: np.ndarray, *, placed: bool) -> tuple[
     wanders = any(block.effect == "wander" for block in found.fit.blocks)
     for part in found.now.parts:
         of = EFFECTS[part.effect].of
-        if of in (Of.MACHINE, Of.SESSION):
+        if of.is_printers:
             columns = seen(part.key, fit.places, fit.rows, scene)
             sums[wanders and of is Of.SESSION] += columns @ part.draws_mm
     if not placed:  # the plate's place is unknown
@@ -195,9 +195,7 @@ def _errors_mm(found: Renewed, wanted_mm: np.ndarray, *, placed: bool) -> tuple[
 
 def _is_beyond(found: Renewed) -> bool:
     """Return whether a check print shows an error that no drawn machine has."""
-    return any(
-        EFFECTS[block.effect].of in (Of.MACHINE, Of.SESSION) and block.effect != "wander" for block in found.fit.blocks
-    )  # fmt: skip
+    return any(EFFECTS[block.effect].of.is_printers and block.effect != "wander" for block in found.fit.blocks)
 
 
 def _unseen_mm(found: Renewed) -> float:
@@ -288,9 +286,11 @@ def updated(model: SavedModel, trace: Trace) -> Updated:
 
 
 def made(model: SavedModel, trace: Trace) -> tuple[Trace, np.ndarray]:
-    """Return a check print as it was commanded, with the places that mending made, and the wanted place of each of its
-    rows [N, 2]: of dots those of a file that mends them, for between two dots a mended file goes its own way. Walls,
-    and a print with heights or without a home, are taken place by place."""
+    """Return a check print as it was commanded after mending, and the wanted place of each of its rows [N, 2].
+
+    Dots get the moves of a file that mends them: between two dots a mended file goes its own way. Walls, and prints
+    with heights or without a home, are taken place by place.
+    """
     dots = np.flatnonzero(trace.measured_rows)
     begins = np.allclose(trace.commanded_mm[0], model.printer.home_mm)
     if not (trace.homed and begins and len(dots)) or trace.wall_rows.any() or trace.z_mm is not None:
@@ -306,15 +306,13 @@ def made(model: SavedModel, trace: Trace) -> tuple[Trace, np.ndarray]:
     measured[rows], wanted[rows] = trace.measured_mm[dots], trace.commanded_mm[dots]
     if trace.sigma_mm is not None:
         sigma[rows] = trace.sigma_mm[dots]
-    return replace(
-        trace, commanded_mm=commanded, measured_mm=measured, sigma_mm=None if trace.sigma_mm is None else sigma,
-        layer=None, z_measured_mm=None, normal=None, offset_mm=None, origin=None, blank_rows=0, taken=digest_of(trace),
-    ), wanted  # fmt: skip
+    sigmas = None if trace.sigma_mm is None else sigma
+    return _commanded_to(trace, commanded, measured_mm=measured, sigma_mm=sigmas, normal=None, offset_mm=None), wanted
 
 
 def _mended_dots(model: SavedModel, wanted_mm: np.ndarray, dots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the places [N, 2] to which a mended file goes from home along wanted places [M, 2], and which of them are
-    those of the ``dots``, which may begin with home."""
+    the ``dots``; home, row 0, is left out."""
     lines = [f"G0 X{x:.5f} Y{y:.5f} F6000" for x, y in wanted_mm[1:].tolist()]
     for dot in dots[dots > 0]:
         lines[dot - 1] += "\nG1 E1"
@@ -344,10 +342,15 @@ def _each_made(model: SavedModel, trace: Trace) -> Trace:
     offset = trace.offset_mm
     if offset is not None and trace.normal is not None:  # a wall's offset counts from its commanded place
         offset = offset + np.sum(trace.normal * (trace.commanded_mm - commanded), axis=1)
-    return Trace(
-        commanded, trace.measured_mm, sigma_mm=trace.sigma_mm, homed=trace.homed, placed=trace.placed,
-        instrument=trace.instrument, normal=trace.normal, offset_mm=offset, shrinkage_sd=trace.shrinkage_sd,
-        motion=trace.motion, taken=digest_of(trace),
+    return _commanded_to(trace, commanded, offset_mm=offset)
+
+
+def _commanded_to(trace: Trace, places_mm: np.ndarray, **changed: Any) -> Trace:
+    """Return a print with the places [N, 2] that it was commanded to: no longer those of its test print, nor at
+    heights. It counts as the same measurement."""
+    return replace(
+        trace, commanded_mm=places_mm, z_mm=None, z_measured_mm=None, layer=None, origin=None, blank_rows=0,
+        taken=digest_of(trace), **changed,
     )  # fmt: skip
 
 
