@@ -365,8 +365,8 @@ def _chances(scores: np.ndarray) -> np.ndarray:
 
 
 def drawn_by(odds: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw ``count`` numbers of alternatives by their ``odds``, each as often as these say, but for a part of a draw
-    (systematic sampling: Madow & Madow 1944)."""
+    """Draw ``count`` indices of alternatives, each as often as its ``odds`` say, to within one draw (systematic
+    sampling: Madow & Madow 1944)."""
     ends = np.cumsum(odds)
     evenly = (np.arange(count) + rng.random()) * (ends[-1] / count)
     return rng.permutation(ends[:-1].searchsorted(evenly, side="right"))

@@ -2,7 +2,8 @@
 
 A pixel between two old ones is their mean, with less noise than either has. So the noise of a resized picture rises and
 falls as its pixels drift against the old ones, along both sides alike (Gallagher 2005), and so do the blocks of an old
-JPEG. A new JPEG has waves, too, and so has what a scanner enlarged: they repeat after a whole number of pixels.
+JPEG. A new JPEG has waves of its own, and so has a scan that the scanner enlarged. Those repeat after a whole number
+of pixels, and are not counted.
 """
 
 import cv2
@@ -20,7 +21,7 @@ SURE = 15.0  # over the usual power, along both sides: noise alone gets there in
 
 
 def is_resampled(image: np.ndarray) -> bool:
-    """Tell whether an image [H, W, 3] was resized, by 0.5 % or more. Without noise nobody can tell, and it is not."""
+    """Tell whether an image [H, W, 3] was resized, by 0.5 % or more. False without noise, where nobody can tell."""
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     side = min(SIDE_PX, *grey.shape)
     top, left = ((length - side) // 2 for length in grey.shape)

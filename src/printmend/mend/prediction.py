@@ -308,8 +308,8 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
 
 
 def doubt_mm(promise: Promise) -> float:
-    """Return how much of an expected error the model itself does not say [mm]: layers and colours show it alike at
-    every place, beside what the model says there, so that their RMS is the file's."""
+    """Return the part of an expected error that the model cannot place [mm]. Layers and colours add it alike
+    everywhere, so that their RMS is the file's."""
     return math.sqrt(max(promise.rms_mm**2 - promise.planning_rms_mm**2, 0.0))
 
 
