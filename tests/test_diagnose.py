@@ -213,7 +213,7 @@ def test_a_part_gets_a_report_too(folder: Path, tmp_path: Path, rng: np.random.G
     write_examination(tmp_path / "teil.html", part, language="de")
     page = html.unescape((tmp_path / "teil.html").read_text())
     assert "<p>part <1>.gcode, korrigiert: Unsicherheitsbudget" in page
-    combined = f"{part.prediction.after.rms_mm:.4f}".replace(".", ",")
+    combined = f"{part.prediction.after.combined_mm:.4f}".replace(".", ",")
     assert f"<td>kombiniert</td><td></td><td>{combined}</td>" in page
     assert "(Filament ohne Namen)" in page
 
@@ -275,7 +275,7 @@ def test_one_self_contained_file(folder: Path, examined: Examination, tmp_path: 
     assert page.count("data:image/svg+xml;base64,") == 7  # two motors and their pulleys, the bed twice, a circle
     assert "reversal error B" in page
     assert "expanded, k = 2" in page
-    assert "combined, in 90 % of prints" in page
+    assert "RMS error of nine prints in ten" in page
     assert "<script" not in page
     assert "http" not in page
     assert "part &lt;1&gt;.gcode" in page

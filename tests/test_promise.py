@@ -60,8 +60,7 @@ def part(tmp_path: Path) -> Path:
 
 def test_a_line_of_causes_says_what_counts_and_calls_effects_as_everywhere() -> None:
     line = in_a_line({"uneven": 0.004, "parameters": 0.02, "rub": 0.0051, "rounding": 0.0004})
-    assert line == "what the test print left open 0.020; lost motion that changes along an axis 0.005"
-    assert in_a_line({"rounding": 0.0004}) == ""
+    assert line == "what the test print left open 90 %; lost motion that changes along an axis 6 %"
 
 
 def test_the_promise_is_kept_and_says_what_it_is_made_of(bent: SavedModel, part: Path) -> None:
@@ -71,7 +70,7 @@ def test_the_promise_is_kept_and_says_what_it_is_made_of(bent: SavedModel, part:
     assert plain["made_of"] == after["made_of"]
     assert plain["planning_rms_mm"] == after["planning_rms_mm"] < 0.003
     assert {"parameters", "scatter", "motion", "rounding", "planning"} <= set(after["made_of"])
-    assert sum(share**2 for share in after["made_of"].values()) == pytest.approx(after["rms_mm"] ** 2, rel=1e-6)
+    assert done.prediction.after.combined_mm > after["rms_mm"]  # rare errors are large ones
     truth = judge_gcode(part, part.with_name("out.gcode"), Twin.of(BENT, ENDER3))
     true_mm = np.hypot(truth.after.rms_mm, after["made_of"]["rounding"])  # the twin has no micro-steps
     assert 0.5 * after["rms_low_mm"] < true_mm < after["rms_high_mm"] < 0.04
@@ -83,7 +82,7 @@ def test_the_promise_is_kept_and_says_what_it_is_made_of(bent: SavedModel, part:
     assert sum(each.rms_low_mm < truth.before.rms_mm < each.rms_high_mm for each in before) >= 5  # of six 90 % ranges
     said = done.prediction.summary()
     assert "90 % of prints" in said
-    assert "what the test print left open 0.00" in said
+    assert re.search(r"causes of the mean square error after mending: .*what the test print left open \d+ %", said)
 
 
 def test_figures_and_pictures_leave_the_same_shift_out(part: Path) -> None:
@@ -318,7 +317,12 @@ def test_what_is_summed_up_at_once_is_what_each_drawn_machine_prints(rng: np.ran
         square = np.average(counted**2 + local["motion"].columns @ local["motion"].drawn[:, draw], weights=weight)
         assert rms[draw] == pytest.approx(np.sqrt(square), abs=1e-7)
     assert promise.rms_mm == pytest.approx(np.median(rms))
-    assert sum(share**2 for share in promise.made_of.values()) == pytest.approx(promise.rms_mm**2)
+    for name, each in causes.items():
+        error = each.columns @ each.drawn
+        shift = np.linalg.lstsq(normal * root[:, None], error * root[:, None], rcond=None)[0]
+        square = np.average((error if placed else error - normal @ shift) ** 2, axis=0, weights=weight)
+        assert promise.made_of[name] == pytest.approx(np.sqrt(np.mean(square)))
+    assert promise.combined_mm**2 == pytest.approx(sum(size_mm**2 for size_mm in promise.made_of.values()))
     apart = np.sqrt(np.average(local["motion"].columns @ local["motion"].drawn, axis=0, weights=weight))
     for along in (-1.0, 1.0):  # what nothing explains lies against what is known, or with it
         told = _summed_up(side, placed, np.full(DRAWS, along), rng)[0]

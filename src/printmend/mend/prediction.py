@@ -31,7 +31,7 @@ _OF_TURNS = (  # messages: gaps that a print over whole turns closes
 _WORTH_CAUSE_MM = (
     0.005  # … and its main cause is larger than this: errors of motion, which dots at rest do not show, always remain
 )
-_MAIN_SHARE = 0.5  # a cause is named if it is more than this share of the expected error
+_MAIN_SHARE = 0.5  # a cause is named if it is more than this share of the mean square error
 _BEYOND_MM = 5.0  # a part that lies farther outside the measured places gets a warning
 _WHOLE_MARKS = 400  # a whole test print has at least this many marks
 # Largest share of drawn machines that may print no better mended, after a measurement by hand: a few distances leave
@@ -187,7 +187,7 @@ class Prediction:
         if self.shift_words:
             rows.append(self.shift_words)
         if self.gain_mm is not None:
-            causes = in_a_line(told[-1][1].made_of) or say("none-above-0-001")
+            causes = in_a_line(told[-1][1].made_of)
             rows.append(say("causes-after-mending" if len(told) > 1 else "causes", causes))
         rows += [say("before-you-print", each) for each in self.advice]
         rows += [say("warning", each) for each in self.warnings]
@@ -350,10 +350,9 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
     """Name the main cause of a mended print's uncertainty."""
     if after.rms_high_mm < _WORTH_ADVICE_MM:
         return ()
-    shares = {name: (size / max(after.rms_mm, 1e-9)) ** 2 for name, size in after.made_of.items()}
-    name = max(shares, key=lambda each: shares[each])
+    name = max(after.made_of, key=lambda each: after.made_of[each])
     if (
-        shares[name] < _MAIN_SHARE
+        after.made_of[name] ** 2 < _MAIN_SHARE * after.combined_mm**2
         or after.made_of[name] < _WORTH_CAUSE_MM
         or name in ("planning", "rounding", "motion")
     ):
@@ -376,6 +375,8 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
         return (say("rest-is-scanner-across"),)
     if name == "instrument":
         return (say("rest-is-scanner"),)
+    if name == "homing":
+        return (say("rest-is-homing"),)
     return (say("rest-is-cause", in_words(name)),)
 
 

@@ -104,8 +104,9 @@ class Promise:
     where that is, else of the shape alone. In 19 of 20 cases 95 % of the path lies within ``p95_mm``, and no place of
     the print is off by more than ``max_mm``.
     ``shape_rms_mm`` is the shape's, ``place_mm`` by how much all of it is shifted. ``planning_rms_mm`` is what the
-    model itself says, of the shape alone where that is all that counts; ``made_of`` are the shares of ``rms_mm``: their
-    squares add up to its own.
+    model itself says, of the shape alone where that is all that counts. ``made_of`` are the standard uncertainties by
+    cause: roots of mean squares over the drawn machines, in which a rare and large error counts more than in the median
+    ``rms_mm``.
     """
 
     rms_mm: float
@@ -117,6 +118,11 @@ class Promise:
     place_mm: float
     planning_rms_mm: float
     made_of: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def combined_mm(self) -> float:
+        """The combined standard uncertainty (JCGM 100:2008, 5.1)."""
+        return math.hypot(*self.made_of.values())
 
 
 def without_doubt(errors: Errors) -> Promise:
@@ -149,7 +155,6 @@ def promised(
     """
     if not len(path.weight) or path.weight.sum() <= 0:
         return None
-    belief = after_homing(belief)
     with threadpool_limits(1, user_api="blas"):  # the products are small: a second thread would only be waited for
         return _outlook(mechanism, belief, _thinned(path, belief.placed), (before, after), at_rest)
 
@@ -161,13 +166,12 @@ def _outlook(
     local = _local(mechanism, belief, path, rng)
     fates = rng.uniform(size=(len(belief.parts), DRAWS))
     sides = [_parts(belief, path, places, fates) for places in _places(mechanism, path, belief.scene, at_rest)]
-    both: dict[str, DrawnCause] = {}
     if not belief.placed:
-        both["homing"] = _homing(mechanism, path, rng)
+        rests = _homing(mechanism, path, rng)
         sides = [{name: _unturned(cause, path) for name, cause in each.items()} for each in sides]
-    doubts = [{**each, **both} for each in sides]
-    raw = _Side(path, path.off_mm, doubts[0], local, errors[0], signed=True)
-    mended = _Side(path, np.zeros_like(path.off_mm), doubts[1], local, errors[1], signed=False)
+        sides = [{**each, "homing": each["homing"].beside(rests) if "homing" in each else rests} for each in sides]
+    raw = _Side(path, path.off_mm, sides[0], local, errors[0], signed=True)
+    mended = _Side(path, np.zeros_like(path.off_mm), sides[1], local, errors[1], signed=False)
     along = rng.uniform(-1.0, 1.0, DRAWS)
     (before, raw_mm), (after, mended_mm) = (_summed_up(each, belief.placed, along, rng) for each in (raw, mended))
     # a shift of all that is printed does the same to both files
@@ -284,8 +288,8 @@ def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) ->
 
 def _parts(belief: Belief, path: PathPlaces, now: Places, fates: np.ndarray) -> dict[str, DrawnCause]:
     """Return the errors across the path that the drawn machines have beyond what acts: those of the parts that act
-    together, those of any other effect by its name. A part's own of the ``fates`` [P, D], from 0 to 1, decides what
-    becomes of it."""
+    together, by how much the next homing shifts these, and those of any other effect by its name. A part's own of the
+    ``fates`` [P, D], from 0 to 1, decides what becomes of it."""
     scene, normal = belief.scene, _normals(path.tangent)
     found: dict[str, DrawnCause] = {}
     otherwise = np.random.default_rng(SEED)  # of its own: other figures stay as they are
@@ -297,13 +301,17 @@ def _parts(belief: Belief, path: PathPlaces, now: Places, fates: np.ndarray) -> 
         cause = DrawnCause(np.einsum("nc,ncp->np", normal, moved), drawn)
         found[name] = found[name].beside(cause) if name in found else cause
 
-    for part, drawn in zip(belief.parts, fates, strict=True):
+    for was, part, drawn in zip(belief.parts, after_homing(belief).parts, fates, strict=True):
         effect, fate, acts = EFFECTS[part.effect], EFFECTS[part.effect].fate, part.acts_mm[:, None]
         name = part.effect
         if not belief.placed and not belief.by_hand and name in LINEAR:
             name = "instrument"
         elif effect.of is Of.MACHINE and part.acts_mm.any():
             name = "parameters"
+        if name == "parameters":
+            add(name, part, now, was.draws_mm - acts)
+            add("homing", part, now, part.draws_mm - was.draws_mm)
+            continue
         if effect.of is Of.MACHINE:
             add(name, part, now, part.draws_mm - acts)
             continue
@@ -382,14 +390,13 @@ def _summed_up(side: _Side, placed: bool, along: np.ndarray, rng: np.random.Gene
     for name, each in side.doubt.items():
         own = slice(first, first := first + len(each.drawn))
         shares[name] = float(np.mean(_square(counted[own, own], each.drawn)))
-    shares |= {name: _median(each) for name, each in places2.items()}
-    total = max(sum(shares.values()), 1e-300)
+    shares |= {name: float(np.mean(each)) for name, each in places2.items()}
     p95, most = _extremes(side, columns, drawn, None if placed else shift, rng)
     low, high = np.quantile(rms_mm, (LOW, HIGH))
     promise = Promise(
         rms, p95, most, float(low), float(high), _median(without_shift),
         _median(np.hypot(*shift)), float(np.sqrt(known_share)),
-        {name: rms * float(np.sqrt(share / total)) for name, share in shares.items()},
+        {name: math.sqrt(share) for name, share in shares.items()},
     )  # fmt: skip
     if not placed:
         return promise, free_mm

@@ -136,7 +136,7 @@ _CAUSES = {
     "rounding": (say("cause-rounding"), say("budget-rounding"), "B"),
     "planning": (say("cause-planning"), say("budget-planning"), "B"),
 }  # fmt: skip
-_LEAST_MM, _LEAST_SHARE = 0.0005, 0.25  # a smaller cause, or share of the largest one, is not said in a line
+_LEAST_SHARE = 0.05  # of the mean square error: a smaller cause is not said in a line
 
 
 def in_a_table(cause: str) -> tuple[str, str]:
@@ -152,9 +152,9 @@ def in_words(cause: str) -> str:
 
 
 def in_a_line(made_of: Mapping[str, float]) -> str:
-    """Return what an expected error is made of, the largest first: ``the picture's scale 0.004; micro-steps 0.001``."""
-    shares = sorted(made_of.items(), key=lambda item: -item[1])
-    least_mm = max(_LEAST_MM, _LEAST_SHARE * max(made_of.values(), default=0.0))
-    return together(
-        "; ", [say("cause-of-mm", in_words(name), f"{share:.3f}") for name, share in shares if share >= least_mm]
-    )
+    """Return the causes of an error with their shares of its mean square, the largest first: ``the picture's scale
+    80 %; micro-steps 15 %``."""
+    whole2_mm2 = sum(size_mm**2 for size_mm in made_of.values())
+    shares = sorted(((size_mm**2 / whole2_mm2, name) for name, size_mm in made_of.items()), reverse=True)
+    told = [(in_words(name), f"{100 * share:.0f}") for share, name in shares if share >= _LEAST_SHARE]
+    return together("; ", [say("cause-of-share", *each) for each in told])

@@ -124,8 +124,8 @@ def budget_rows(promise: Promise) -> list[tuple[str, ...]]:
     return [
         (say("budget-cause"), say("budget-type"), say("budget-uncertainty")),
         *((*in_a_table(name), f"{share:.4f}") for name, share in made),
-        (say("budget-combined"), "", f"{promise.rms_mm:.4f}"),
-        (say("budget-expanded"), "", f"{2 * promise.rms_mm:.4f}"),
+        (say("budget-combined"), "", f"{promise.combined_mm:.4f}"),
+        (say("budget-expanded"), "", f"{2 * promise.combined_mm:.4f}"),
         (say("budget-range"), "", f"{promise.rms_low_mm:.4f}–{promise.rms_high_mm:.4f}"),
     ]
 
