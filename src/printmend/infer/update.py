@@ -123,13 +123,17 @@ def homed_again(parts: Sequence[Part], scene: Scene, rng: np.random.Generator) -
 
 
 def told_apart(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
-    """Return the parts of effects that most drawn machines have at their place, and those that are in doubt."""
-    slots = [part.key[:2] for part in parts]
-    there = {slot: np.zeros(DRAWS, bool) for slot in slots}
-    for slot, part in zip(slots, parts, strict=True):
-        there[slot] |= part.draws_mm.any(axis=0)
-    likely = [there[slot].mean() >= LIKELY for slot in slots]
-    first, second = (tuple(part for part, is_so in zip(parts, likely, strict=True) if is_so == of) for of in (1, 0))
+    """Return the parts of effects that most drawn machines have at their place, with sizes whose mean exceeds their
+    spread, and those that are in doubt."""
+    there = {part.key[:2]: np.zeros(DRAWS, bool) for part in parts}
+    excess_mm2 = dict.fromkeys(there, 0.0)
+    for part in parts:
+        there[part.key[:2]] |= (has := part.draws_mm.any(axis=0))
+        square_mm2 = float(np.sum(part.draws_mm**2))
+        mean2_mm2 = float(np.sum(part.draws_mm.sum(axis=1) ** 2)) / max(np.count_nonzero(has), 1)
+        excess_mm2[part.key[:2]] += 2 * mean2_mm2 - square_mm2  # those that have it: n (mean² − variance)
+    known = {slot for slot, has in there.items() if has.mean() >= LIKELY and excess_mm2[slot] > 0}
+    first, second = (tuple(part for part in parts if (part.key[:2] in known) == of) for of in (True, False))
     return first, second
 
 
@@ -405,9 +409,17 @@ def _search(sums: Sums, story: Story, left: Left) -> Search:
 @lru_cache(maxsize=16)  # each story is searched more than once
 def _seldom(blocks: tuple[Block, ...], story: Story) -> tuple[Block, ...]:
     """Return blocks with the odds of changes: what a machine has since, it seldom has; what does not wear comes only
-    with other parts. After a ``refit`` belts may well rest elsewhere at home. What was in doubt comes as often, and as
-    large, as the drawn machines had it: these are the last alternatives of its block."""
-    doubted = {part.key: part for part in told_apart(story.parts)[1]}
+    with other parts. After a ``refit`` belts may well rest elsewhere at home. What was in doubt at a place comes as
+    often, and as large, as the drawn machines had it: these are the last alternatives of its blocks. To the draws of
+    each shape one more is added, divided as the prior has it: few draws hold few of many shapes."""
+    doubted: dict[tuple[str, int, int], list[Part]] = {}
+    for part in told_apart(story.parts)[1]:
+        if part.draws_mm.any():
+            doubted.setdefault((*part.key[:2], len(part.draws_mm)), []).append(part)
+    odds: dict[tuple[str, int, int], float] = dict.fromkeys(doubted, 0.0)
+    for one in blocks:
+        if (slot := (*one.slot, one.width)) in odds:
+            odds[slot] += float(np.exp(one.log_odds).sum())
 
     def block(one: Block) -> Block:
         effect = EFFECTS[one.effect]
@@ -416,25 +428,33 @@ def _seldom(blocks: tuple[Block, ...], story: Story) -> tuple[Block, ...]:
         if not story.refit or effect.from_home:
             seldom = number_of("since", "changed" if wear_share(one.effect) else "replaced")
             one = replace(one, log_odds=one.log_odds + math.log(seldom))
-        if (part := doubted.get(one.key)) is None or not part.draws_mm.any():
+        if (slot := (*one.slot, one.width)) not in doubted:
             return one
-        sds_mm, shares = zip(*_sizes_of(part, one.sds_mm), strict=True)
-        odds = np.log(np.array(shares) / (1 - part.chance))
-        return replace(one, sds_mm=np.vstack([one.sds_mm, *sds_mm]), log_odds=np.concatenate([one.log_odds, odds]))
+        there = np.array([part.draws_mm.any(axis=0) for part in doubted[slot]])
+        own = (
+            there[[part.key == one.key for part in doubted[slot]]].sum()
+            + float(np.exp(one.log_odds).sum()) / odds[slot]
+        )
+        draws_mm = np.hstack([part.draws_mm[:, has] for part, has in zip(doubted[slot], there, strict=True)])
+        sds_mm, shares = zip(*_sizes_of(draws_mm, one.sds_mm), strict=True)
+        some = np.count_nonzero(there.any(axis=0))
+        here = np.array(shares) * own / (there.sum() + 1) * some / (DRAWS - some + 1)
+        return replace(
+            one, sds_mm=np.vstack([one.sds_mm, *sds_mm]), log_odds=np.concatenate([one.log_odds, np.log(here)])
+        )
 
     return tuple(map(block, blocks))
 
 
-def _sizes_of(part: Part, sds_mm: np.ndarray) -> Iterator[tuple[np.ndarray, float]]:
-    """Yield how large a part's sizes [P] are among the draws that come from each alternative in size [V, P], and the
-    share of such draws."""
-    draws_mm = part.draws_mm[:, part.draws_mm.any(axis=0)]
+def _sizes_of(draws_mm: np.ndarray, sds_mm: np.ndarray) -> Iterator[tuple[np.ndarray, float]]:
+    """Yield how large drawn sizes [P, D] are where they come from each alternative in size [V, P], and the share of
+    such draws."""
     away2 = np.sum((draws_mm[None] / sds_mm[:, :, None]) ** 2, axis=1)
     likeliest = np.argmin(away2 / 2 + np.log(sds_mm).sum(axis=1)[:, None], axis=0)
     for at in np.unique(likeliest).tolist():
         yield (
             sds_mm[at] * np.sqrt(away2[at, likeliest == at].mean() / len(draws_mm)),
-            float(np.mean(likeliest == at)) * part.chance,
+            float(np.mean(likeliest == at)),
         )
 
 

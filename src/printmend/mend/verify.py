@@ -195,7 +195,8 @@ def _errors_mm(found: Renewed, wanted_mm: np.ndarray, *, placed: bool) -> tuple[
 
 def _is_beyond(found: Renewed) -> bool:
     """Return whether a check print shows an error that no drawn machine has."""
-    return any(EFFECTS[block.effect].of.is_printers and block.effect != "wander" for block in found.fit.blocks)
+    of_print = (block.effect for block in found.fit.blocks if EFFECTS[block.effect].of is Of.SESSION)
+    return bool(found.changes) or any(each != "wander" for each in of_print)
 
 
 def _unseen_mm(found: Renewed) -> float:
