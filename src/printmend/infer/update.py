@@ -130,7 +130,7 @@ def told_apart(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, ...
     for part in parts:
         there[part.key[:2]] |= (has := part.draws_mm.any(axis=0))
         square_mm2 = float(np.sum(part.draws_mm**2))
-        mean2_mm2 = float(np.sum(part.draws_mm.sum(axis=1) ** 2)) / max(np.count_nonzero(has), 1)
+        mean2_mm2 = float(np.sum(part.draws_mm.sum(axis=1) ** 2)) / max(int(np.count_nonzero(has)), 1)
         excess_mm2[part.key[:2]] += 2 * mean2_mm2 - square_mm2  # those that have it: n (mean² − variance)
     known = {slot for slot, has in there.items() if has.mean() >= LIKELY and excess_mm2[slot] > 0}
     first, second = (tuple(part for part in parts if (part.key[:2] in known) == of) for of in (True, False))
