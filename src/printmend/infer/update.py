@@ -410,52 +410,65 @@ def _search(sums: Sums, story: Story, left: Left) -> Search:
 def _seldom(blocks: tuple[Block, ...], story: Story) -> tuple[Block, ...]:
     """Return blocks with the odds of changes: what a machine has since, it seldom has; what does not wear comes only
     with other parts. After a ``refit`` belts may well rest elsewhere at home. What was in doubt at a place comes as
-    often, and as large, as the drawn machines had it: these are the last alternatives of its blocks. To the draws of
-    each shape one more is added, divided as the prior has it: few draws hold few of many shapes."""
-    doubted: dict[tuple[str, int, int], list[Part]] = {}
+    often, and as large, as the drawn machines had it: these are the last alternatives of its blocks."""
+    parts: dict[_Slot, list[Part]] = {}
     for part in told_apart(story.parts)[1]:
         if part.draws_mm.any():
-            doubted.setdefault((*part.key[:2], len(part.draws_mm)), []).append(part)
-    odds: dict[tuple[str, int, int], float] = dict.fromkeys(doubted, 0.0)
-    for one in blocks:
-        if (slot := (*one.slot, one.width)) in odds:
-            odds[slot] += float(np.exp(one.log_odds).sum())
+            parts.setdefault((*part.key[:2], len(part.draws_mm)), []).append(part)
+    alike: dict[_Slot, list[Block]] = {slot: [] for slot in parts}
+    for block in blocks:
+        if (slot := (*block.slot, block.width)) in parts:
+            alike[slot].append(block)
+    doubts = {slot: _Doubt(parts[slot], alike[slot]) for slot in parts}
 
-    def block(one: Block) -> Block:
+    def seldom(one: Block) -> Block:
         effect = EFFECTS[one.effect]
         if effect.of is not Of.MACHINE or story.whole or (effect.acts is Acts.DRIVE and one.where in story.anew):
             return one
+        doubt, sds_mm, log_odds = doubts.get((*one.slot, one.width)), one.sds_mm, one.log_odds
         if not story.refit or effect.from_home:
-            seldom = number_of("since", "changed" if wear_share(one.effect) else "replaced")
-            one = replace(one, log_odds=one.log_odds + math.log(seldom))
-        if (slot := (*one.slot, one.width)) not in doubted:
-            return one
-        there = np.array([part.draws_mm.any(axis=0) for part in doubted[slot]])
-        own = (
-            there[[part.key == one.key for part in doubted[slot]]].sum()
-            + float(np.exp(one.log_odds).sum()) / odds[slot]
-        )
-        draws_mm = np.hstack([part.draws_mm[:, has] for part, has in zip(doubted[slot], there, strict=True)])
-        sds_mm, shares = zip(*_sizes_of(draws_mm, one.sds_mm), strict=True)
-        some = np.count_nonzero(there.any(axis=0))
-        here = np.array(shares) * own / (there.sum() + 1) * some / (DRAWS - some + 1)
-        return replace(
-            one, sds_mm=np.vstack([one.sds_mm, *sds_mm]), log_odds=np.concatenate([one.log_odds, np.log(here)])
-        )
+            log_odds = log_odds + math.log(number_of("since", "changed" if wear_share(one.effect) else "replaced"))
+        if doubt is not None:
+            more_mm, more = doubt.alternatives(one)
+            sds_mm, log_odds = np.concatenate([sds_mm, more_mm]), np.concatenate([log_odds, more])
+        return replace(one, sds_mm=sds_mm, log_odds=log_odds)
 
-    return tuple(map(block, blocks))
+    return tuple(map(seldom, blocks))
 
 
-def _sizes_of(draws_mm: np.ndarray, sds_mm: np.ndarray) -> Iterator[tuple[np.ndarray, float]]:
-    """Yield how large drawn sizes [P, D] are where they come from each alternative in size [V, P], and the share of
-    such draws."""
-    away2 = np.sum((draws_mm[None] / sds_mm[:, :, None]) ** 2, axis=1)
-    likeliest = np.argmin(away2 / 2 + np.log(sds_mm).sum(axis=1)[:, None], axis=0)
-    for at in np.unique(likeliest).tolist():
-        yield (
-            sds_mm[at] * np.sqrt(away2[at, likeliest == at].mean() / len(draws_mm)),
-            float(np.mean(likeliest == at)),
-        )
+_Slot = tuple[str, int, int]  # an effect, its place, and how many sizes it has
+
+
+class _Doubt:
+    """What is in doubt at one place of an old machine: ``parts``, of which any of the ``blocks`` may be there.
+
+    To the draws of each shape one more is added, divided as the prior has it: few draws hold few of many shapes.
+    """
+
+    def __init__(self, parts: Sequence[Part], blocks: Sequence[Block]) -> None:
+        there = np.array([part.draws_mm.any(axis=0) for part in parts])
+        some, every = np.count_nonzero(there.any(axis=0)), np.count_nonzero(there)
+        self._draws_mm = np.hstack([part.draws_mm[:, has] for part, has in zip(parts, there, strict=True)])
+        self._counts = {part.key: np.count_nonzero(has) for part, has in zip(parts, there, strict=True)}
+        self._odds = some / (DRAWS - some + 1) / (every + 1)
+        self._prior = sum(float(np.exp(block.log_odds).sum()) for block in blocks)
+        self._sizes: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+
+    def alternatives(self, block: Block) -> tuple[np.ndarray, np.ndarray]:
+        """Return the standard deviations [V, P] and the log odds [V] of a block as the old machine may have it."""
+        own = self._counts.get(block.key, 0) + float(np.exp(block.log_odds).sum()) / self._prior
+        if (sizes := self._sizes.get(block.sds_mm.tobytes())) is None:
+            sizes = self._sizes[block.sds_mm.tobytes()] = self._drawn_from(block.sds_mm)
+        return sizes[0], np.log(sizes[1] * own * self._odds)
+
+    def _drawn_from(self, sds_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how large the sizes are among the draws that come from each alternative in size [V, P], and the share
+        of such draws [V]; alternatives without one are left out."""
+        away2 = np.sum((self._draws_mm[None] / sds_mm[:, :, None]) ** 2, axis=1)
+        likeliest = np.argmin(away2 / 2 + np.log(sds_mm).sum(axis=1)[:, None], axis=0)
+        at, counts = np.unique(likeliest, return_counts=True)
+        mean2 = np.array([away2[each, likeliest == each].mean() for each in at]) / len(self._draws_mm)
+        return sds_mm[at] * np.sqrt(mean2)[:, None], counts / len(likeliest)
 
 
 def _changes(at: _Pass) -> list[Block]:
