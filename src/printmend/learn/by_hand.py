@@ -12,7 +12,7 @@ from printmend.effects.effect import SCALE_MM
 from printmend.effects.pulley import HARMONICS
 from printmend.errors import TraceError
 from printmend.infer.distances import ByHand, machines_by_hand, printer_of
-from printmend.infer.machine import DRAWS, LIKELY, machine_of, those_acting
+from printmend.infer.machine import DRAWS, machine_of, those_acting
 from printmend.measure.callipers import READING_SD_MM, Distances
 from printmend.messages import say
 from printmend.model import SavedModel, saved_model
@@ -49,8 +49,8 @@ OF_WHOLE = (
 @dataclass(frozen=True)
 class Estimate:
     """One quantity, ``value`` ± ``sd``; ``supported`` says that the distances tell it, and not the prior alone,
-    ``corrected`` that it acts, and ``absent`` that the distances show none: most drawn machines have none, and those
-    that do spread it less than readings can resolve. Its deviation would be smaller than a reading's own error."""
+    ``corrected`` that it acts, and ``absent`` that the distances show none: among the drawn machines its root mean
+    square is smaller than a reading's own error."""
 
     name: str
     value: float
@@ -89,7 +89,7 @@ def said_by_hand(distances: Distances, readings_mm: np.ndarray) -> list[str]:
 
 
 def _said(found: ByHand, readings_mm: np.ndarray) -> Iterator[str]:
-    yield from (each.words for each in _estimates(found, readings_mm))
+    yield from (each.words for each in _estimates(found))
     yield from (say("reading-may-be-misread", number + 1, f"{off_mm:+.1f}") for number, off_mm in found.misread)
 
 
@@ -99,9 +99,8 @@ def _machines(distances: Distances, readings_mm: np.ndarray, printer: Printer) -
     return machines_by_hand(distances, readings_mm, printer, np.random.default_rng(SEED))
 
 
-def _estimates(by_hand: ByHand, readings_mm: np.ndarray) -> list[Estimate]:
+def _estimates(by_hand: ByHand) -> list[Estimate]:
     """Return estimates of scale, play and first harmonic of each motor, of the skew, and of the dots' width."""
-    resolved_mm = READING_SD_MM / math.sqrt(np.isfinite(readings_mm).sum())  # by the mean of all readings
     scene, parts = by_hand.scene, by_hand.parts
     asked = [
         (motor, each._replace(words=say("motor-quantity", name.upper(), each.words)))
@@ -115,7 +114,7 @@ def _estimates(by_hand: ByHand, readings_mm: np.ndarray) -> list[Estimate]:
         acts = any(bool(part.acts_mm[each.size]) for part in mine)
         sd_mm = float(drawn_mm.std())
         supported = sd_mm < SUPPORTED_SHARE * _prior_sd(scene, each, where)
-        absent = int(np.count_nonzero(drawn_mm)) < LIKELY * DRAWS and sd_mm < resolved_mm
+        absent = float(np.sqrt(np.mean(drawn_mm**2))) < READING_SD_MM
         value, sd = each.factor * float(drawn_mm.mean()), each.factor * sd_mm
         found.append(Estimate(each.words, value, sd, each.unit, supported, acts, absent))
     return found

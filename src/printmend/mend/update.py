@@ -17,6 +17,7 @@ from printmend.diagnosis.named import (
     acting_faults,
     diagnose,
     find_lift,
+    gathered,
     is_named,
     kind_words,
     lift_of,
@@ -273,19 +274,14 @@ def changes_of(found: Renewed) -> list[Change]:
 
 def _likely(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]:
     """Return the faults that act or that most drawn machines have, named or not, by part and kind, from those drawn
-    machines that have them."""
-
-    def sure(part: Part) -> Part:
-        there = np.flatnonzero(part.draws_mm.any(axis=0))
-        draws_mm = part.draws_mm[:, np.resize(there, DRAWS)] if len(there) else part.draws_mm
-        return replace(part, acts_mm=part.acts_mm if part.acts_mm.any() else draws_mm.mean(axis=1), draws_mm=draws_mm)
-
-    slots: dict[tuple[str, int], list[Part]] = {}
-    for part in told_apart(parts)[0]:
-        if EFFECTS[part.effect].acts is not Acts.NOT:
-            slots.setdefault(part.key[:2], []).append(part)
-    likely = [max(each, key=lambda part: (part.acts_mm.any(), part.chance)) for each in slots.values()]
-    found = [sure(part) for part in parts if part.acts_mm.any() or part in likely]
+    machines that have them, near shapes put together."""
+    likely = {part.key[:2] for part in told_apart(parts)[0] if EFFECTS[part.effect].acts is not Acts.NOT}
+    found = []
+    for each in gathered(parts):
+        if each.acts or (each.effect, each.where) in likely:
+            draws_mm = each.draws_mm[:, np.resize(np.flatnonzero(each.there), DRAWS)]
+            found.append(Part(each.effect, each.where, each.shape, draws_mm.mean(axis=1), draws_mm))
+            likely.discard((each.effect, each.where))
     return {(fault.part, fault.kind): fault for fault in acting_faults(found, scene)}
 
 
