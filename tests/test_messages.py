@@ -172,6 +172,17 @@ def test_a_message_is_its_english_text_and_remembers_itself() -> None:
         say("no-such-id")
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("-0.02", "−0.02"), ("-3", "−3"), ("-0.02 ± 0.01", "−0.02 ± 0.01"), ("-1.5 %", "−1.5 %"), ("-3.1°", "−3.1°"),
+     ("-3-layers.gcode", "-3-layers.gcode"), ("--dpi", "--dpi"), ("2-3", "2-3"), ("+0.5", "+0.5")],
+)  # fmt: skip
+def test_a_number_below_zero_has_a_minus_sign(text: str, said: str) -> None:
+    assert say("marks-mm-apart-dpi", text, 1).values["a"] == said
+    assert translated(text, "en") == said
+    assert translated(text, "de") == said.replace(".", ",") or ".gcode" in text
+
+
 def test_what_is_put_together_is_known_in_whole_and_in_parts() -> None:
     inner = within(say("tighten-belt-unless-tight"))
     whole = together("; ", [say("nothing-while-small", inner), "plain"])

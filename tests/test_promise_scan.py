@@ -22,10 +22,12 @@ from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
 from printmend.mend.mend import is_healthy
 from printmend.mend.prediction import advice_of
-from printmend.mend.verify import expectation
+from printmend.mend.update import update
+from printmend.mend.verify import expectation, verify
+from printmend.messages import say
 from printmend.model import SavedModel
 from printmend.model.model import refusals
-from printmend.path import FLATBED, Instrument, Trace
+from printmend.path import FLATBED, RESIZED, Instrument, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.predict import (
@@ -111,12 +113,36 @@ def test_learn_says_what_scale_a_scan_leaves_open(healthy: SavedModel) -> None:
     wide = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.004, y_scale=1.004))
     model = learn_model(scanned(measured(wide, 0.01, 4), np.zeros((2, 2))), ENDER3)
     (said,) = scale_words(model)
-    assert re.search(r"the print is \+0\.4\d % in X and \+0\.4\d % in Y too large .* Mending corrects none of it", said)
+    both = r"0\.4\d % too large in X and 0\.4\d % too large in Y"
+    assert re.search(rf"the print is {both}.* usually 0\.1 .* Mending corrects none of that", said.replace("(", " "))
     assert said in report(model)
-    assert "Mending corrects +0.50 % in X and -0.00 % in Y, which may be wrong by 0.2 mm" in scale_in_words(
-        np.array([0.005, 0.001]), np.array([0.005, -1e-6]), 0.002
+    assert "Mending corrects it as 0.50 % too large in X and 0.03 % too small in Y, which may be wrong by 0.2 mm" in (
+        scale_in_words(np.array([0.005, 0.001]), np.array([0.005, -3e-4]), 0.002, "")
     )
     assert scale_words(healthy) == ()
+
+
+def test_a_resized_picture_hides_the_scale_alone() -> None:
+    """The errors of the print are as small in it as all else; an error of the picture is none of the print."""
+    size_mm = 0.4
+    played = measured(Corruption((Drive(belt=Play(size_mm)), Drive())), 0.004, 5)
+    true = scanned(played, np.zeros((2, 2)))
+    small = scanned(played, np.zeros((2, 2)), RESIZED)
+    small = replace(small, measured_mm=0.94 * small.measured_mm)
+    known, model = learn_model(true, ENDER3), learn_model(small, ENDER3)
+    newer = update(known, small, rng=np.random.default_rng(0))
+    for found in (known, model, newer.model):
+        (play,) = (row for row in found.document["diagnosis"] if row["kind"] == "play")
+        assert abs(play["value"] - size_mm) < 4 * play["sd"] < 0.01
+        assert found.document["trace"]["residual_before_mm"] < size_mm
+    assert newer.changes == ()
+    (said,) = scale_words(model)
+    assert re.search(r"the print is 6\.\d\d % too small in X and .* all of that may be the picture's\.", said)
+    assert "0.2 %" not in said
+    assert said.index("Scan again without fitting to a page") < said.index("`--distance`")
+    before = verify(known, small)
+    assert before.stretch_percent == pytest.approx(-6.0, abs=0.3)
+    assert before.now_mm < size_mm
 
 
 def test_a_scan_of_a_skewed_corexy_leaves_the_direction_of_x(part: Path) -> None:
@@ -190,9 +216,12 @@ def test_one_distance_settles_the_scale(rng: np.random.Generator) -> None:
     again, left, note = scaled_by(span_mm, (0, 1), dots, true @ stretch, replace(FLATBED, axes_sd=1e-4, lean_sd=1e-4))
     assert np.ptp(again - true, axis=0).max() < 0.2 * np.ptp(true @ stretch - true, axis=0).max()
     assert left.scale_sd < 0.0005
-    assert "0.25 % too large" in note
-    with pytest.raises(TraceError, match="dot 0 to dot 1"):
+    assert "the image is 0.25 % too large. That is corrected" in note
+    assert "the image is 0.25 % too small" in settled(-0.0025, 0.0, 140.0, FLATBED)[2]
+    with pytest.raises(TraceError, match=r"dot 0 to dot 1.* measure it again"):
         scaled_by(120.0, (0, 1), dots, true, FLATBED)
+    with pytest.raises(TraceError, match="the picture was resized: take it again"):
+        scaled_by(110.0, (0, 1), dots, true, RESIZED, say("scale-from-dpi-resized", "300"))
 
 
 def test_a_distance_that_slipped_makes_no_printer_faulty(rng: np.random.Generator) -> None:
@@ -204,7 +233,8 @@ def test_a_distance_that_slipped_makes_no_printer_faulty(rng: np.random.Generato
         seen = points * resized + rng.normal(0, 0.01, points.shape)
         settled_mm, left, note = scaled_by(given_mm, span, np.full(2, 1.6 * resized), seen, FLATBED)
         assert left.scale_sd > 0.003
-        assert "Measure again" in note
+        assert note.startswith("warning: by the callipers, the image is 1.")
+        assert "Measure again; until then only a part of it is corrected" in note
         assert is_healthy(learn_model(Trace(points, settled_mm, homed=True, placed=False, instrument=left), ENDER3))
     twice = settled(0.02, 0.0, 140.0, settled(0.0, 0.0, 140.0, FLATBED)[1], reading_mm=0.01, slip_share=0.0)[0]
     assert twice[0, 0] == pytest.approx(1.02, abs=0.001)  # a ruler's lines do not slip, whatever was known before

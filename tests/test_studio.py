@@ -676,7 +676,9 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
             assert " stieg von " in (_german(grew) or ""), grew
             assert " sank von " in (_german(shrank) or ""), shrank
     for acts in (0.0, 0.01):
-        assert _german(scale_in_words(np.full(2, 0.01), np.full(2, acts), 0.002))
+        for is_resized in (False, True):
+            settles = say("scale-settled-by-callipers")
+            assert _german(scale_in_words(np.full(2, 0.01), np.full(2, acts), 0.002, settles, resized=is_resized))
 
 
 def _check_effects() -> None:

@@ -28,7 +28,7 @@ class Of(Enum):
 
     MACHINE = "machine"  # acts again in every print
     SESSION = "session"  # of this print only, or begins anew in each
-    INSTRUMENT = "instrument"  # of the measurement: never acts
+    INSTRUMENT = "instrument"  # of the measurement: never acts, and is no error of the print
     MATERIAL = "material"  # goes with the filament
 
     @property

@@ -14,7 +14,7 @@ class Resized(Usual):
     """One scale for both axes, in mm per 100 mm. In half of the next prints it is there: then it was the printer's."""
 
     name = "resized"
-    of = Of.SESSION
+    of = Of.INSTRUMENT
     fate = fate_of(name)
     keys = Numbers(("percent",))
 

@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from printmend.diagnosis.advice import gaps_of
 from printmend.diagnosis.named import Z_SAID, Lift, diagnose, find_lift, is_gap_of_z, misfits_of
 from printmend.effects import EFFECTS, Of, Scene, scene_of
+from printmend.effects.effect import SCALE_MM
 from printmend.effects.prior import share_of
 from printmend.effects.sized import Sized
 from printmend.errors import ConfigError
@@ -158,6 +159,7 @@ def searched_model(
 ) -> SavedModel:  # fmt: skip
     """Return the model of the effects that a search found, and of how Z lifts."""
     posterior = posterior_of(fit, rng)
+    posterior = replace(posterior, parts=enlarged(posterior.parts, 1.0 / times_seen(posterior.parts)))
     mechanism, branches = machine_of(fit.scene, those_acting(posterior.parts))
     left_mm = fit.left_by_mark_mm(trace)
     lost = lost_rows(left_mm)
@@ -198,6 +200,23 @@ def with_z(model: SavedModel, lift: Lift, push_mm: np.ndarray) -> SavedModel:
     """Return a model with how its screw lifts, and with its push [2·HARMONICS, 2] as a series has it."""
     series = lift.with_push(model.printer.z.mm_per_turn, push_mm)
     return model if series is None else with_screw(model, series, findings=model.findings, details={})
+
+
+def times_seen(parts: Sequence[Part]) -> np.ndarray:
+    """Return the size of each drawn machine's print in its picture, over its own [D]."""
+    resized = (part.draws_mm[0] for part in parts if part.effect == "resized")
+    return np.asarray(1.0 + sum(resized, np.zeros(DRAWS)) / SCALE_MM)
+
+
+def enlarged(parts: Sequence[Part], times: np.ndarray) -> tuple[Part, ...]:
+    """Return parts of which all but the instrument's are so many ``times`` [D] as large, machine by machine: a picture
+    of another size than it says shows the errors of a print in that size."""
+    return tuple(
+        part
+        if EFFECTS[part.effect].of is Of.INSTRUMENT
+        else replace(part, acts_mm=part.acts_mm * times.mean(), draws_mm=part.draws_mm * times)
+        for part in parts
+    )
 
 
 def push_of(parts: Sequence[Part]) -> np.ndarray:

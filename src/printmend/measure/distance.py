@@ -20,7 +20,7 @@ from printmend.errors import TraceError
 from printmend.measure.plan import ProbePlan
 from printmend.measure.ruler import Ruler
 from printmend.measure.walls import RASTER_MM, Walls
-from printmend.messages import Said, is_one_of, say, together
+from printmend.messages import Said, is_one_of, say, say_large, together
 from printmend.path import RESIZED, Instrument
 
 LONGEST_ASKED_MM, SHORTEST_ASKED_MM = 145.0, 40.0  # limits of a distance to ask for: common callipers open 150 mm
@@ -99,11 +99,13 @@ def side_of(plan: ProbePlan, mark: int) -> str:
 
 
 def scaled_by(
-    distance_mm: float, span: tuple[int, int], dots_mm: np.ndarray, measured_mm: np.ndarray, instrument: Instrument
-) -> tuple[np.ndarray, Instrument, Said]:
+    distance_mm: float, span: tuple[int, int], dots_mm: np.ndarray, measured_mm: np.ndarray, instrument: Instrument,
+    scale: str = "",
+) -> tuple[np.ndarray, Instrument, Said]:  # fmt: skip
     """Return the marks [M, 2] at the callipers' scale, the instrument with what remains uncertain, and a note.
 
-    ``dots_mm`` [2] are the widths of the two dots in the image. Raises `TraceError` for the distance of other dots.
+    ``dots_mm`` [2] are the widths of the two dots in the image; ``scale`` says where its scale came from. Raises
+    `TraceError` for the distance of other dots.
     """
     one, other = measured_mm[list(span)]
     seen = math.dist(one, other) + float(np.mean(dots_mm))
@@ -112,7 +114,7 @@ def scaled_by(
         raise TraceError(
             say("distance-option"), wanted=say("about-mm-from-dot-dot-outer", f"{seen:.2f}", span[0], span[1]),
             came=together("", [f"{distance_mm:g}", inches(distance_mm, seen)]),
-            todo=say("measure-again-in-mm"),
+            todo=_retake(scale),
         )  # fmt: skip
     angle = math.atan2(other[1] - one[1], other[0] - one[0])
     stretch, left, note = settled(excess, angle, distance_mm, instrument)
@@ -138,8 +140,8 @@ def scaled_by_rulers(
             seen.excess, angle, seen.length_mm, instrument, reading_mm=seen.sd * seen.length_mm, slip_share=0.0
         )
         taken = stretch @ taken
-        share, known = f"{100 * ruler.excess:+.2f}", note.values["b"]
-        notes.append(say("image-too-large-by-ruler", ruler.lines, f"{ruler.length_mm:.0f}", share, known))
+        large, known = say_large(ruler.excess), note.values["b"]
+        notes.append(say("image-too-large-by-ruler", ruler.lines, f"{ruler.length_mm:.0f}", large, known))
     middle = np.nanmean(places_mm, axis=0)
     return (places_mm - middle) @ np.linalg.inv(taken).T + middle, instrument, notes
 
@@ -148,6 +150,11 @@ def _most_share(instrument: Instrument) -> float:
     """Return by which share a distance that was asked for may be off: by that of others, and by two standard deviations
     of the picture's scale."""
     return MOST_SCALE_SHARE + 2 * (instrument.scale_sd + instrument.resized_sd)
+
+
+def _retake(scale: str) -> str:
+    """Say what to do about a distance that cannot be right in a picture with this ``scale``."""
+    return say("take-unresized-picture" if source_of(scale) == "picture" else "measure-again-in-mm")
 
 
 def _row(angle_rad: float) -> np.ndarray:
@@ -184,9 +191,9 @@ def settled(
     common, half, lean = mean
     sds = np.sqrt(np.diag(left))
     stretch = np.array([[1 + common + half, lean], [lean, 1 + common - half]])
-    note = say("image-too-large-by-callipers", f"{100 * excess:+.2f}", f"{100 * math.sqrt(row @ left @ row):.2f}")
+    note = say("image-too-large-by-callipers", say_large(excess), f"{100 * math.sqrt(row @ left @ row):.2f}")
     if likely[2] > SLIPPED:
-        note = say("image-scale-strange", note, f"{distance_mm * (1 + excess):.2f}")
+        note = say("warning", say("image-scale-strange", say_large(excess), f"{distance_mm * (1 + excess):.2f}"))
     together = left / np.maximum(np.outer(sds, sds), 1e-18)
     known = replace(
         instrument, scale_sd=float(sds[0]), axes_sd=float(sds[1]), lean_sd=float(sds[2]),
@@ -268,12 +275,14 @@ def widths_asked(widths: Sequence[Width], edge_mm: np.ndarray, scale: str, *, ru
 
 
 def scaled_by_widths(
-    distances_mm: Sequence[float], widths: Sequence[Width], edge_mm: np.ndarray, instrument: Instrument
-) -> tuple[np.ndarray, Instrument, str]:
+    distances_mm: Sequence[float], widths: Sequence[Width], edge_mm: np.ndarray, instrument: Instrument,
+    scale: str = "",
+) -> tuple[np.ndarray, Instrument, str]:  # fmt: skip
     """Return the map [2, 2] from the image's scale to the callipers', the instrument with what remains uncertain, and a
     note.
 
-    ``edge_mm`` [S, 2] is where the image shows the walls. Raises `TraceError` for widths of another part.
+    ``edge_mm`` [S, 2] is where the image shows the walls; ``scale`` says where its scale came from. Raises `TraceError`
+    for widths of another part.
     """
     if len(distances_mm) > len(widths):
         raise TraceError(
@@ -287,7 +296,7 @@ def scaled_by_widths(
         if not abs(excess) <= _most_share(instrument):
             raise TraceError(
                 say("distance-option"), wanted=say("about-mm", f"{width.across_mm(begun):.2f}", width.words),
-                came=together("", [f"{distance_mm:g}", inches(distance_mm, seen)]), todo=say("measure-again-in-mm"),
+                came=together("", [f"{distance_mm:g}", inches(distance_mm, seen)]), todo=_retake(scale),
             )  # fmt: skip
         stretch, instrument, note = settled(
             excess, width.angle_rad, distance_mm, instrument, reading_mm=WIDTH_READING_MM

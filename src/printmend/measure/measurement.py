@@ -237,7 +237,7 @@ def _measured(
         if span is not None and distance_mm is not None:
             widths = [_among_all(_widths(reading), plan.sheet_of == reading.sheet) for reading in readings]
             dots_mm = mean_of(np.stack(widths))[list(span)]
-            measured, instrument, note = scaled_by(distance_mm, span, dots_mm, measured, instrument)
+            measured, instrument, note = scaled_by(distance_mm, span, dots_mm, measured, instrument, readings[0].scale)
             notes.append(note)
         elif span is not None and not any(reading.rulers for reading in readings):
             wanted, wanted_mm = span, math.dist(*measured[list(span)]) + float(plan.big_dot_mm)

@@ -121,7 +121,7 @@ def measure_part(
     edge_mm, instrument, ruled = scaled_by_rulers(seen, edges.begin_mm, instrument)
     onto = np.eye(2)
     if distances_mm:
-        onto, instrument, asked = scaled_by_widths(distances_mm, widths, edge_mm, instrument)
+        onto, instrument, asked = scaled_by_widths(distances_mm, widths, edge_mm, instrument, page.scale)
         edge_mm = mapped(edge_mm, onto)
     elif widths:
         asked = widths_asked(widths, edge_mm, page.scale, ruled=bool(rulers))

@@ -17,7 +17,7 @@ from printmend.plan import layout as k
 from printmend.promise.belief import parse_belief
 from printmend.promise.filament import UNTOLD
 from printmend.promise.predict import Errors, PathPlaces, Promise, best_shift, promised, shape_of, without_doubt
-from printmend.promise.words import in_a_line, in_words, knows_a_length, knows_all_but_a_reading
+from printmend.promise.words import in_a_line, in_words, is_resized, knows_a_length, knows_all_but_a_reading
 
 _EDGE_MM = 0.5  # slicers round: a print that reaches less than this beyond the bed's edge is on the bed
 _LEAST_GAIN_MM = 0.0005  # a smaller gain is below the resolution of the numbers in a file
@@ -374,7 +374,7 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
     if name == "instrument" and knows_a_length(model):
         return (say("rest-is-scanner-across"),)
     if name == "instrument":
-        return (say("rest-is-scanner"),)
+        return (say("rest-is-picture" if is_resized(parse_belief(model)) else "rest-is-scanner"),)
     if name == "homing":
         return (say("rest-is-homing"),)
     return (say("rest-is-cause", in_words(name)),)

@@ -6,6 +6,7 @@ The drawn machines of the old model, widened by possible wear, are the prior; a 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,10 +38,12 @@ from printmend.infer.phase import Phase, found_phase
 from printmend.infer.update import Renewed, both_seen, renewed, told_apart
 from printmend.learn.learned import (
     PLANE_FACTOR,
+    enlarged,
     instrument_scatter_mm,
     known_digests,
     learn,
     push_of,
+    times_seen,
     trace_section,
     with_z,
 )  # fmt: skip
@@ -148,9 +151,17 @@ def measured_again(
         (kind, motor): size for motor, name in enumerate(printer.motors) for kind, size in ageing.of(name).items()
     }  # fmt: skip
     months = 0.0 if ageing is None else ageing.months
-    return renewed(
-        belief.parts, old.mechanism, trace, scene, rng, months=months, grown=grown, stories=stories, refit=refit
+    again = partial(
+        renewed, mechanism=old.mechanism, trace=trace, scene=scene, rng=rng, months=months, grown=grown,
+        stories=stories, refit=refit,
     )  # fmt: skip
+    found = again(belief.parts)
+    if (times := np.full(DRAWS, times_seen(found.now.parts).mean()))[0] == 1.0:
+        return found
+    found = again(enlarged(belief.parts, times))  # as the picture shows the old machine
+    own = 1.0 / times_seen(found.now.parts)
+    now = replace(found.now, parts=enlarged(found.now.parts, own))
+    return replace(found, now=now, before=enlarged(found.before, 1.0 / times))
 
 
 def _anew(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated:

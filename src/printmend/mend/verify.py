@@ -221,10 +221,10 @@ def _stretch_percent(found: Renewed) -> float:
     """Return the scale error that may be the instrument's [%]."""
     scene = found.now.scene
     bed = scene.middle_mm + SCALE_MM * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    places = at_places(bed_mm=bed)
+    places = at_places(bed_mm=bed, motor_mm=scene.printer.to_motor(bed))
     moved = sum(
         (columns_of(part.effect, places, part.where, part.shape, scene) @ part.mean_mm
-         for part in found.now.parts if part.effect == "stretch"), np.zeros_like(bed),
+         for part in found.now.parts if part.effect in ("stretch", "resized")), np.zeros_like(bed),
     )  # fmt: skip
     return float((moved[1, 0] - moved[0, 0] + moved[2, 1] - moved[0, 1]) / 2)
 

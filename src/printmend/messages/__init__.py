@@ -20,6 +20,7 @@ Tell = Callable[[str], str]  # puts a message into the reader's language
 _DEEPEST = 8  # messages within messages
 # Numbers that a German reader gets with a comma: no version of a program among them.
 _NUMBERS = re.compile(r"(?!.*\d\.\d+\.)[\s\d.±+–−-]*\d\.\d[\s\d.±+–−-]*( ?[%°a-z]+)?")
+_NEGATIVE = re.compile(r"^-(?=\d+(\.\d+)?( ?[%°±]|$| mm))")
 _AFTER_SEMICOLON = re.compile(r"; (Der|Die|Das|Ein|Eine|Es|Alle|Jede)\b")
 PAGE = "/page"  # ends the id of a message that a page words differently: the terminal's names a command or an option
 HELP = "help"  # the context of what --help says
@@ -66,6 +67,11 @@ def say_count(name: str, number: int, *values: object) -> Said:
     return say(name if number == 1 else name + MANY, number, *values)
 
 
+def say_large(share: float) -> Said:
+    """Say by how many % something is too large, or for a ``share`` below 0 too small."""
+    return say("percent-too-small" if share < 0 else "percent-too-large", f"{100 * abs(share):.2f}")
+
+
 def say_own(texts: tuple[str, str], *values: object) -> Said:
     """Return a message that is not in the catalogue, from its English and German."""
     filled = places_of(values)
@@ -73,8 +79,8 @@ def say_own(texts: tuple[str, str], *values: object) -> Said:
 
 
 def places_of(values: Iterable[object]) -> dict[str, str]:
-    """Return values by the places that they fill, a, b, …"""
-    filled = (value if isinstance(value, Said) else str(value) for value in values)
+    """Return values by the places that they fill, a, b, …; a number below 0 gets a minus sign in place of a hyphen."""
+    filled = (value if isinstance(value, Said) else _signed(str(value)) for value in values)
     return dict(zip(string.ascii_lowercase, filled, strict=False))
 
 
@@ -92,13 +98,20 @@ def is_one_of(text: str, names: Iterable[str]) -> bool:
 
 
 def translated(text: str, language: str) -> str:
-    """Return a message in a language; a text without an id stays as it is, except that German numbers get a comma."""
+    """Return a message in a language; a text without an id stays as it is, except that a number gets a minus sign, and
+    in German a comma."""
+    text = text if isinstance(text, Said) else _signed(text)
     return _value(text) if language == GERMAN else str(text)
 
 
 def tell_in(language: str) -> Tell:
     """Return what puts messages into a language."""
     return lambda text: translated(text, language)
+
+
+def _signed(text: str) -> str:
+    """Return a text that begins with a number below 0 with a minus sign in place of the hyphen."""
+    return _NEGATIVE.sub("−", text)
 
 
 def _german(text: str) -> str:

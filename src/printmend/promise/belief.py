@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from printmend.effects import EFFECTS, Of, Scene, columns_of
-from printmend.effects.effect import FEW_LAYERS, MOST_LAYERS, at_places
+from printmend.effects.effect import FEW_LAYERS, GONE, MOST_LAYERS, at_places
 from printmend.errors import ModelError
 from printmend.infer.machine import DRAWS, Part
 from printmend.messages import say
@@ -56,9 +56,9 @@ def belief_section(
     by_hand: bool = False,
     motion: Motion | None = None,
 ) -> dict[str, Any]:
-    """Return drawn machines as plain values; what an instrument did is no part of any print."""
+    """Return drawn machines as plain values; what surely an instrument did is no part of any print."""
     there = [part for part in parts if part.acts_mm.any() or part.draws_mm.any()]
-    kept = [part for part in there if EFFECTS[part.effect].of is not Of.INSTRUMENT]
+    kept = [part for part in there if EFFECTS[part.effect].of is not Of.INSTRUMENT or EFFECTS[part.effect].fate != GONE]
     return {
         "version": VERSION,
         "placed": scene.placed,

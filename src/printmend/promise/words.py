@@ -10,7 +10,7 @@ from printmend.effects.effect import SCALE_MM
 from printmend.effects.stretch import basis
 from printmend.infer.machine import DRAWS, Part
 from printmend.measure.table import TOGETHER
-from printmend.messages import say, together
+from printmend.messages import say, say_large, together
 from printmend.model import SavedModel
 from printmend.model.model import WARNING
 from printmend.promise.belief import Belief, parse_belief
@@ -38,10 +38,10 @@ def scale_words(model: SavedModel) -> tuple[str, ...]:
         doubt = max(doubt, beyond)
     if doubt < LEAST_DOUBT:
         return lean
-    settles = "scale-settled-across" if knows_a_length(model) else "scale-settled-by-callipers"
+    settles = say("scale-settled-across" if knows_a_length(model) else "scale-settled-by-callipers")
     if knows_all_but_a_reading(model):
-        settles = "scale-settled-by-reading"
-    return (scale_in_words(np.array(shown, float), acts, doubt, settles), *lean)
+        settles = say("scale-settled-by-reading")
+    return (scale_in_words(np.array(shown, float), acts, doubt, settles, resized=is_resized(belief)), *lean)
 
 
 def _lean_words(belief: Belief) -> tuple[str, ...]:
@@ -93,6 +93,11 @@ def axis_scales(scene: Scene, parts: Sequence[Part]) -> tuple[np.ndarray, np.nda
     return acts, draws
 
 
+def is_resized(belief: Belief | None) -> bool:
+    """Say whether a measurement's picture is likely to be of another size than it says."""
+    return belief is not None and any(part.is_likely for part in belief.of("resized"))
+
+
 def knows_a_length(model: SavedModel) -> bool:
     """Say whether a length was given to a model's scan: then its scale and its axes are known together."""
     instrument = instrument_of(model)
@@ -114,16 +119,15 @@ def instrument_of(model: SavedModel) -> dict[str, float]:
     return {name: value for name, value in instrument.items() if isinstance(value, int | float)}
 
 
-def scale_in_words(
-    shown: np.ndarray, acts: np.ndarray, doubt: float, settles: str = "scale-settled-by-callipers"
-) -> str:
+def scale_in_words(shown: np.ndarray, acts: np.ndarray, doubt: float, settles: str, *, resized: bool = False) -> str:
     """Say by which shares the print is too large in the picture in X and Y [2], which of them act [2], how sure that
-    is, and what ``settles`` it, a message."""
-    seen, taken = (say("scale-x-and-y", *(f"{100 * v:+.2f}" for v in each)) for each in (shown, acts))
-    may_mm = f"{100 * doubt:.1f}"
+    is, and what ``settles`` it; ``resized`` if the picture is likely to be of another size than it says."""
+    cause = say("scale-picture-causes-all" if resized else "scale-picture-causes-part")
+    settles = say("scale-settled-by-scan", settles) if resized else settles
+    seen, taken, may_mm = map(say_large, shown), map(say_large, acts), f"{100 * doubt:.1f}"
     if np.abs(acts).max() >= LEAST_DOUBT / 10:
-        return say(WARNING, say("scale-not-settled-taken-off", seen, taken, may_mm, say(settles)))
-    return say(WARNING, say("scale-not-settled", seen, may_mm, say(settles)))
+        return say(WARNING, say("scale-not-settled-taken-off", *seen, cause, *taken, may_mm, settles))
+    return say(WARNING, say("scale-not-settled", *seen, cause, may_mm, settles))
 
 
 # key of `Promise.made_of` → (in a line, in a table, type): type A is from the scatter of the measurement, B is not
