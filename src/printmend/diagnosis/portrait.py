@@ -27,10 +27,10 @@ class Portrait:
     """Curves over motor positions ``motor_mm`` [N] and the measured points in contact with them.
 
     ``error_mm`` [2, N] is where the carriage is beyond a healthy one, moving forwards and backwards, ``sd_mm`` [2, N]
-    the posterior's standard deviation, ``play_mm`` [N] and ``play_sd_mm`` [N] the play; ``noise_mm`` is that of one
-    measured point. ``point_*`` [M]: motor position, error and side (0 forwards, 1 backwards) of each measured point.
-    ``outline_mm`` [ANGLES, 2] is the pulley's hull about the shaft, ``radius_mm`` that of the round pulley;
-    ``scale_percent`` is the straight part of the error.
+    the posterior's standard deviation of its shape, less a straight line, ``play_mm`` [N] and ``play_sd_mm`` [N] the
+    play; ``noise_mm`` is that of one measured point. ``point_*`` [M]: motor position, error and side (0 forwards, 1
+    backwards) of each measured point. ``outline_mm`` [ANGLES, 2] is the pulley's hull about the shaft, ``radius_mm``
+    that of the round pulley; ``scale_percent`` is the straight part of the error.
     """
 
     name: str
@@ -78,10 +78,10 @@ def portrait(parts: Sequence[Part], scene: Scene, motor: int, contacts: Contacts
     on_curve = _belt_mm(acts, motor, contacts.motor_mm, contacts.side, scene)[:, 0]
     noise_mm *= float(np.linalg.norm(scene.printer.to_motor(np.eye(2))[:, motor]))  # along the belt
     return Portrait(
-        scene.printer.motors[motor].upper(), scene.turns_mm[motor], at, error, drawn.std(axis=2), error[1] - error[0],
-        (drawn[1] - drawn[0]).std(axis=1), noise_mm, contacts.motor_mm, on_curve + contacts.left_mm,
-        (contacts.side > 0).astype(int), hull_mm(acts, motor, scene), scene.turns_mm[motor] / TURN_RAD,
-        _scale_percent(acts),
+        scene.printer.motors[motor].upper(), scene.turns_mm[motor], at, error, _shapes(drawn, at).std(axis=2),
+        error[1] - error[0], (drawn[1] - drawn[0]).std(axis=1), noise_mm, contacts.motor_mm,
+        on_curve + contacts.left_mm, (contacts.side > 0).astype(int), hull_mm(acts, motor, scene),
+        scene.turns_mm[motor] / TURN_RAD, _scale_percent(acts),
     )  # fmt: skip
 
 
@@ -95,6 +95,12 @@ def contacts_of_fit(fit: Fit, motor: int) -> Contacts:
     at = np.flatnonzero((seen_share > LEAST_SEEN_SHARE) & (side != 0))
     left_mm = rows.at_places(fit.left_mm(), count) @ along
     return Contacts(fit.places.motor_mm[at, motor], side[at], left_mm[at])
+
+
+def _shapes(drawn_mm: np.ndarray, at_mm: np.ndarray) -> np.ndarray:
+    """Return drawn curves [2, N, D] less the straight line of each, which both directions share."""
+    line, mean = np.vander(at_mm - at_mm.mean(), 2), drawn_mm.mean(axis=0)
+    return np.asarray(drawn_mm - line @ np.linalg.lstsq(line, mean, rcond=None)[0])
 
 
 def _scale_percent(acts: Sequence[Found]) -> float:

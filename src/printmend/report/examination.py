@@ -34,8 +34,9 @@ AFTER_WORK = say("after-work")
 class Examination:
     """A trace's fit with everything that its report shows; ``part`` and ``prediction`` if a part was given.
 
-    ``finer`` is the number of faults too small to show. ``misfit`` holds the findings that the model does not fit.
-    ``expected`` is the promise for the mended part, without one for a mended copy of the test print.
+    ``finer`` is the number of faults too small to show; ``has_walls``: walls were measured, and not dots alone.
+    ``misfit`` holds the findings that the model does not fit. ``expected`` is the promise for the mended part, without
+    one for a mended copy of the test print.
     """
 
     saved: SavedModel
@@ -51,6 +52,7 @@ class Examination:
     finer: int
     misfit: tuple[str, ...]
     expected: Promise | None
+    has_walls: bool
 
     @property
     def title(self) -> str:
@@ -132,7 +134,7 @@ def examine(
         (positioning(mechanism, 0), positioning(mechanism, 1)), circle(mechanism),
         *_arrows(flat, fit), None if part is None else part.name, prediction,
         sum(one not in advice and row["kind"] != "offset" for row, one in found),
-        (*scale_words(saved), *misfit_words(saved.document)), expected,
+        (*scale_words(saved), *misfit_words(saved.document)), expected, fit.scene.walls,
     )  # fmt: skip
 
 

@@ -55,7 +55,7 @@ def _blocks(examination: Examination, tell: Tell) -> Iterator[Block]:
         )  # fmt: skip
         yield Card(advice.title, URGENCY[advice.urgency], _COLOURS[advice.urgency], lines)
     for one in examination.doubted:
-        yield Card(say("card-does-not-fit"), "", _COLOURS["soon"], (("", one),))
+        yield Card(say("card-still-open"), "", _COLOURS["soon"], (("", one),))
     if (prediction := examination.prediction) is not None:
         yield Words("heading", say("report-your-part", examination.part or ""))
         yield Numbers("", part_rows(prediction))

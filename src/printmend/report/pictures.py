@@ -26,6 +26,7 @@ from printmend.report.part_view import DrawnLayer, PartView
 
 MOST_POINTS = 3000  # most points of a curve
 _EVEN_MM = 0.02  # play that varies less along the axis is stated as a number
+_LEAST_PERCENT = 0.005  # a smaller scale error is not said
 _FINEST_MM = 0.005  # half of the colours are for errors of at least this
 
 
@@ -92,9 +93,14 @@ def _motor(one: Portrait, tell: Tell) -> Pictures:
     elif play > 0:
         words.append(say("picture-play-gap", f"{play:.2f}"))
     words.append(say("picture-bands"))
-    if abs(one.scale_percent) >= 0.005:
+    if not _has_scale(one):
         words.append(say("picture-no-stretch", f"{one.scale_percent:+.2f}"))
     return Pictures(figures, together(" ", words))
+
+
+def _has_scale(one: Portrait) -> bool:
+    """Tell whether a motor's picture shows all of its errors, and not those without its scale error."""
+    return abs(one.scale_percent) < _LEAST_PERCENT
 
 
 def _fit(one: Portrait, tell: Tell) -> Figure:
@@ -105,8 +111,9 @@ def _fit(one: Portrait, tell: Tell) -> Figure:
     band = 2 * np.hypot(one.sd_mm, one.noise_mm)
     level = one.level(one.motor_mm)
     draw_fit(
-        axes[0], one.motor_mm, one.error_mm - level, band, points, name=one.name, mm_per_turn=one.period_mm, tell=tell
-    )
+        axes[0], one.motor_mm, one.error_mm - level, band, points, name=one.name, mm_per_turn=one.period_mm,
+        has_scale=_has_scale(one), tell=tell,
+    )  # fmt: skip
     figure.subplots_adjust(left=0.15, right=0.985, top=0.9, bottom=0.17)
     return figure
 
@@ -128,7 +135,8 @@ def _bed(examination: Examination, tell: Tell) -> Pictures:
         draw_errors(axes[0], examination.places_mm, errors, bed_mm=bed, title=title, tell=tell)
         figure.subplots_adjust(left=0.14, right=0.985, top=0.92, bottom=0.13)
         figures.append(figure)
-    return Pictures(figures, say("picture-bed-healthy" if examination.is_healthy else "picture-bed"))
+    caption = say("picture-bed-healthy" if examination.is_healthy else "picture-bed")
+    return Pictures(figures, together(" ", [caption, say("picture-bed-walls")]) if examination.has_walls else caption)
 
 
 def circle_picture(run: Circle, tell: Tell) -> Pictures:
