@@ -110,8 +110,10 @@ def edited(**changes: object) -> str:
 @pytest.mark.parametrize(
     ("text", "names"),
     [
-        ("", "JSON"),
-        ("[" * 100_000, "JSON|nesting"),
+        ("", "another kind of file"),
+        ("x_mm,y_mm\n1,2\n", "another kind of file"),
+        ('{\n "format": ', r"broken JSON \(line 2, column 12\)"),
+        ('{"a":' * 100_000, "nesting|broken JSON"),
         ("[]", "another kind"),
         ("{}", "another kind"),
         (edited(version=3), "version 3"),

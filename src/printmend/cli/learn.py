@@ -63,10 +63,10 @@ def command(
     from printmend.cli.terminal import spare
     from printmend.errors import of_file
     from printmend.filament import check_name
-    from printmend.learn.learned import report
+    from printmend.learn.learned import known_digests, report
     from printmend.measure import read_trace
     from printmend.mend.filament import filament_words, learn_in, parse_travel, printed_in, update_in
-    from printmend.mend.history import ageing_of, carry_on, remember_learned
+    from printmend.mend.history import ageing_of, carry_on, has_measurement, remember_learned
     from printmend.mend.mend import is_healthy
     from printmend.model.model import read_model, refusals, write_model
     from printmend.printer import read_printer
@@ -88,13 +88,14 @@ def command(
             raise click.UsageError(say("terminal-usage-plain-name"))
         output = models_folder() / f"{name}{SUFFIX}"
         output.parent.mkdir(parents=True, exist_ok=True)
+    past = None if old is None else read_model(old)  # else what is no model would seem to be one to write over
     output = output or old or Path("printer.mend.json")
     written = say("written-over" if output.exists() else "written", output)
     spare((output,), (trace or Path("-"), Path(printer_name or "-")))
     rng = np.random.default_rng(0)
     dated = None if when is None else when.replace(tzinfo=UTC)
     updated = None
-    if old is None:
+    if old is None or past is None:
         printer = read_printer(printer_name or "")
         assert trace is not None
         with of_file(trace):
@@ -102,7 +103,6 @@ def command(
     else:
         from printmend.mend.update import learn_phase, same_machine
 
-        past = read_model(old)
         if printer_name is not None:
             same_machine(past, read_printer(printer_name))
         ageing = None if moved is not None else ageing_of(old, dated)
@@ -121,9 +121,13 @@ def command(
     if output.is_file() and old is not None:
         carry_on(old, output)
     if output.is_file() and not (updated is not None and updated.is_known):
+        measurement = None if trace is None else next(iter(reversed(known_digests(model))), None)
+        if has_measurement(output, measurement):
+            echo(say("history-has-measurement"), err=as_json)
         remember_learned(
-            output, model, "steel rule" if trace is None else trace.name, updated=old is not None, when=dated
-        )
+            output, model, "steel rule" if trace is None else trace.name, measurement=measurement,
+            updated=old is not None, when=dated,
+        )  # fmt: skip
     if as_json:
         click.echo(json.dumps({"output": str(output), "digest": model.digest, **model.summary}, ensure_ascii=False))
     else:

@@ -22,7 +22,7 @@ from printmend.errors import InputError, TraceError
 from printmend.files import read_text, replacing
 from printmend.measure.plan import plan_text, read_plan
 from printmend.measure.table import KNOWN, ORIGIN, REQUIRED
-from printmend.mend.history import history_of, read_history
+from printmend.mend.history import MEASUREMENT, history_of, read_history
 from printmend.messages import say, say_count
 from printmend.model.model import model_text, parse_model, read_model
 from printmend.printer import preset_names, read_printer
@@ -184,7 +184,9 @@ def _history(model_path: Path) -> Part:
     events = read_history(model_path)
     lines = []
     for event in events:
-        given = {key: value for key, value in event.items() if key not in ("seconds", "time", "model", "source")}
+        given = {
+            key: value for key, value in event.items() if key not in ("seconds", "time", "model", "source", MEASUREMENT)
+        }
         days = int((event["seconds"] - events[0]["seconds"]) // DAY_S)
         lines.append(json.dumps({"day": days, **_plain("", given)}))
     what = say("donated-history")

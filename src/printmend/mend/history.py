@@ -41,6 +41,7 @@ LEAST_RUN = 3  # fewest measurements since the last repair that show a trend
 MOST_DRAWN = 4  # most faults in the picture, the worst first
 DRAWN_YEARS = 3.0  # how far past the last measurement the picture goes
 CROSSING_DRAWS = 2000  # lines drawn to find when a trend reaches a level; the 5 % quantile is then known to 0.5 %
+MEASUREMENT = "measurement"  # the key of a measurement's digest
 _MESSAGES = {  # of events, and of results of a check print
     "learned": "event-learned", "updated": "event-updated", "verified": "event-verified",
     "refitted": "event-refitted", "kept": "result-kept", "broken": "result-broken", "cannot tell": "result-cannot-tell",
@@ -187,20 +188,41 @@ def remember(
 ) -> Path:
     """Add an event to a model's history; return the file.
 
-    A current event that repeats the last one adds nothing: the same measurement was read twice.
+    A measurement, or an event that repeats the last one, counts once: it takes the place of the old line, and its time,
+    too, unless it has a date of its own.
     """
     path = history_of(model_path)
     past = read_text(path, wanted=say("history"), todo=say("move-away"), error=ModelError) if path.exists() else ""
     time = (when or datetime.now(UTC)).isoformat(timespec="seconds")
     line = {"event": event, "time": time, "model": model.digest, **values}
     rounded = {key: round(value, 5) if isinstance(value, float) else value for key, value in line.items()}
-    written, last = json.dumps(rounded), past.rstrip().rpartition("\n")[2]
-    with suppress(ValueError, TypeError):  # a damaged line is no event
-        if when is None and {**json.loads(last), "time": time} == json.loads(written):
-            return path
+    lines = past.splitlines()
+    if (at := _place_of(lines, json.loads(json.dumps(rounded)))) is None:
+        lines.append(json.dumps(rounded))
+    else:
+        old = json.loads(lines[at])
+        lines[at] = json.dumps({**rounded, "event": old["event"], "time": time if when else old["time"]})
     with replacing(path) as file:
-        file.write(past + ("\n" if past and not past.endswith("\n") else "") + written + "\n")
+        file.writelines(f"{each}\n" for each in lines)
     return path
+
+
+def _place_of(lines: Sequence[str], event: Mapping[str, Any]) -> int | None:
+    """Return the number of the line that an event takes the place of: of its measurement, or of the last if it repeats
+    that."""
+    for at, line in enumerate(lines):
+        with suppress(ValueError, TypeError, KeyError, AttributeError):  # a damaged line is no event
+            old = json.loads(line)
+            repeats = at == len(lines) - 1 and {**old, "time": event["time"]} == event
+            if repeats or old.get(MEASUREMENT, "") == event.get(MEASUREMENT):
+                return at
+    return None
+
+
+def has_measurement(model_path: Path, measurement: str | None) -> bool:
+    """Say whether a model's history has a measurement with this digest already."""
+    events = read_history(model_path) if history_of(model_path).exists() else ()
+    return measurement is not None and any(event.get(MEASUREMENT) == measurement for event in events)
 
 
 def carry_on(old_path: Path, model_path: Path) -> None:
@@ -217,15 +239,16 @@ def carry_on(old_path: Path, model_path: Path) -> None:
 
 
 def remember_learned(
-    model_path: Path, model: SavedModel, source: str, *, updated: bool = False, when: datetime | None = None
-) -> Path:
-    """Record the result of a measurement: the printer's faults, and how well the model fits."""
-    trace = model.document.get("trace", {})
+    model_path: Path, model: SavedModel, source: str, *, measurement: str | None = None, updated: bool = False,
+    when: datetime | None = None,
+) -> Path:  # fmt: skip
+    """Record the result of a ``measurement``, by its digest: the printer's faults, and how well the model fits."""
+    trace, own = model.document.get("trace", {}), {} if measurement is None else {MEASUREMENT: measurement}
     if model.document.get("update", {}).get("of") == "z":  # heights alone are no new measurement of X and Y
         faults = [row for row in model.document.get("diagnosis", []) if row["part"] == "z"]
-        return remember(model_path, model, "updated", {"source": source, "heights": faults}, when=when)
+        return remember(model_path, model, "updated", {"source": source, **own, "heights": faults}, when=when)
     values = {
-        "source": source, "faults": model.document.get("diagnosis", []), "noise_mm": float(model.noise_mm),
+        "source": source, **own, "faults": model.document.get("diagnosis", []), "noise_mm": float(model.noise_mm),
         "points": trace.get("measured"), "before_mm": trace.get("residual_before_mm"),
     }  # fmt: skip
     return remember(model_path, model, "updated" if updated else "learned", values, when=when)

@@ -296,9 +296,12 @@ def read_model(path: str | Path) -> SavedModel:
 def parse_model(text: str, *, subject: str) -> SavedModel:
     """Build a model from JSON text; ``subject`` names the source in errors."""
     try:
-        document = json.loads(text, parse_constant=lambda name: refuse(subject, say("finite-numbers"), name))
+        is_one = text.lstrip().startswith("{")
+        document = is_one and json.loads(text, parse_constant=lambda name: refuse(subject, say("finite-numbers"), name))
     except (ValueError, RecursionError) as error:
-        came = say("broken-json-at", error) if isinstance(error, ValueError) else say("endless-nesting")
+        came = say("endless-nesting" if isinstance(error, RecursionError) else "broken-json")
+        if isinstance(error, json.JSONDecodeError):
+            came = say("broken-json-at", error.lineno, error.colno)
         raise ModelError(subject, wanted=say("printer-mend-json"), came=came, todo=TODO) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ModelError(
