@@ -6,8 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from starlette.testclient import TestClient
 
+from printmend.cli.main import group
+from printmend.mend.history import read_history
 from printmend.messages import is_one_of
 from printmend.model import read_model
 from printmend.printer import read_printer
@@ -24,15 +27,16 @@ HERE = "http://127.0.0.1:8000"
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A studio's folder with a printer, a part's file (a) and a scan of its underside (b)."""
+    """A studio's folder with a printer, a part's file (a) and scans of its underside (b, c)."""
     folder, rng = tmp_path_factory.mktemp("studio"), np.random.default_rng(3)
     for name in ("printers/one", "uploads"):
         (folder / name).mkdir(parents=True)
     (folder / "printers/one" / work.PRINTER).write_text(printer_text(read_printer("ender3")))
     shape, _ = foreign.part(rng, sizes=(29, 30))
     (folder / "uploads/a").write_text(foreign.gcode(shape, layers=4))
-    rings = foreign.printed(shape, 0.05, 0.12, (-0.004, -0.004), rng)
-    (folder / "uploads/b").write_bytes(foreign.scan([(rings, 1.0, 0.03)], rng, below=True, dpi=300))
+    for name in "bc":  # printed twice
+        rings = foreign.printed(shape, 0.05, 0.12, (-0.004, -0.004), rng)
+        (folder / "uploads" / name).write_bytes(foreign.scan([(rings, 1.0, 0.03)], rng, below=True, dpi=300))
     return folder
 
 
@@ -57,6 +61,19 @@ def test_a_part_is_judged_learned_from_and_mended(data: Path) -> None:
     assert _german(gaps[0])
     mended = {"printer": "one", "upload": "a", "name": "part.gcode", "scene": False, "filament": "petg"}
     assert "one that this model knows: pla-black" in work.run("mend", str(data / "jobs/3"), str(data), mended)["error"]
+    check = {"printer": "one", "part": "a", "name": "part.gcode", "scans": [{"upload": "c", "name": "under.png"}],
+             "dpi": None, "distance_mm": None, "filament": "pla-black"}  # fmt: skip
+    proved = work.run("verify", str(data / "jobs/4"), str(data), check)
+    assert proved["verdict"]["marks"] > 200, proved
+    assert not proved["verdict"]["placed"]
+    assert read_history(data / "printers/one" / work.MODEL)[-1]["event"] == "verified"
+    assert (
+        "found 5; measure it again"
+        in work.run("verify", str(data / "jobs/5"), str(data), {**check, "distance_mm": 5})["error"]
+    )
+    typed = ["verify", str(data / "uploads/c"), "--gcode", str(data / "uploads/a"), "--distance", "5", "-m"]
+    result = CliRunner().invoke(group, [*typed, str(data / "printers/one" / work.MODEL)])
+    assert "found 5; measure it again" in str(result.exception)
 
 
 def test_the_api_checks_what_it_is_given(tmp_path: Path) -> None:
@@ -69,4 +86,8 @@ def test_the_api_checks_what_it_is_given(tmp_path: Path) -> None:
         assert answer.status_code == 400
         assert "begins with its polymer" in answer.json()["error"]
         assert client.post(f"/api/v1/printers/{made['id']}/fit", json={**wrong, "uploads": []}).status_code == 422
+        (tmp_path / "printers" / made["id"] / work.MODEL).write_text("{}")
+        both = {"uploads": [sent, sent], "part": sent}
+        answer = client.post(f"/api/v1/printers/{made['id']}/verify", json=both)
+        assert "one scan of the part's underside" in answer.json()["error"]
     shutil.rmtree(tmp_path)

@@ -23,7 +23,8 @@ from printmend.messages import say
 @click.option("--gcode", "part_path", metavar="PART.gcode", type=click.Path(path_type=Path),
               help="SCAN shows the underside of this part, printed mended. Give the unmended file.")  # fmt: skip
 @click.option("--dpi", type=Finite(min=50, max=9600), help="Resolution of the scans, where the files do not say it.")
-@click.option("--distance", "distance_mm", metavar="MM", type=Finite(min=1, max=1000), help="As in `measure`.")
+@click.option("--distance", "distances_mm", metavar="MM", type=Finite(min=1, max=1000), multiple=True,
+              help="As in `measure`.")  # fmt: skip
 @click.option("--filament", metavar="NAME", help="Filament of the check print, as pla-black: its shrinkage is no "
               "error of the machine.")  # fmt: skip
 @click.option("-o", "--output", metavar="NEW.mend.json", type=click.Path(path_type=Path, dir_okay=False),
@@ -31,7 +32,7 @@ from printmend.messages import say
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 def command(
     measured: tuple[Path, ...], model_path: Path, plan_path: Path | None, part_path: Path | None, dpi: float | None,
-    distance_mm: float | None, filament: str | None, output: Path | None, as_json: bool,
+    distances_mm: tuple[float, ...], filament: str | None, output: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Compare a check print with what was promised, and note the result in the model's history.
 
@@ -64,12 +65,12 @@ def command(
     elif part_path is not None:
         from printmend.mend.part import measure_part
 
-        trace = measure_part(measured[0], part_path, model.printer, dpi=dpi).trace
+        trace = measure_part(measured[0], part_path, model.printer, dpi=dpi, distances_mm=distances_mm).trace
     else:
         from printmend.measure.measurement import measure_scans
 
         assert plan_path is not None
-        trace = measure_scans(measured, read_plan(plan_path), dpi=dpi, distance_mm=distance_mm).trace
+        trace = measure_scans(measured, read_plan(plan_path), dpi=dpi, distance_mm=next(iter(distances_mm), None)).trace
     with of_file(measured[0]):
         verdict = verify_in(model, trace, filament)
         newer = None if output is None else updated_in(model, trace, filament)

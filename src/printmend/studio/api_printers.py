@@ -40,6 +40,7 @@ from printmend.studio.shapes import (
     ScansIn,
     SendIn,
     TowerCard,
+    VerifyIn,
 )
 from printmend.studio.store import NotThereError
 from printmend.studio.work import MODEL, PLAN, PRINTER, PROBE, TOWER, TOWER_TABLE
@@ -455,10 +456,18 @@ def check_print(here: Here, key: Key) -> JobCard:
 
 
 @router.post("/{key}/verify", status_code=202, tags=["prove"])
-def verify(here: Here, key: Key, scans: ScansIn) -> JobCard:
-    """Measure the printed check print and compare it with the promise: a job."""
+def verify(here: Here, key: Key, given: VerifyIn) -> JobCard:
+    """Measure the printed check print, or a mended part, and compare it with the promise: a job."""
     _need(_folder(here, key), MODEL, say("measure-test-print-first"))
-    return card(here, here.submit("verify", key, {"printer": key, **_scans(here, scans)}))
+    params = {"printer": key, **_scans(here, given), "filament": _filament(given.filament)}
+    if given.part is not None:
+        if len(given.uploads) > 1:
+            raise InputError(
+                say("check-print"), wanted=say("one-scan-underside"), came=str(len(given.uploads)),
+                todo=say("leave-others-out"),
+            )  # fmt: skip
+        params |= {"part": given.part, "name": plain_name(here.store.upload(given.part)["name"])}
+    return card(here, here.submit("verify", key, params))
 
 
 @router.post("/{key}/update/{job}", tags=["prove"])

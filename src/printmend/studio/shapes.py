@@ -332,6 +332,13 @@ class ScansIn(Strict):
     distance_mm: float | None = Field(default=None, ge=1, le=1000, description="between the two dots that were named")
 
 
+class VerifyIn(ScansIn):
+    """Uploaded scans or photos of a mended check print: of the test print, or one of a part's underside."""
+
+    part: str | None = Field(default=None, pattern=KEY, description="the part's file as it was before mending")
+    filament: str | None = Field(default=None, max_length=40, description="what it was printed in, as pla-black")
+
+
 class FitIn(Strict):
     """Scans of a part's underside and, where there is one, of its top, and the file that was printed."""
 

@@ -383,19 +383,26 @@ def _check_print(job: Job) -> dict[str, Any]:
 
 
 def _verify(job: Job) -> dict[str, Any]:
-    """Measure a mended check print and compare it with the promise."""
+    """Measure a mended check print, or a mended part, and compare it with the promise."""
     from printmend.measure import read_plan, read_trace
     from printmend.measure.distance import is_asking
     from printmend.measure.measurement import measure_scans
-    from printmend.mend.verify import remember_verdict, update_words, updated, verify
+    from printmend.mend.filament import updated_in, verify_in
+    from printmend.mend.part import measure_part
+    from printmend.mend.verify import remember_verdict, update_words
     from printmend.model import read_model, write_model
 
-    model = read_model(job.printer_folder / MODEL)
+    model, filament = read_model(job.printer_folder / MODEL), job.params.get("filament")
     paths = _scans(job)
     job.tell(0.1, "measure")
     asked: list[str] = []
     if len(paths) == 1 and paths[0].suffix.lower() == ".csv":
         trace = read_trace(paths[0], model.printer)
+    elif "part" in job.params:
+        part, distance_mm = _named(job, job.params["part"], job.params["name"]), job.params.get("distance_mm")
+        trace = measure_part(
+            paths[0], part, model.printer, dpi=job.params.get("dpi"), distances_mm=[distance_mm] if distance_mm else [],
+        ).trace  # fmt: skip
     else:
         plan = read_plan(job.printer_folder / PLAN)
         measurement = measure_scans(
@@ -404,9 +411,9 @@ def _verify(job: Job) -> dict[str, Any]:
         )  # fmt: skip
         trace, asked = measurement.trace, [note for note in measurement.notes if is_asking(note)]
     job.tell(0.8, "compare")
-    verdict = verify(model, trace)
+    verdict = verify_in(model, trace, filament)
     remember_verdict(job.printer_folder / MODEL, model, verdict)
-    newer = updated(model, trace)
+    newer = updated_in(model, trace, filament)
     write_model(job.file(MODEL), newer.model)
     return {"verdict": verdict.json(), "words": verdict.words, "newer": update_words(verdict, newer),
             "asked": asked}  # fmt: skip

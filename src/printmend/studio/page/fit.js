@@ -5,6 +5,8 @@ import { Drop } from "./drop.js";
 import { Photos, Problem, Progress, Sending, useEarlier, useJob, useSending } from "./job.js";
 import { asked, number, t } from "./words.js";
 
+export const isCode = (file) => /\.(gcode|g|gco|bgcode|3mf)$/i.test(file.name);
+
 // Which filament: those that the printer knows, and any other whose name begins with its polymer.
 export function Filament({ printer, value, set }) {
   return html`<label class="field">${t("filament")}<input list="filaments" value=${value} placeholder="pla-black" onInput=${(event) => set(event.target.value)} />
@@ -21,7 +23,7 @@ export function Fit({ printer, learn, learning }) {
   const take = async (files) => {
     setError(null); setKey(null);
     try {
-      const isCode = (file) => /\.(gcode|g|gco|bgcode|3mf)$/i.test(file.name), code = files.filter(isCode).slice(0, 1), pictures = files.filter((file) => !isCode(file)).slice(0, 2);
+      const code = files.filter(isCode).slice(0, 1), pictures = files.filter((file) => !isCode(file)).slice(0, 2);
       const keys = await send([...code, ...pictures]), next = { upload: code.length ? keys[0] : given.upload, uploads: pictures.length ? keys.slice(code.length) : given.uploads };
       setGiven(next);
       if (next.upload && next.uploads.length) await run(next);

@@ -3,6 +3,7 @@ import { html, useEffect, useState } from "./vendor.js";
 import { ended, fileOf, get, post } from "./api.js";
 import { Number_, Save, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
+import { Filament, isCode } from "./fit.js";
 import { Photos, Problem, Progress, Sending, useEarlier, useJob, useProblem, useSending } from "./job.js";
 import { Send } from "./send.js";
 import { asked, day, mm, number, sentence, t } from "./words.js";
@@ -22,17 +23,19 @@ export function Prove({ printer, changed }) {
     if (seen && (!ended(seen) || (seen.state === "done" && seen.ended_s > printer.measured_s))) setKey((old) => old ?? seen.id);
   });
   const make = () => tried(async () => setCheck((await post(`/printers/${printer.id}/check`)).id));
-  const take = (files) => tried(async () => {
+  const [part, setPart] = useState(null), [filament, setFilament] = useState("");
+  const take = (files) => tried(async () => { // scans, and the file of a part of one's own with them or before
     setTaken(false);
-    const uploads = await send(files);
-    setKey((await post(`/printers/${printer.id}/verify`, { uploads, distance_mm: asked(distance) })).id);
+    const code = files.filter(isCode).slice(0, 1), scans = files.filter((file) => !isCode(file)), keys = await send([...code, ...scans]), of = code.length ? keys[0] : part;
+    setPart(scans.length ? null : of);
+    if (scans.length) setKey((await post(`/printers/${printer.id}/verify`, { uploads: keys.slice(code.length), distance_mm: asked(distance), part: of, filament: filament.trim() || null })).id);
   });
   const over = () => tried(async () => { await post(`/printers/${printer.id}/update/${key}`); setTaken(true); changed(); load(); });
   const verdict = job?.state === "done" ? job.result.verdict : null;
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <section class="card stack"><h2>${t("prove_print")}</h2>${checked?.state === "done" ? html`<a class="button primary" href=${fileOf(checked, "check.mended.gcode")} download>${t("download_check")}</a><${Send} printer=${printer} changed=${changed} file=${{ job: checked.id, name: "check.mended.gcode" }} />` : looked && html`<p class="soft">${t("check_what")}</p><button class="primary" disabled=${check && !ended(checked)} onClick=${make}>${t("make_check")}</button>`}<${Progress} job=${checked} /></section>
-      <section class="card stack"><h2>${t("prove_scan")}</h2><${Drop} multiple accept="image/*,.csv" onFiles=${take}><p><b>${t("drop_check")}</b></p></${Drop}><${Sending} now=${now} />
-        <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label><${Photos} job=${job} /><${Progress} job=${job} steps=${["measure", "compare"]} /></section></div>
+      <section class="card stack"><h2>${t("prove_scan")}</h2><${Drop} multiple accept="image/*,.csv,.gcode,.g,.gco,.bgcode,.3mf" onFiles=${take}><p><b>${t("drop_check")}</b></p><p class="faint">${t(part ? "part_scans" : "check_part")}</p></${Drop}><${Sending} now=${now} />
+        <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label><${Filament} printer=${printer} value=${filament} set=${setFilament} /><${Photos} job=${job} /><${Progress} job=${job} steps=${["measure", "compare"]} /></section></div>
     <div class="stack">${verdict && html`<section class="card stack"><h2>${t(VERDICTS[verdict.result])}</h2><div class="numbers"><${Number_} value=${mm(verdict.before_mm)}>${t("was")}</${Number_}><${Number_} value=${verdict.now_at_most_mm == null ? mm(verdict.now_mm) : `< ${mm(verdict.now_at_most_mm)}`}>${t("measured_now")}</${Number_}><${Number_} value=${`${mm(verdict.promised_low_mm)} – ${mm(verdict.promised_high_mm)}`}>${t("promised")}</${Number_}></div>${verdict.result === "cannot tell" && html`<p class="note">${t("cannot_tell_why")} ${mm(verdict.shows_from_mm)}.</p>`}
         ${job.result.newer.split("\n").map((line) => html`<p class="faint">${sentence(line)}</p>`)}${job.result.asked?.map((line) => html`<p class="faint">${sentence(line)}</p>`)}${taken ? html`<p class="note">${t("taken")}</p>` : html`<div><button onClick=${over}>${t("take_over")}</button></div>`}</section>`}
       <section class="card stack"><div class="row between"><h2>${t("history")}</h2>${known?.history.length > 0 && html`<${Save} id="history" name="history" />`}</div>${known?.history.length ? html`<${History} events=${known.history} /><div class="row"><span class="key kp">${t("was")}</span><span class="key kb">${t("promised")}</span><span class="key km">${t("history_after")}</span></div>` : html`<p class="soft">${known ? t("history_none") : "…"}</p>${known && html`<${GhostHistory} />`}`}</section></div></div>`;

@@ -57,7 +57,7 @@ export function why(text) {
 }
 
 export const number = (value, digits = 2) =>
-  value === null || value === undefined ? "–" : (Math.abs(value) * 10 ** digits < 0.5 ? 0 : value).toLocaleString(language, { minimumFractionDigits: digits, maximumFractionDigits: digits });
+  value === null || value === undefined ? "–" : (Math.abs(value) * 10 ** digits < 0.5 ? 0 : value).toLocaleString(language, { minimumFractionDigits: digits, maximumFractionDigits: digits }).replace("-", "−");
 export const bytes = (value) => (value < 1e9 ? `${number(value / 1e6, value < 1e7 ? 1 : 0)} MB` : `${number(value / 1e9, 1)} GB`);
 export const digits = (value_mm) => (value_mm < 0.1 ? 3 : 2);
 export const mm = (value) => (value === null || value === undefined ? "–" : number(value, digits(value)));
