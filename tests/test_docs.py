@@ -81,6 +81,16 @@ def test_every_test_that_a_document_names_is_there() -> None:
         assert not name or f"def {name}(" in text, f"{path} has no test {name}"
 
 
+@pytest.mark.parametrize("package", ["src/printmend", "lab/src/printmend_lab"])
+def test_the_overview_says_what_every_package_knows(package: str) -> None:
+    rows = re.findall(r"^\| (`.*?) \|", (ROOT / "docs/code_overview.md").read_text(encoding="utf-8"), re.MULTILINE)
+    named = {name.rstrip("/") for row in rows for name in re.findall(r"`([\w/]+)`", row)}
+    own = {path.parent.name if path.stem == "__init__" else path.stem for path in ROOT.glob(f"{package}/*/__init__.py")}
+    own |= {path.stem for path in ROOT.glob(f"{package}/*.py")} - {"__init__", "__main__"}
+    assert len(own) > 15
+    assert own <= named, f"docs/code_overview.md says nothing of {sorted(own - named)}"
+
+
 def test_every_file_that_a_document_names_is_there() -> None:
     """A path within the project that stands in backticks; a star stands for any name."""
     inside = re.compile(r"`((?:src|tests|docs|benchmarks|tools|examples|integrations)/[\w./*-]*\w/?)`")
