@@ -207,9 +207,10 @@ class Search:
         free[taken] = False
         if without is not None:
             free &= slot != slot[without]
-        there = {self.dictionary.blocks[b].slot for b in taken}
-        for b, slots in self._needing:
-            free[b] &= not there.isdisjoint(slots)
+        there = {self._slot_of[b] for b in taken}
+        for slots, which in self._needing:
+            if there.isdisjoint(slots):
+                free[which] = False
         return np.flatnonzero(free)
 
     def alike(self, blocks: np.ndarray, one: int) -> np.ndarray:
@@ -219,21 +220,34 @@ class Search:
 
     def needed(self, members: Set, member: tuple[int, int]) -> bool:
         """Tell whether another member needs one, and nothing else there is what it needs."""
-        there = {self.dictionary.blocks[one[0]].slot for one in members if one != member}
-        taken = {b for b, _ in members}
-        return any(b in taken and there.isdisjoint(slots) for b, slots in self._needing)
+        needs = {self._needs[b] for b, _ in members if b in self._needs}
+        there = {self._slot_of[one[0]] for one in members if one != member} if needs else set()
+        return any(there.isdisjoint(slots) for slots in needs)
 
     @cached_property
-    def _needing(self) -> list[tuple[int, set[tuple[str, int]]]]:
-        """The blocks that need others, each with the slots of which one must be taken."""
+    def _needs(self) -> dict[int, frozenset[tuple[str, int]]]:
+        """The slots of which one must be taken, for each block that needs others."""
         blocks = enumerate(self.dictionary.blocks)
-        return [(b, {(name, block.where) for name in block.needs}) for b, block in blocks if block.needs]
+        return {b: frozenset((name, block.where) for name in block.needs) for b, block in blocks if block.needs}
+
+    @cached_property
+    def _needing(self) -> list[tuple[frozenset[tuple[str, int]], list[int]]]:
+        """The same, with the blocks that need the same slots together."""
+        alike: dict[frozenset[tuple[str, int]], list[int]] = {}
+        for b, slots in self._needs.items():
+            alike.setdefault(slots, []).append(b)
+        return list(alike.items())
+
+    @cached_property
+    def _slot_of(self) -> list[tuple[str, int]]:
+        """The slot of each block."""
+        return [block.slot for block in self.dictionary.blocks]
 
     @cached_property
     def _slots(self) -> tuple[np.ndarray, np.ndarray]:
         """The number of each block's slot, and how many blocks of each slot a set may have."""
         slots: dict[tuple[str, int], int] = {}
-        numbers = [slots.setdefault(block.slot, len(slots)) for block in self.dictionary.blocks]
+        numbers = [slots.setdefault(slot, len(slots)) for slot in self._slot_of]
         return np.array(numbers, np.int64), np.array([EFFECTS[name].most for name, _ in slots])
 
 
