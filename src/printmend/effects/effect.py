@@ -243,9 +243,11 @@ def waves(place_mm: np.ndarray, period_mm: float, harmonics: Sequence[int] | np.
     They are the powers of cos φ + i sin φ (de Moivre); ``harmonics`` [K] are whole numbers from 1 on.
     """
     orders = np.asarray(harmonics, np.intp)
-    once = np.exp(2j * np.pi / period_mm * np.asarray(place_mm))
-    powers = np.multiply.accumulate(np.broadcast_to(once[:, None], (len(once), orders.max())), axis=1)[:, orders - 1]
-    return np.hstack([powers.real, powers.imag])
+    powers = np.exp(2j * np.pi / period_mm * np.asarray(place_mm))[:, None]
+    if orders.max() > 1:
+        every = np.broadcast_to(powers, (len(powers), orders.max()))
+        powers = np.multiply.accumulate(every, axis=1)[:, orders - 1]
+    return np.concatenate([powers.real, powers.imag], axis=1)
 
 
 def onto_bed(scene: Scene, motor: int, belt_mm: np.ndarray) -> np.ndarray:
