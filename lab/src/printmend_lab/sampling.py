@@ -9,6 +9,7 @@ corruptions.
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -358,11 +359,7 @@ def drawn_parts(scene: Scene, rng: np.random.Generator) -> list[Sized]:
 
 def _drawn(effect: Effect, scene: Scene, rng: np.random.Generator) -> Iterator[Sized]:
     """Draw what of one effect a printer has."""
-    by_place: dict[int, list[Term]] = {}
-    for term in effect.terms(scene):
-        by_place.setdefault(term.where, []).append(term)
-    for terms in by_place.values():
-        odds = np.exp(np.minimum([term.log_odds for term in terms], MOST_LOG_ODDS))
+    for terms, odds in _offered(effect.name, scene):
         if rng.uniform() < odds.sum() / (1 + odds.sum()):
             term = terms[int(rng.choice(len(terms), p=odds / odds.sum()))]
             shape = term.shape
@@ -370,6 +367,17 @@ def _drawn(effect: Effect, scene: Scene, rng: np.random.Generator) -> Iterator[S
                 shapes = [shape, *effect.finer(term.where, shape, round_, scene)]
                 shape = shapes[int(rng.integers(len(shapes)))]
             yield Sized(effect.name, term.where, shape, drawn_sizes(term, rng))
+
+
+@lru_cache(maxsize=256)  # a calibration draws hundreds of printers of one scene
+def _offered(name: str, scene: Scene) -> list[tuple[list[Term], np.ndarray]]:
+    """Return an effect's terms at each place, and their odds."""
+    by_place: dict[int, list[Term]] = {}
+    for term in EFFECTS[name].terms(scene):
+        by_place.setdefault(term.where, []).append(term)
+    return [
+        (terms, np.exp(np.minimum([term.log_odds for term in terms], MOST_LOG_ODDS))) for terms in by_place.values()
+    ]
 
 
 def _is_possible(parts: Sequence[Sized], scene: Scene) -> bool:
