@@ -3,6 +3,7 @@
 import base64
 import html
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from printmend.corruption import (
 from printmend.diagnosis.advice import advise
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import GcodeError, InputError, TraceError
-from printmend.learn.learned import learn_model, report
+from printmend.learn.learned import learn, learn_model, report
 from printmend.measure.table import read_trace, write_trace
 from printmend.mend.mend import check_gcode
 from printmend.messages import catalogue, say
@@ -39,6 +40,7 @@ from printmend.twin import Twin
 from printmend.units import TURN_RAD, radius_mm
 from printmend_lab.greybox.greybox import Greybox
 from tests.mending import SQUARE
+from tests.once import remembered
 
 ENDER3 = read_printer("ender3")
 BROKEN = Corruption(
@@ -51,6 +53,14 @@ def probe_trace(corruption: Corruption, printer: Printer, noise_mm: float = 0.02
     marks = Twin.of(corruption, printer).follow(plan.waypoints_mm)[plan.rows]
     noise = np.random.default_rng(seed).normal(0, noise_mm, marks.shape)
     return plan.trace(marks + noise)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def learned_once() -> Iterator[None]:
+    """The broken printer's trace is learned once, whether a test or a command examines it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("printmend.report.examination.learn", remembered(learn))
+        yield
 
 
 @pytest.fixture(scope="module")

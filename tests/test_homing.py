@@ -28,6 +28,7 @@ from printmend.promise.belief import Belief, belief_section, parse_belief
 from printmend.promise.predict import after_homing
 from printmend.twin import Twin
 from tests.believed import SCENES
+from tests.once import remembered
 from tests.test_greybox_learning import stairs
 from tests.test_printer_convert import KLIPPER
 
@@ -51,6 +52,7 @@ def printed(machine: Mechanism, seed: int, points: int = 400, noise_mm: float = 
     return Trace(way, Twin(machine).follow(way) + noise, homed=True)
 
 
+@remembered
 def believed(machine: Mechanism, seed: int = 0) -> Posterior:
     trace = printed(machine, seed)
     fit = fitted(trace, scene_of(trace, machine.printer, (40.0, 40.0)))
