@@ -1,11 +1,12 @@
 """Slow and obvious versions of what printmend.measure computes."""
 
 import numpy as np
-from scipy.optimize import minimize
 
 
 def best_similarity(points: np.ndarray, wanted: np.ndarray, *, scale: bool) -> np.ndarray:
     """Turn, shift and (if asked) stretch points [N, 2] onto ``wanted`` by a general minimiser."""
+    from scipy.optimize import minimize  # each worker reads this file, and few run it
+
     middle, target = points.mean(axis=0), wanted.mean(axis=0)
 
     def moved(values: np.ndarray) -> np.ndarray:

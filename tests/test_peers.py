@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from printmend.corruption import Corruption, Drive, Play
 from printmend.corruption.frame import CrookedFrame
@@ -191,6 +190,8 @@ def test_prandtl_ishlinskii_weights_are_found(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize(("b", "gamma"), [(3.0, 1.0), (2.0, 2.0), (4.0, -1.5), (1.5, 0.0)])
 def test_bouc_wen_is_what_its_equation_integrates_to(b: float, gamma: float) -> None:
     """Along m = sin t, against scipy's integration of the differential equation."""
+    from scipy.integrate import solve_ivp  # each worker reads this file, and one runs it
+
     t = np.linspace(0, 12, 200)
 
     def rate(t: float, z: np.ndarray) -> np.ndarray:

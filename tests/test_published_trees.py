@@ -1,11 +1,10 @@
 """Trees as arrays against the libraries that grew them; the published features against their description."""
 
 import warnings
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from lightgbm import LGBMRegressor
-from sklearn.ensemble import RandomForestRegressor
 
 from printmend.errors import ModelError, TraceError
 from printmend.learn import fit
@@ -17,6 +16,9 @@ from printmend_lab.published import AxisModel, Ensemble, from_forest, from_light
 from printmend_lab.published.trees import JointTreeModel
 from printmend_lab.sampling import sample
 from tests.shapes import layer_along, ring_layer
+
+if TYPE_CHECKING:
+    from lightgbm import LGBMRegressor
 
 LAYER = ring_layer((530.0, 530.0), 60.0)
 SILENT = {"verbosity": -1, "n_jobs": 1, "deterministic": True, "force_col_wise": True}
@@ -32,6 +34,13 @@ def trace(twin: Twin) -> Trace:
     return layer_trace(LAYER, twin.run(LAYER.controls, LAYER.start_steps), twin.printer)
 
 
+def boosted(**options: object) -> "LGBMRegressor":
+    """Return LightGBM's learner. The library is imported here: each worker reads this file, and one runs it."""
+    from lightgbm import LGBMRegressor
+
+    return LGBMRegressor(**options)
+
+
 def sklearn_predict(model: object, rows: np.ndarray) -> np.ndarray:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # scikit-learn misses the column names that LightGBM invents
@@ -42,7 +51,7 @@ def sklearn_predict(model: object, rows: np.ndarray) -> np.ndarray:
 def test_lightgbm_text_predicts_as_lightgbm(rows: int, rng: np.random.Generator) -> None:
     x = rng.normal(size=(rows, 4)).round(1)
     y = np.sin(3 * x[:, 0]) * x[:, 1] + (x[:, 2] > 0.3)
-    model = LGBMRegressor(**SILENT).fit(x, y)
+    model = boosted(**SILENT).fit(x, y)
     ours = from_lightgbm(model.booster_.model_to_string())
     probe = rng.normal(size=(3000, 4)).round(1)
     np.testing.assert_array_equal(ours.predict(probe)[:, 0], sklearn_predict(model, probe))
@@ -50,6 +59,8 @@ def test_lightgbm_text_predicts_as_lightgbm(rows: int, rng: np.random.Generator)
 
 @pytest.mark.parametrize("outputs", [1, 2])
 def test_forest_predicts_as_scikit_learn(outputs: int, rng: np.random.Generator) -> None:
+    from sklearn.ensemble import RandomForestRegressor
+
     x = rng.integers(0, 200, (800, 3)).astype(float)
     y = np.stack([np.sin(x[:, 0] / 20), x[:, 1] * x[:, 2]], axis=1)[:, :outputs]
     model = RandomForestRegressor(random_state=1).fit(x, y if outputs == 2 else y[:, 0])
@@ -75,7 +86,7 @@ def test_joint_row_is_the_published_one(twin: Twin, trace: Trace, ender5: Printe
     model = fit("lightgbm", trace, ender5, rng=rng)
     printed, nominal = twin.run(LAYER.controls, LAYER.start_steps), LAYER.nominal_steps
     rows = np.concatenate([nominal[:-1], LAYER.controls], axis=1).astype(float)
-    by_hand = [LGBMRegressor(**SILENT).fit(rows, np.diff(printed[:, axis])) for axis in range(2)]
+    by_hand = [boosted(**SILENT).fit(rows, np.diff(printed[:, axis])) for axis in range(2)]
     state = model.advance(model.start(np.array([530, 540])), np.array([[2, -3], [0, 1]]))
     probe = np.array([[530, 540, 1, -1], [530, 540, 0, 1]], float)
     expected = np.stack([sklearn_predict(regressor, probe) for regressor in by_hand], axis=1)
@@ -90,7 +101,7 @@ def test_axis_row_is_the_published_one(twin: Twin, trace: Trace, ender5: Printer
     for axis in range(2):
         moves = LAYER.controls[:, axis] != 0
         values = np.diff(printed[:, axis])[moves] * LAYER.controls[moves, axis]
-        regressor = LGBMRegressor(**SILENT).fit(nominal[:-1][moves, axis, None].astype(float), values)
+        regressor = boosted(**SILENT).fit(nominal[:-1][moves, axis, None].astype(float), values)
         controls = np.zeros((7, 2), int)
         controls[:, axis] = np.arange(-3, 4)
         state = model.advance(model.start(np.array([541, 541])), controls)
@@ -106,7 +117,7 @@ def test_periodic_row_repeats_every_turn(trace: Trace, ender5: Printer, rng: np.
 
 
 def test_texts_that_are_no_trees_are_refused(rng: np.random.Generator) -> None:
-    regressor = LGBMRegressor(n_estimators=2, verbosity=-1).fit(rng.uniform(size=(2000, 2)), rng.uniform(size=2000))
+    regressor = boosted(n_estimators=2, verbosity=-1).fit(rng.uniform(size=(2000, 2)), rng.uniform(size=2000))
     text = regressor.booster_.model_to_string()
     for broken in (
         "",

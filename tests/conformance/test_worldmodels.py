@@ -4,7 +4,6 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from sklearn.ensemble import RandomForestRegressor
 
 from printmend.learn import fit, learner_names, model_names
 from printmend.printer import Printer
@@ -26,6 +25,8 @@ def test_keeps_what_a_world_model_must(name: str, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("printmend_lab.conformance.learners.HARMLESS_STEPS", 0.0)
     checks = dict(CHECKS)
     if name.startswith("forest"):  # one of 20 trees keeps these laws as one of 100 does, in a fifth of the time
+        from sklearn.ensemble import RandomForestRegressor  # each worker reads this file, and one runs it
+
         monkeypatch.setattr("sklearn.ensemble.RandomForestRegressor", partial(RandomForestRegressor, n_estimators=20))
     if name.startswith(("lightgbm", "forest")):
         # trees over x and y cannot generalise the faults of a CoreXY's motors, periodic along diagonals
