@@ -1,6 +1,5 @@
 """What documents and docstrings promise: cited equations and tests exist."""
 
-import ast
 import re
 from pathlib import Path
 
@@ -98,21 +97,3 @@ def test_every_file_that_a_document_names_is_there() -> None:
     assert len(named) > 20
     for page, path in sorted(named):
         assert any(ROOT.glob(path.rstrip("/"))), f"{page.relative_to(ROOT)} names {path}, which is not there"
-
-
-def test_a_function_that_is_long_or_takes_much_says_why() -> None:
-    """A comment stands above it, or above the first of several kernels that share their parameters."""
-    silent = []
-    for path in sorted((ROOT / "src").rglob("*.py")):
-        lines = path.read_text(encoding="utf-8").splitlines()
-        for node in ast.walk(ast.parse("\n".join(lines))):
-            if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                continue
-            taken = sum(isinstance(each, ast.arg) for each in ast.walk(node.args))
-            if (node.end_lineno or 0) - node.lineno < 60 and taken <= 10:
-                continue
-            first = min([node.lineno, *(each.lineno for each in node.decorator_list)])
-            shared = any(re.match(r"# .*\bmany parameters\b", line) for line in lines[:first])
-            if not lines[first - 2].startswith("#") and not (shared and taken > 10):
-                silent.append(f"{path.relative_to(ROOT)}:{node.lineno} {node.name}")
-    assert not silent

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -74,22 +75,50 @@ def test_another_python_makes_the_environment_anew(asked: str, tmp_path: Path) -
     assert "ruff check" in told
 
 
+@cache
+def large_functions() -> list[tuple[Path, list[str], ast.FunctionDef | ast.AsyncFunctionDef]]:
+    """Return the functions from 60 lines or above 10 parameters on, each with its file and the lines of that."""
+    found = []
+    for path in sorted([*(ROOT / "src").rglob("*.py"), *(ROOT / "lab" / "src").rglob("*.py")]):
+        text = path.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and (is_long(node) or taken_by(node) > 10):
+                found.append((path, text.splitlines(), node))
+    return found
+
+
+def is_long(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    return (node.end_lineno or 0) - node.lineno >= 60
+
+
+def taken_by(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    return sum(isinstance(each, ast.arg) for each in ast.walk(node.args))
+
+
 def test_a_long_function_says_why() -> None:
     """No function is above 60 lines or 10 parameters unless the reason stands above it."""
     without = []
-    for path in sorted([*(ROOT / "src").rglob("*.py"), *(ROOT / "lab" / "src").rglob("*.py")]):
-        text = path.read_text()
-        lines = text.splitlines()
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.FunctionDef):
-                first = min([node.lineno, *(each.lineno for each in node.decorator_list)])
-                beside = list(itertools.takewhile(lambda line: line.startswith("#"), reversed(lines[: first - 1])))
-                above = "\n".join(lines[: first - 1])
-                many = len([*node.args.args, *node.args.kwonlyargs]) > 10
-                long = node.end_lineno - node.lineno >= 60
-                if (many and "parameters" not in above) or (long and not any("Long" in line for line in beside)):
-                    without.append(f"{path.name}:{node.lineno} {node.name}")
+    for path, lines, node in large_functions():
+        first = min([node.lineno, *(each.lineno for each in node.decorator_list)])
+        beside = list(itertools.takewhile(lambda line: line.startswith("#"), reversed(lines[: first - 1])))
+        above = "\n".join(lines[: first - 1])
+        many = len([*node.args.args, *node.args.kwonlyargs]) > 10
+        if (many and "parameters" not in above) or (is_long(node) and not any("Long" in line for line in beside)):
+            without.append(f"{path.name}:{node.lineno} {node.name}")
     assert not without
+
+
+def test_a_function_that_is_long_or_takes_much_says_why() -> None:
+    """A comment stands above it, or above the first of several kernels that share their parameters."""
+    silent = []
+    for path, lines, node in large_functions():
+        if not path.is_relative_to(ROOT / "src"):
+            continue
+        first = min([node.lineno, *(each.lineno for each in node.decorator_list)])
+        shared = any(re.match(r"# .*\bmany parameters\b", line) for line in lines[:first])
+        if not lines[first - 2].startswith("#") and not (shared and taken_by(node) > 10):
+            silent.append(f"{path.relative_to(ROOT)}:{node.lineno} {node.name}")
+    assert not silent
 
 
 def test_the_citation_and_the_conda_recipe_are_of_this_version() -> None:
