@@ -107,6 +107,17 @@ class Machine:
         return np.split(printed, np.cumsum([len(line) for line in cut])[:-1])
 
 
+def _draw(pen, line, radii):
+    """Draw a line [N, 2] px as wide as its ``radii`` [N, 1]: a trapezium for each piece, a disc at its end."""
+    p, q, r, s = line[:-1], line[1:], radii[:-1], radii[1:]
+    d = q - p
+    n = np.stack([-d[:, 1], d[:, 0]], axis=1) / (np.hypot(*d.T) + 1e-9)[:, None]
+    pieces = np.hstack([p + n * r, q + n * s, q - n * s, p - n * r]).tolist()
+    for piece, disc in zip(pieces, np.hstack([q - s, q + s]).tolist(), strict=True):
+        pen.polygon(piece, fill=255)
+        pen.ellipse(disc, fill=255)
+
+
 def scan(strokes, rng, *, dpi=600, below=True, angle=3.0, swell=0.09, texture=5.0, jpeg=88, dust=40, margin=12.0,
          stretch=(0.0, 0.0), ink=(60, 55, 50), plate=(232, 230, 226), size_mm=None):  # fmt: skip
     """Draw what a flatbed sees of a layer, as a JPEG in bytes."""
@@ -128,11 +139,7 @@ def scan(strokes, rng, *, dpi=600, below=True, angle=3.0, swell=0.09, texture=5.
                                              rng.normal(size=len(np.arange(0, len(line) + 30, 12)))))  # fmt: skip
         radii[0] *= rng.uniform(0.9, 1.5)
         radii[-1] *= rng.uniform(0.8, 1.4)
-        for p, q, r, s in zip(line[:-1], line[1:], radii[:-1], radii[1:], strict=True):
-            d = q - p
-            n = np.array([-d[1], d[0]]) / (np.hypot(*d) + 1e-9)
-            pen.polygon([tuple(v) for v in (p + n * r, q + n * s, q - n * s, p - n * r)], fill=255)
-            pen.ellipse([*(q - s), *(q + s)], fill=255)
+        _draw(pen, line, radii[:, None])
         pen.ellipse([*(line[0] - radii[0]), *(line[0] + radii[0])], fill=255)
     share = (
         np.asarray(picture.resize((width, height), Image.Resampling.BOX).filter(ImageFilter.GaussianBlur(1.0)), float)
@@ -288,11 +295,7 @@ def photo(strokes, rng, *, height=0.24, focal_film=26.0, tilt=(0.12, -0.09), tur
     pen = ImageDraw.Draw(plastic)
     for line in laid:
         r = (NOZZLE / 2 + swell) * fine
-        for p, q in itertools.pairwise(line * fine):
-            d = q - p
-            n = np.array([-d[1], d[0]]) / (np.hypot(*d) + 1e-9) * r
-            pen.polygon([tuple(v) for v in (p + n, q + n, q - n, p - n)], fill=255)
-            pen.ellipse([*(q - r), *(q + r)], fill=255)
+        _draw(pen, line * fine, np.full((len(line), 1), r))
         pen.ellipse([*(line[0] * fine - r), *(line[0] * fine + r)], fill=255)
     mask = np.asarray(plastic)
     wide, high = size_px
