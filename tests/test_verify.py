@@ -1,6 +1,7 @@
 """A check print against its promise: kept, broken, or more than the measurement can tell."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from printmend.measure.table import write_trace
 from printmend.mend import mend_gcode
 from printmend.mend.filament import printed_in, update_in, updated_in, verify_in
 from printmend.mend.history import read_history, rows_of
-from printmend.mend.update import Updated
+from printmend.mend.update import Updated, measured_again
 from printmend.mend.verify import BROKEN, KEPT, UNSURE, expectation, made, update_words, updated, verify
 from printmend.model import SavedModel, exact_model, read_model, write_model
 from printmend.path import FLATBED, Instrument, Trace, last_way
@@ -26,6 +27,7 @@ from printmend.probe import design_probe
 from printmend.probe.probe import write_probe
 from printmend.twin import Twin
 from printmend.twin.gcode import print_dots
+from tests.once import remembered
 from tests.test_greybox_learning import stairs
 
 ENDER3 = read_printer("ender3")
@@ -38,6 +40,15 @@ def machine(play_x: float = 0.3, play_y: float = 0.2, phase: float = 1.0) -> Cor
 BENT = machine()
 OTHER = Corruption((Drive(pulley=Ellipse(7.0, 5.8, 0.3)), Drive(pulley=EccentricBore(0.5, 2.5), belt=Play(0.5))))
 KNOWN_SCALE = Instrument(scale_sd=0.0003, axes_sd=0.001, lean_sd=0.0005)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def learned_again_once() -> Iterator[None]:
+    """What a check print says of a machine is learned once, whether tests or commands ask for it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("printmend.mend.verify.measured_again", remembered(measured_again))
+        patch.setattr("printmend.mend.update.measured_again", remembered(measured_again))
+        yield
 
 
 @pytest.fixture(scope="module")
