@@ -13,6 +13,7 @@ from printmend.gcode.write import rewrite
 from printmend.machine import Mechanism
 from printmend.mend.prediction import Prediction, prediction_of
 from printmend.model import SavedModel, exact_model
+from printmend.model.model import model_text
 from printmend.plan import start
 from printmend.printer import read_printer
 from tests import naive_mend
@@ -34,6 +35,12 @@ SQUARE = START + b"G1 X80 Y60 E1 F1800\nG1 X80 Y80 E1\nG1 X60 Y80 E1\nG1 X60 Y60
 def exactly(mechanism: Mechanism) -> SavedModel:
     """The model of a mechanism that is known exactly, made once."""
     return exact_model(mechanism)
+
+
+@cache
+def text_of(mechanism: Mechanism) -> str:
+    """The model file of a mechanism that is known exactly, written once: its tables are long."""
+    return model_text(exactly(mechanism))
 
 
 def tolerance_mm(mechanism: Mechanism) -> float:

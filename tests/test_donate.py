@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import shutil
 import zipfile
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -46,10 +47,16 @@ def measured() -> tuple[Trace, SavedModel]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, measured: tuple[Trace, SavedModel]) -> Path:
+def folder(tmp_path: Path, bobs: Path) -> Path:
+    """All that Bob has, for one test."""
+    return Path(shutil.copytree(bobs, tmp_path / bobs.name))
+
+
+@pytest.fixture(scope="module")
+def bobs(tmp_path_factory: pytest.TempPathFactory, measured: tuple[Trace, SavedModel]) -> Path:
     """All that Bob has, with his names in all of it."""
     trace, model = measured
-    place = tmp_path / "secret of Bob"
+    place = tmp_path_factory.mktemp("donate") / "secret of Bob"
     place.mkdir()
     write_plan(place / "bob.json", design_probe(ENDER3, marks=60))
     write_trace(place / "bob.csv", trace)

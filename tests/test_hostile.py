@@ -29,12 +29,12 @@ from printmend.learn.by_hand import said_by_hand
 from printmend.measure.callipers import read_readings
 from printmend.measure.plan import read_plan
 from printmend.measure.table import read_trace
-from printmend.model import read_model, write_model
+from printmend.model import read_model
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
 from printmend_lab.bench.case import read_results
 from printmend_lab.body.mesh import read_solid
-from tests.mending import BENT, SQUARE, START, exactly
+from tests.mending import BENT, SQUARE, START, text_of
 from tests.mortal import heed_ctrl_c
 
 PROGRAM = str(Path(sys.executable).parent / "printmend")
@@ -98,7 +98,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "part.gcode").write_bytes(SQUARE)
     (place / "talk.gcode").write_bytes(b"hello world\n" * 9)
     (place / "broken.toml").write_text('[x.belt]\nkind = "play"\nplay_mm = 0.4\n')
-    write_model(place / "printer.mend.json", exactly(BENT))
+    (place / "printer.mend.json").write_text(text_of(BENT))
     write_probe(place / "probe.gcode", PLAN)
     return place
 

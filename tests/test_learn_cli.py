@@ -25,7 +25,7 @@ from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
 from printmend_lab.sampling import sample
-from tests.mending import PLAY, SQUARE, exactly
+from tests.mending import PLAY, SQUARE, text_of
 
 ENDER3 = read_printer("ender3")
 PLAN = design_probe(ENDER3, marks=250)
@@ -183,7 +183,7 @@ def test_models_have_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     (tmp_path / "part.gcode").write_bytes(SQUARE)
     assert run("mend", "part.gcode", "-m", "e3-07").exit_code == 0
     (tmp_path / "other.mend.json").write_text("{}")
-    write_model(tmp_path / "exact.mend.json", exactly(PLAY))
+    (tmp_path / "exact.mend.json").write_text(text_of(PLAY))
     listed = [json.loads(line) for line in run("printers", "--json").output.splitlines()]
     assert [item["name"] for item in listed] == ["exact", "other", "e3-07"]
     assert "known exactly" in listed[0]["finding"]

@@ -24,13 +24,13 @@ from printmend.probe import design_probe, write_probe
 from printmend.report.part_view import look_at
 from printmend.twin import Twin
 from printmend.twin.gcode import print_dots
-from tests.mending import BENT, ENDER3, SQUARE, START, exactly
+from tests.mending import BENT, ENDER3, SQUARE, START, exactly, text_of
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "part.gcode").write_bytes(SQUARE)
-    write_model(tmp_path / "printer.mend.json", exactly(BENT))
+    (tmp_path / "printer.mend.json").write_text(text_of(BENT))
     (tmp_path / "broken.toml").write_text('[x.belt]\nkind = "play"\nplay_mm = 0.4\n')
     return tmp_path
 

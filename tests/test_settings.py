@@ -13,8 +13,7 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.errors import ConfigError
-from printmend.model import write_model
-from tests.mending import BENT, SQUARE, exactly
+from tests.mending import BENT, SQUARE, text_of
 from tests.mortal import heed_ctrl_c
 
 PROGRAM = str(Path(sys.executable).parent / "printmend")
@@ -27,7 +26,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     (tmp_path / "config" / "printmend").mkdir(parents=True)
     (tmp_path / "part.gcode").write_bytes(SQUARE)
-    write_model(tmp_path / "bent.mend.json", exactly(BENT))
+    (tmp_path / "bent.mend.json").write_text(text_of(BENT))
     return tmp_path
 
 

@@ -12,14 +12,14 @@ from printmend.errors import InputError
 from printmend.gcode import sliced
 from printmend.mend.many import JOURNAL, Watch
 from printmend.mend.mend import mend_gcode
-from printmend.model import read_model, write_model
+from printmend.model import read_model
 from printmend.provenance import sealed_test_print
-from tests.mending import BENT, PLAY, SQUARE, exactly
+from tests.mending import BENT, PLAY, SQUARE, exactly, text_of
 
 
 @pytest.fixture
 def job(tmp_path: Path) -> Watch:
-    write_model(tmp_path / "printer.mend.json", exactly(BENT))
+    (tmp_path / "printer.mend.json").write_text(text_of(BENT))
     with pytest.raises(InputError, match="expected a folder that files come into"):
         Watch(tmp_path / "in", tmp_path / "out", tmp_path / "printer.mend.json")
     (tmp_path / "in").mkdir()
@@ -55,7 +55,7 @@ def test_a_restart_does_nothing_twice_but_what_has_changed(job: Watch) -> None:
     new = again(job)
     assert new.look() == new.look() == []
     assert (job.target / JOURNAL).read_text().endswith("cut sho\n")
-    write_model(job.model_path, exactly(PLAY))
+    job.model_path.write_text(text_of(PLAY))
     part.write_bytes(SQUARE.replace(b"X80", b"X90"))
     new.look()
     (done,) = new.look()
