@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import zipfile
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -35,6 +36,7 @@ from printmend.mend.fit import fits, measured_part
 from printmend.mend.mend import refuse_grown
 from printmend.mend.part import measure_part
 from printmend.messages import GERMAN, translated
+from printmend.path import RESIZED
 from printmend.printer import read_printer
 from printmend.twin import Twin
 from printmend.twin.beads import print_beads
@@ -203,6 +205,16 @@ def test_of_one_scan_it_says_what_it_cannot_tell(part):
     assert first.outline_mm == pytest.approx(OUTLINE_MM + FOOT_MM, abs=0.03)
     assert found.corrections.hole_mm - found.corrections.outline_mm == pytest.approx(OUTLINE_MM - HOLE_MM, abs=0.03)
     assert json.loads(json.dumps(found.json()))["elephants_foot_mm"] is None
+
+
+def test_a_picture_of_an_unknown_size_tells_no_shrinkage(part):
+    (number, layer), *_ = measured_part(part / "under.png", part / "part.gcode", PRINTER)
+    doubted = replace(layer, trace=replace(layer.trace, instrument=RESIZED))
+    known, unknown = (fits([(number, each)], part / "part.gcode", PRINTER, None, None) for each in (layer, doubted))
+    assert min(unknown.estimate.scale_sd) > 2 * max(known.estimate.scale_sd)
+    assert known.corrections.shrinkage > unknown.corrections.shrinkage == 0.0
+    assert (unknown := unknown.estimate).first is not None
+    assert unknown.first.outline_mm == pytest.approx(OUTLINE_MM + FOOT_MM, abs=0.03)
 
 
 def test_the_command_line_writes_what_it_says(part, tmp_path):

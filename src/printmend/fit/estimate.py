@@ -217,7 +217,8 @@ def estimated(layers: Sequence[Layer], printer: Printer, instrument: Instrument 
     mean, prior = np.zeros(count), np.zeros((count, count))
     mean[:2] = SHARE_MM * np.array(known.mean)
     prior[:2, :2] = np.diag(np.square(SHARE_MM * np.array(known.sd)))
-    prior[2:5, 2:5] = SHARE_MM**2 * (instrument or FLATBED).covariance + 1e-12 * np.eye(3)
+    by = instrument or FLATBED
+    prior[2:5, 2:5] = SHARE_MM**2 * (by.covariance + np.diag([by.resized_sd**2, 0.0, 0.0])) + 1e-12 * np.eye(3)
     play = 1e-6 if is_machine_off else PLAY_SD_MM
     prior[5:shared, 5:shared] = np.diag(np.square([SKEW_SD_MM, play, play]))
     sds = [OFFSET_SD_MM, HOLE_SD_MM, TURN_SD_MM, SHIFT_SD_MM, SHIFT_SD_MM]

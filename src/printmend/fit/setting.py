@@ -83,7 +83,7 @@ def wanted(estimate: Estimate, file: Sliced) -> Wanted:
             hole -= beyond + (file.outline_mm - outline)
     shares = [-scale for scale in estimate.scale]
     both = (shares[0] + shares[1]) / 2
-    sd = math.hypot(*estimate.scale_sd) / 2
+    sd = sum(estimate.scale_sd) / 2  # the scan's scale is in both
     is_sure = abs(both - file.shrinkage) > max(RANGE * sd, LEAST_SHARE)
     shrinkage = both if is_sure and abs(both) > LEAST_SHARE else file.shrinkage
     return Wanted(_step(outline), _step(hole), _step(foot), round(shrinkage, 4) + 0.0)
