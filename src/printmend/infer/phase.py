@@ -15,13 +15,12 @@ from printmend.effects.homing import shifted, waves_of
 from printmend.infer.fit import looked
 from printmend.infer.gram import blocks_of, dictionary_of, seen
 from printmend.infer.machine import Part, machine_of, those_acting
-from printmend.infer.update import rebased
+from printmend.infer.update import ALIKE_NATS, rebased
 from printmend.machine import Mechanism
 from printmend.path import Trace
 
 COARSE_MM, FINE_MM, ROUND_MM = 0.1, 0.01, 0.3  # of the shifts that are tried: over a turn, then about the best of them
 PASSES = 2  # of contacts, then shifts
-ALIKE_NATS = 2.0  # of shifts that fit alike to this the smallest is taken: an oval looks the same after half a turn
 FREE = ("place", "play")
 LOOSE = ("idler",)  # effects whose waves no motor turns: after work on the belt they stand anywhere
 

@@ -255,7 +255,7 @@ PASSES = 3  # of contacts, then search, where anything changed; the last one wei
 PHASES = 72  # angles by which a pulley may have turned that are tried, then those between the best and its neighbours
 SEEN_SHARE = 0.5  # of its prior deviation that a shift may keep and counts as seen
 SEED = 29
-ALIKE_NATS = 1.0  # of angles that fit alike to this, the smallest is told: an oval looks the same after half a turn
+ALIKE_NATS = 2.0  # of turns that fit alike to this, the smallest is told: an oval looks the same after half of one
 _Steps = Callable[[Search, Set, float], State]
 
 
