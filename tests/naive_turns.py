@@ -4,14 +4,14 @@ import numpy as np
 
 EPS_MM, FLAT_MM, LEAST_MM, FLAT_CROSSING, GENTLE_CROSSING, UNCUT_CROSSING = 0.005, 2e-4, 0.08, 0.5, 0.5, 0.75
 FASTEST_ON_CURVE, FASTEST_AT_CORNER, CORNER_SLOPE, LEAST_FALL, ASLANT, SIDEWAYS_MM = 8.0, 16.0, 0.5, 4.0, 1.5, 0.01
-UPRIGHT, AGREED_MM = 0.8, 0.02
+UPRIGHT, AGREED_MM, SHORTEST_MM, STRAIGHT_BACK, WAIT = 0.8, 0.03, 0.02, 0.96, 0.3
 PITCH_MM, NEAR_MM = 2e-4, 0.005
 
 
 def turns(
     s_mm: np.ndarray, belt_mm: np.ndarray, other_mm: np.ndarray, slack_mm: float
-) -> list[tuple[float, float, int, float]]:
-    """Return (begin, end, trend after, corner) of each reversal of more than 10 µm of a belt along nodes [N].
+) -> list[tuple[float, float, int, float, float]]:
+    """Return (begin, end, trend after, corner, peak) of each reversal of more than 10 µm of a belt along nodes [N].
 
     ``other_mm`` [N] is the other motor's belt. ``corner`` is where the path has one, infinity where it has none.
     """
@@ -50,34 +50,47 @@ def turns(
                 begin = end = corner = s_mm[at]
             elif uncut:
                 begin, end = uncut[0]
-            found.append((begin, end, -trend, corner))
+            found.append((begin, end, -trend, corner, s_mm[at]))
             floor, at, trend = end, i, -trend
     return found
 
 
 def agreed(
-    turns_: list[tuple], others: list[tuple], s_mm: np.ndarray, belts_mm: np.ndarray, most_mm: float
+    mine: int, both: list[list[tuple]], s_mm: np.ndarray, belts_mm: np.ndarray, slack_mm: tuple[float, float]
 ) -> list[tuple]:
-    """Return the turns of one motor; at a corner where the whole path goes back both cross on its first bit.
+    """Return the turns of one motor, of those of both; where both cross at one corner they do it one after the other,
+    or together on its first bit.
 
-    Where the larger slack, ``most_mm``, is too large for that the nozzle stands.
+    Where the whole path goes back at the corner, and the larger slack is too large for that, the nozzle stands.
     """
-    corners = {turn[3] for turn in others} - {np.inf}
     slope = np.abs(np.diff(belts_mm, axis=0) / np.diff(s_mm)[:, None]).min(axis=1)  # [N - 1], of the flatter belt
-    sharp = {s_mm[a] for a in range(1, len(slope)) if min(slope[a - 1], slope[a]) >= CORNER_SLOPE}
-    found = []
-    for i, turn in enumerate(turns_):
-        if turn[3] in corners & sharp:
-            end = turn[3] + AGREED_MM
-            after = [turns_[i + 1][0]] if i + 1 < len(turns_) else []
-            after += [other[0] for other in others if other[3] > turn[3] and other[0] >= turn[3]]
-            if (
-                end > min([s_mm[s_mm > turn[3]].min(), *after])
-                or not LEAST_MM <= most_mm <= FASTEST_AT_CORNER * AGREED_MM
-            ):
-                end = turn[3]
-            turn = (turn[3], end, turn[2], turn[3])
+    found, most = [], max(slack_mm)
+    for i, turn in enumerate(both[mine]):
+        begin, end, trend, corner, peak = turn
+        other = next((other for other in both[1 - mine] if other[4] == peak), None)
         found.append(turn)
+        at = int(np.searchsorted(s_mm, peak))
+        if other is None or at == 0:
+            continue
+        back = corner == other[3] == peak and min(slope[at - 1], slope[at]) >= CORNER_SLOPE
+        if not back and min(end, other[1]) - max(begin, other[0]) <= NEAR_MM:
+            continue
+        slow = [k for k, (a, b) in enumerate([(turn, other), (other, turn)]) if a[3] == np.inf > b[3]]
+        if not back and 0 in slow and slack_mm[mine] <= UNCUT_CROSSING * (end - other[1]):
+            found[-1] = (other[1], end, trend, corner, peak)
+            continue
+        if not back and 1 in slow and slack_mm[1 - mine] <= UNCUT_CROSSING * (other[1] - end):
+            continue
+        after = [turn[0] for turn in both[mine][i + 1 : i + 2]] + [turn[0] for turn in both[1 - mine] if turn[4] > peak]
+        long = min(AGREED_MM, s_mm[at + 1] - peak, *[begin - peak for begin in after])
+        if long >= SHORTEST_MM and LEAST_MM <= most <= FASTEST_AT_CORNER * long:
+            into, out = np.abs(np.diff(belts_mm[at - 1 : at + 2], axis=0))
+            way = np.array(slack_mm) + out * long / (s_mm[at + 1] - peak)
+            straight = into @ way >= STRAIGHT_BACK * np.linalg.norm(into) * np.linalg.norm(way)
+            waits = straight and mine == (1 if into[0] < into[1] else 0)
+            found[-1] = (peak + (WAIT * long if waits else 0.0), peak + long, trend, peak, peak)
+        elif back:
+            found[-1] = (peak, peak, trend, peak, peak)
     return found
 
 
@@ -86,7 +99,7 @@ def joined(
 ) -> list[tuple]:
     """Return the agreed turns of one motor; one that ends at another's corner goes on until that has been taken up."""
     found = list(turns_)
-    for begin, end, _, corner in others:
+    for begin, end, _, corner, _ in others:
         if begin != corner or end == corner:
             continue
         i = next((i for i, turn in enumerate(found) if turn[1] >= corner - NEAR_MM), None)
@@ -95,7 +108,7 @@ def joined(
         after = found[i + 1][0] if i + 1 < len(found) else np.inf
         way, fall = (np.interp(end, s_mm, b) - np.interp(corner, s_mm, b) for b in (belt_mm, other_mm))
         if after >= end and found[i][2] * way > 0 and abs(fall) > 0:
-            found[i] = (found[i][0], end, found[i][2], corner)
+            found[i] = (found[i][0], end, found[i][2], corner, found[i][4])
     return found
 
 

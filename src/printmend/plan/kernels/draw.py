@@ -205,14 +205,16 @@ def _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, lay
 
 @inner
 def _next_turn_place(run, k, s):
-    """Pass the turns of motor k that end at s of the run or before; return where the next one begins or ends."""
+    """Pass the turns of motor k that end at s of the run or before; return where the next one begins, bends or ends."""
     turns, next_turn = run.turns[k], run.turn[k]
     while turns[next_turn].end <= s + NEAR_MM:
         run.trend[k] = turns[next_turn].trend
         next_turn += 1
     run.turn[k] = next_turn
     turn = turns[next_turn]
-    return turn.begin if turn.begin > s + NEAR_MM else turn.end
+    if turn.begin > s + NEAR_MM:
+        return turn.begin
+    return turn.corner if s + NEAR_MM < turn.corner < turn.end else turn.end
 
 
 @inner

@@ -51,9 +51,9 @@ SHORTEST_STRETCH_MM = 0.02  # shortest path on which slack is crossed; on less t
 SIDEWAYS_MM = 0.01  # the least that the other motor moves before a corner that is gone around
 CORNER_SLOPE = 0.5  # at a corner the belt falls by at least this many mm a mm of path on both sides …
 UPRIGHT_SLOPE = 0.8  # … or by this many on one side: there a motor that crosses its slack goes back on the path
-TOGETHER_MM = 0.02  # of path behind a corner on which both motors cross their slack: the nozzle does not quite stand
-STRAIGHT_BACK_COSINE = 0.98  # of the angle between crossing and path: above it the firmware stops, as for a reversal
-LEAST_WAIT_SHARE = 0.3  # of TOGETHER_MM: the least on which one motor crosses alone
+TOGETHER_MM = 0.03  # of path behind a corner on which both motors cross their slack: the nozzle does not quite stand
+STRAIGHT_BACK_COSINE = 0.96  # of the angle between crossing and path: above it the firmware all but stops
+WAIT_SHARE = 0.3  # of a stretch: on its first bit one motor moves alone, so that the command turns back by two bends
 LEAST_FALL_PER_TOLERANCE = 4.0  # a belt that moves less towards a tip does not stop before it
 BEND_SHARE = 0.6  # share of the angle between motor and path behind a corner by which the command has turned half-way
 AHEAD_SHARE = 0.8  # share of a belt's lag behind a corner by which it stops ahead of the path before the corner
@@ -106,51 +106,73 @@ def survey(model, state, counts, records, count, i, curve, run, across, along, r
     _cross_together(run, n)
     for k in range(2):
         _cross_along_path(run, k, n)
+    for k in range(2):
+        _turn_aside(run, k, n)
 
 
 @inner
 def _cross_together(run, n):
-    """Let both motors cross their slack together on the first bit of path behind a corner, where the path goes back."""
+    """Let both motors cross their slack together on the first bit of path behind a corner, where the path goes back.
+
+    They do so, too, where else both would cross at once on another stretch, and the nozzle would stand meanwhile. One
+    that turns back slowly waits for the other, where it has the room.
+    """
     turns0, turns1 = run.turns[0], run.turns[1]
     b = 0
     for a in range(TURNS):
         turn0 = turns0[a]
         if turn0.begin == np.inf:
             break
-        corner, at = turn0.corner, turn0.node
-        while turns1[b].end < min(corner, turn0.end):
+        at = turn0.node
+        while turns1[b].begin < np.inf and turns1[b].node < at:
             b += 1
         turn1 = turns1[b]
-        if corner < np.inf and turn1.corner == corner and _is_sharp(run, 0, at) and _is_sharp(run, 1, at):
-            most = max(turn0.slack, turn1.slack)
-            end, later0, later1 = corner + TOGETHER_MM, 0.0, 0.0
-            room = min(run.nodes[at + 1].s, turns0[a + 1].begin, turns1[b + 1].begin)
-            if end > room or most > FASTEST_AT_CORNER * TOGETHER_MM or most < MIN_PIECE_MM:
-                end = corner
-            else:
-                later0, later1 = _waited_shares(run, at, turn0.slack, turn1.slack)
-            for k in range(2):
-                turn, later = (turn0, later0) if k == 0 else (turn1, later1)
-                rise = _belt_at(run, k, at, n, end) - run.nodes[at].belt[k]
-                _put_turn(turn, corner + later * TOGETHER_MM, end, turn.trend, rise, 0.0, corner)
+        if at == 0 or turn1.begin == np.inf or turn1.node != at:
+            continue
+        corner = run.nodes[at].s
+        back = turn0.corner == corner and turn1.corner == corner and _is_sharp(run, 0, at) and _is_sharp(run, 1, at)
+        if not back and min(turn0.end, turn1.end) - max(turn0.begin, turn1.begin) <= NEAR_MM:
+            continue
+        if not back and (_yield_to(run, 0, n, turn0, turn1) or _yield_to(run, 1, n, turn1, turn0)):
+            continue
+        most, long, later0, later1 = max(turn0.slack, turn1.slack), 0.0, 0.0, 0.0
+        room = min(run.nodes[at + 1].s, turns0[a + 1].begin, turns1[b + 1].begin) - corner
+        if room >= SHORTEST_STRETCH_MM and MIN_PIECE_MM <= most <= FASTEST_AT_CORNER * min(room, TOGETHER_MM):
+            long = min(room, TOGETHER_MM)
+            later0, later1 = _waited_shares(run, at, long, turn0.slack, turn1.slack)
+        elif not back:
+            continue
+        for k in range(2):
+            turn, later = (turn0, later0) if k == 0 else (turn1, later1)
+            rise = _belt_at(run, k, at, n, corner + long) - run.nodes[at].belt[k]
+            _put_turn(turn, corner + later * long, corner + long, turn.trend, rise, 0.0, corner)
 
 
 @inner
-def _waited_shares(run, at, slack0, slack1):
-    """Return for which share of the bit of path behind node ``at`` each motor waits while the other crosses alone.
+def _yield_to(run, k, n, turn, other):
+    """Let motor k, which turns slowly, begin where the other has crossed at a corner; say whether there is room."""
+    slowly = turn.corner == np.inf and other.corner < np.inf
+    if not slowly or turn.slack > UNCUT_CROSSING * (turn.end - other.end):
+        return False
+    turn.begin = other.end
+    turn.rise = _belt_at(run, k, turn.node, n, turn.end) - _belt_at(run, k, turn.node, n, turn.begin)
+    return True
 
-    Both together might go straight back on the path, for which the firmware has to stop. Then the motor with more to
-    cross begins, until what is left goes in the direction of the path behind the corner.
+
+@inner
+def _waited_shares(run, at, long, slack0, slack1):
+    """Return for which share of the ``long`` bit of path behind node ``at`` each motor waits: the other crosses alone.
+
+    Both together might go straight back on the path, for which the firmware has to stop. Then the one begins whose belt
+    moved less on the path before.
     """
     before, here, after = run.nodes[at - 1].belt, run.nodes[at].belt, run.nodes[at + 1].belt
     in0, in1 = abs(here[0] - before[0]), abs(here[1] - before[1])
-    out0, out1 = abs(here[0] - after[0]), abs(here[1] - after[1])
-    if in0 * slack0 + in1 * slack1 < STRAIGHT_BACK_COSINE * norm(in0, in1) * norm(slack0, slack1):
+    part = long / (run.nodes[at + 1].s - run.nodes[at].s)
+    way0, way1 = slack0 + part * abs(after[0] - here[0]), slack1 + part * abs(after[1] - here[1])
+    if in0 * way0 + in1 * way1 < STRAIGHT_BACK_COSINE * norm(in0, in1) * norm(way0, way1):
         return 0.0, 0.0
-    alone0, alone1 = 1.0 - slack1 * out0 / (out1 * slack0), 1.0 - slack0 * out1 / (out0 * slack1)
-    if alone0 > alone1:
-        return 0.0, min(max(alone0, LEAST_WAIT_SHARE), 1.0 - LEAST_WAIT_SHARE)
-    return min(max(alone1, LEAST_WAIT_SHARE), 1.0 - LEAST_WAIT_SHARE), 0.0
+    return (0.0, WAIT_SHARE) if in0 < in1 else (WAIT_SHARE, 0.0)
 
 
 @inner
@@ -186,6 +208,34 @@ def _cross_along_path(run, k, n):
         left = min((turn.slack + abs(turn.rise)) * across / fall, whole)
         before.end, before.corner, before.rise = end, corner, rise
         before.share = 1.0 - left / whole
+
+
+@inner
+def _turn_aside(run, k, n):
+    """Where motor k alone crosses its slack behind a corner, straight back on the path before it, let the other begin.
+
+    The firmware takes two bends faster than it turns back. The turn's corner is then where its motor begins.
+    """
+    mine, others = run.turns[k], run.turns[1 - k]
+    b = 0
+    for a in range(TURNS):
+        turn = mine[a]
+        begin, end, at = turn.begin, turn.end, turn.node
+        if begin == np.inf:
+            break
+        if begin != turn.corner or at == 0:
+            continue
+        while others[b].end <= begin + NEAR_MM:
+            b += 1
+        wait = max(WAIT_SHARE * (end - begin), 2.0 * NEAR_MM)
+        if others[b].begin < end or others[b].node == at or (b > 0 and others[b - 1].node == at):
+            continue
+        before, here = run.nodes[at - 1].belt, run.nodes[at].belt
+        in0, in1 = here[k] - before[k], here[1 - k] - before[1 - k]
+        way0, way1 = turn.trend * turn.slack, _belt_at(run, 1 - k, at, n, end) - here[1 - k]
+        back = -in0 * way0 - in1 * way1 >= STRAIGHT_BACK_COSINE * norm(in0, in1) * norm(way0, way1)
+        if back and abs(way1) >= SIDEWAYS_MM and wait <= 0.5 * (end - begin):
+            turn.corner, turn.share = begin + wait, 0.0
 
 
 @inner
