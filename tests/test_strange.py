@@ -18,10 +18,10 @@ NOISE_MM = 0.02
 Law = Callable[[np.ndarray, np.random.Generator], np.ndarray]  # commanded [N, 2] → by how much they print elsewhere
 
 
-def walk(count: int, rng: np.random.Generator) -> np.ndarray:
+def walk(count: int, rng: np.random.Generator, home_mm: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
     """Return way-points from home over an Ender's bed: each other one is a dot, reached by a short move."""
     dots = rng.uniform(15, 205, (count, 2))
-    return np.vstack([[0.0, 0.0], np.stack([dots + rng.uniform(-4, 4, (count, 2)), dots], axis=1).reshape(-1, 2)])
+    return np.vstack([home_mm, np.stack([dots + rng.uniform(-4, 4, (count, 2)), dots], axis=1).reshape(-1, 2)])
 
 
 def mended(law: Law) -> tuple[float, Promise]:
@@ -61,6 +61,10 @@ def distorted(path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return 0.15 * np.exp(-away / 2)[:, None] * [0.8, -0.6]
 
 
+def jointed(path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return np.stack([0 * path[:, 0], 0.12 * (path[:, 0] > 120.0)], axis=1)
+
+
 def wanders(path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(np.cumsum(rng.normal(0, 0.06 / len(path) ** 0.5, path.shape), axis=0))
 
@@ -75,11 +79,33 @@ def test_what_a_machine_holds_is_mended_whoever_wrote_it(law: Law, least_mm: flo
     assert left_mm < promise.rms_high_mm
 
 
-@pytest.mark.parametrize("law", [twists, wanders])
+@pytest.mark.parametrize("law", [twists, wanders, jointed])
 def test_what_cannot_be_mended_is_promised(law: Law) -> None:
     """A walk goes another way in each print: the measured one, walked again, would be more even."""
     left_mm, promise = mended(law)
     assert promise.rms_low_mm < left_mm < promise.rms_high_mm
+
+
+@pytest.mark.parametrize(
+    ("kind", "beyond_mm", "before_mm"),
+    [("joint", (0.0, 0.0), (0.0, -0.12)), ("halves", (0.1, -0.06), (0, 0)), ("halves", (0, 0), (0.1, -0.06))],
+)
+@pytest.mark.parametrize("preset", ["ender3", "ender5", "voron2-300"])
+def test_a_border_moves_no_end_stop(
+    preset: str, kind: str, beyond_mm: tuple[float, float], before_mm: tuple[float, float]
+) -> None:
+    """Whichever part of the bed holds home: a guide is as it was there, and either of two sheets may lie aside."""
+    printer, rng = read_printer(preset), np.random.default_rng(3)
+    path = walk(450, rng, printer.home_mm)
+    off_mm = np.where(path[:, :1] > 120.0, beyond_mm, before_mm)
+    if kind == "joint":
+        off_mm -= off_mm[0]
+    measured_mm = path + off_mm + rng.normal(0, NOISE_MM, path.shape)
+    measured_mm[0] = np.nan
+    model = learn_model(Trace(path, measured_mm, homed=True), printer)
+    assert not model.document["diagnosis"]
+    (found,) = model.document["misfit"]["found"]
+    assert (found["kind"], found["severity"]) == (kind, "warning")
 
 
 @pytest.mark.parametrize("preset", ["ender3", "prusa-mk4s"])

@@ -22,6 +22,7 @@ from printmend.effects.elastic import Elastic
 from printmend.effects.friction import Friction
 from printmend.effects.halves import Halves
 from printmend.effects.idler import Idler
+from printmend.effects.joint import Joint
 from printmend.effects.lag import Lag
 from printmend.effects.lag_wear import LagWear
 from printmend.effects.layer import Layer
@@ -60,9 +61,10 @@ from printmend.plugins import load_plugin, plugin_names
 
 _ALL: tuple[Effect, ...] = (
     Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Bump(), Rub(),
-    Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Crooked(), Distortion(), Racking(), Tilt(), Lag(), LagWear(),
-    Loose(), Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Skip(), Warmth(), Wear(), Wander(), Wobble(),
-    Layer(), Origin(), Shift(), Turn(), Stretch(), Resized(), Carriage(), CarriageWave(), Halves(), Bead(), Shrinkage(),
+    Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Crooked(), Joint(), Distortion(), Racking(), Tilt(), Lag(),
+    LagWear(), Loose(), Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Skip(), Warmth(), Wear(),
+    Wander(), Wobble(), Layer(), Origin(), Shift(), Turn(), Stretch(), Resized(), Carriage(), CarriageWave(), Halves(),
+    Bead(), Shrinkage(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")
 

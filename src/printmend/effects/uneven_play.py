@@ -5,10 +5,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Places, Scene, Term, Usual, about, onto_bed
-from printmend.effects.halves import APART_MM, borders_mm
+from printmend.effects.halves import borders_mm
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
+
+BORDERS = 25  # places of a border that are tried
+APART_MM = 8.0  # distance of two of them on a usual bed
 
 
 class UnevenPlay(Usual):
@@ -16,12 +19,13 @@ class UnevenPlay(Usual):
     `Rub` and `Friction` have it."""
 
     name = "uneven_play"
+    at_motors = True
     keys = Numbers(shape=("axis", "at_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             axes = (0, 1) if scene.corexy else (1 - motor,)
-            shapes = [(float(axis), float(at)) for axis in axes for at in borders_mm(scene, axis)]
+            shapes = [(float(axis), float(at)) for axis in axes for at in borders_mm(scene, axis, BORDERS)]
             yield from alternatives(self.name, motor, shapes)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:

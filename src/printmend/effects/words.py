@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Effect, Places, Scene
+from printmend.effects.effect import SCALE_MM, Acts, Effect, Places, Scene, terms_of
 from printmend.messages import say, say_own
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ _LIMITS: dict[str, tuple[float, float, float]] = {
     "scatter_mm": (0.0, 5.0, 0.1),
     "teeth": (-1000.0, 1000.0, 3.0),
     "harmonic": (1.0, 32.0, 2.0),
+    "side": (-1.0, 1.0, 1.0),
 }
 _UNITS: dict[str, tuple[float, float, float]] = {
     "mm": (-100.0, 100.0, 0.2),
@@ -309,6 +310,18 @@ def motor_name(scene: Scene, motor: int) -> str:
 def carrier_name(scene: Scene, where: int) -> str:
     """Return in an owner's words what moved: motor ``where`` (0, 1), or bed axis ``where − 2``."""
     return motor_name(scene, where).upper() if where < 2 else "XY"[where - 2]
+
+
+def is_of_motor(law: Effect) -> bool:
+    """Tell whether an effect's first two places are the motors, not the axes of the bed."""
+    return bool(getattr(law, "at_motors", law.acts is Acts.DRIVE))
+
+
+def part_of(law: Effect, where: int, scene: Scene) -> str:
+    """Return in an owner's words which motor or axis has an effect, empty for one of the whole frame or machine."""
+    if law.acts is Acts.FRAME or len({term.where for term in terms_of(law, scene)}) < 2:
+        return ""
+    return carrier_name(scene, where if is_of_motor(law) else where % 2 + 2)
 
 
 def along_motor_mm(scene: Scene, motor: int) -> np.ndarray:
