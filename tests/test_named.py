@@ -185,14 +185,33 @@ def test_what_cannot_be_told_apart_is_said_together() -> None:
     (found,) = misfits_of(
         [part("drift", 0, [0.3], there=either), part("creep", 0, [0.3], (0.7,), there=~either)], scene
     )
-    one, other = found.words.split(", or ", 1)
-    assert "drift" in one or "crept" in one
-    assert one != other
+    one, other = found.words.split(" (or ", 1)
+    assert ("drift" in one, other) in ((True, "a shift that slows down)"), (False, "a shift that grows evenly)"))
     (shared,) = misfits_of(
         [part("step", 0, [0.3], (0.5,), there=either), part("step", 0, [0.3], (0.51,), there=~either)], scene
     )
-    assert ", or " not in shared.words  # one moment, a little earlier or later
+    assert "(or " not in shared.words  # one moment, a little earlier or later
     assert "not certain" not in shared.words
+
+
+def test_rivals_are_few_short_names_and_one_of_another_part_says_so() -> None:
+    """Only one of a motor's own needs no part; the frame has none."""
+    scene, which = SCENES["corexy"], np.repeat(np.arange(5), [29, 19, 14, 12, DRAWS - 74])
+    rivals = [
+        part("scale", 1, [0.4], there=which == 0), part("joint", 0, [0.3], (90.0,), there=which == 1),
+        part("wear", 0, [0.3], there=which == 2), part("skew", 0, [0.3], there=which == 3),
+    ]  # fmt: skip
+    ours = part("scale", 0, [0.4], there=which == 4)
+    for count, said in (
+        (1, "(or B: wrong steps per mm or pulley size)"),
+        (2, "(or B: wrong steps per mm or pulley size, or X: a guide in two pieces)"),
+        (4, "(or B: wrong steps per mm or pulley size, or X: a guide in two pieces)"),
+    ):
+        (fault, *_) = faults_of([ours, *rivals[:count]], scene)
+        assert fault.words.endswith(said)
+    for rival, name in ((rivals[2], "play that grows while it prints"), (rivals[3], "axes that are not square")):
+        (fault, *_) = faults_of([ours, rival], scene)
+        assert fault.words.endswith(f"(or {name})")
 
 
 @pytest.mark.parametrize("preset", SCENES)

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
+from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of, title_of
 from printmend.effects.effect import FEW_LAYERS, drawn_places
 from printmend.effects.homing import lasting
 from printmend.effects.wobble import LEAST_TURNS, OFTEN
@@ -24,6 +24,8 @@ from printmend.effects.words import (
     amount,
     carrier_name,
     fault_of,
+    is_of_motor,
+    part_of,
     plain_kind,
 )
 from printmend.errors import TraceError
@@ -212,6 +214,7 @@ LEAST_COST_MM = 0.018  # root mean square on a print from which on an owner sees
 WARNED_MM = 0.03  # … and from which on it is a warning
 COVERED_SHARE = 0.6  # share of an axis of the bed that a print must span
 UNSEEN = "unseen"  # the kind of the note about the rest
+MOST_RIVALS = 2  # that are named beside an effect
 SELDOM = 0.01  # chance of an effect's absence that counts for its evidence where every drawn machine has it
 SILENT = ("origin", "stretch", "resized", "shrinkage")  # they say that no place is known, or are said beside the scale
 
@@ -285,8 +288,8 @@ def acting_faults(parts: Sequence[Part], scene: Scene) -> list[Fault]:
         if one.law.of is not Of.MACHINE or not (one.acts or _is_lost(one, scene)):
             continue
         faults = (replace(each, is_mended=one.acts) for each in _faults(one, every, scene))
-        other = _either(_words(_rivals(one, every), every, scene))
-        found += [replace(fault, words=say("or-else", fault.words, other)) if other else fault for fault in faults]
+        rivals = _rivals(one, every)
+        found += [replace(fault, words=_or_else(fault.words, one, rivals, scene)) for fault in faults]
     order = [*scene.printer.motors, "frame"]
     return sorted(found, key=lambda fault: order.index(fault.part) if fault.part in order else len(order))
 
@@ -311,7 +314,7 @@ def misfits_of(parts: Sequence[Part], scene: Scene, nats: Sequence[float] = ()) 
         size_mm = _moved_mm(one, one.sizes_mm, places, scene)
         nats_of = evidence.get((one.effect, one.where), float(np.log(chance / max(1 - chance, SELDOM))))
         for told in _told(one, every, scene):
-            words = _either([told.words, *_words(rivals, every, scene)])
+            words = _or_else(told.words, one, rivals, scene)
             words = words if chance >= CERTAIN or rivals else say("likely-certain", words)
             if size_mm >= (LEAST_SHOWN_MM if told.is_harmless else LEAST_COST_MM):
                 severity = WARNING if size_mm >= WARNED_MM and not told.is_harmless else NOTE
@@ -414,14 +417,21 @@ def _is_sure(found: Found) -> bool:
     return bool(np.linalg.norm(found.sizes_mm) > NAMED_SIGMAS * np.sqrt(np.mean(drawn.var(axis=1))))
 
 
-def _either(words: Sequence[str]) -> str:
-    """Return alternatives as one sentence, empty where there are none."""
-    if not words:
-        return ""
-    said = words[0]
-    for other in words[1:]:
-        said = say("or", said, other)
-    return said
+def _or_else(words: str, found: Found, rivals: Sequence[Found], scene: Scene) -> str:
+    """Return what is said of an effect with the likeliest of its rivals, by their names."""
+    told = [each for each in rivals if each.effect not in SILENT]
+    names = dict.fromkeys(_name(each, found, scene) for each in sorted(told, key=lambda each: -each.chance))
+    first, *others = list(names)[:MOST_RIVALS] or [""]
+    for other in others:
+        first = say("or", first, other)
+    return say("or-else", words, first) if first else words
+
+
+def _name(rival: Found, found: Found, scene: Scene) -> str:
+    """Return the name of an effect's rival, with the motor or axis that has it unless both are of the same motor."""
+    title, part = title_of(rival.effect) or _plain(rival), part_of(rival.law, rival.where, scene)
+    own = found.where == rival.where and is_of_motor(found.law) and is_of_motor(rival.law)
+    return title if own or not part else say("name-of-part", part, title)
 
 
 def _rivals(found: Found, every: Sequence[Found]) -> list[Found]:
@@ -439,18 +449,6 @@ def _excludes(found: Found, other: Found) -> bool:
     """Tell whether the drawn machines have either of two effects, and hardly ever both."""
     both, fewer = (found.there & other.there).sum(), min(found.there.sum(), other.there.sum())
     return bool(both <= FEW * fewer)
-
-
-def _words(rivals: Sequence[Found], beside: Sequence[Found], scene: Scene) -> list[str]:
-    """Return the words of effects as if each of them acted."""
-    words: list[str] = []
-    for each in rivals:
-        found = replace(each, draws_mm=each.draws_mm[:, each.there], acts=True)
-        if _is_told(found):
-            words += [told.words for told in _told(found, beside, scene)]
-        else:
-            words += [fault.words for fault in _faults(found, [found], scene)][:1]
-    return list(dict.fromkeys(words))
 
 
 def _moved_mm(found: Found, sizes_mm: np.ndarray, places: Places, scene: Scene) -> float:

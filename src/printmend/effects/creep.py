@@ -16,6 +16,7 @@ class Creep(Usual):
     """A shift that comes with one time constant, a share of the print."""
 
     name = "creep"
+    at_motors = True
     of = Of.SESSION
     fate = fate_of(name)
     keys = Numbers(shape=("after_share",))

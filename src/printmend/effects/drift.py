@@ -14,6 +14,7 @@ class Drift(Usual):
     """A shift that grows with the length printed."""
 
     name = "drift"
+    at_motors = True
     of = Of.SESSION
     fate = fate_of(name)
 

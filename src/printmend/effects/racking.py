@@ -16,6 +16,7 @@ class Racking(Usual):
     """Play that changes along the other axis, in mm per 100 mm: of a belt (0, 1), or of a CoreXY's bed axis (2, 3)."""
 
     name = "racking"
+    at_motors = True
     keys = Numbers(("size_mm", "across_mm"))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -17,6 +17,7 @@ class Skip(AtOneMoment):
     """A large shift of one belt at one moment, a share of the print. Homing takes it away."""
 
     name = "skip"
+    at_motors = True
     kinds = ("jump", "jumps")
     fate = GONE
     most = 12

@@ -13,6 +13,7 @@ class Speed(Usual):
     """Play that grows with the length of the last move, to its whole size at `LONG_MM`."""
 
     name = "speed"
+    at_motors = True
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         fast = np.minimum(places.move_mm / LONG_MM, 1.0)

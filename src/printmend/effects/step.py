@@ -31,6 +31,7 @@ class Step(AtOneMoment):
     """A shift of one belt, or on a CoreXY of an axis."""
 
     name = "step"
+    at_motors = True
     fate = fate_of(name)
     most = 2
 
