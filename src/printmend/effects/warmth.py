@@ -10,6 +10,7 @@ from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
 
 APART = 0.9  # of the logarithms of two times
+OTHER_SHARE = 0.3  # a smaller share along the other axis is not reported
 
 
 class Warmth(Usual):
@@ -33,14 +34,17 @@ class Warmth(Usual):
         yield from ((each,) for each in about_factor(shape[0], APART, round_))
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        """The axis that grew or moved most."""
+        """The axis that grew or moved most, or both where both grew."""
         course = 1.0 - np.exp(-1.0 / found.shape[0])
         grown = course * found.sizes_mm[:2] * [span_mm(scene, axis) / SCALE_MM for axis in range(2)]
         moved = course * found.sizes_mm[2:]
         which = int(np.argmax(np.abs([*grown, *moved])))
         name, size = "XY"[which % 2], float([*grown, *moved][which])
-        if which < 2:
-            message = "grew-mm-end-end-while-print" if size > 0 else "shrank-mm-end-end-while-print"
-            yield Told("thermal", say(message, name, f"{abs(size):.2f}"))
+        way = "grew" if size > 0 else "shrank"
+        if which >= 2:
+            words = say("moved-mm-while-print-went-machine", name, f"{size:+.2f}")
+        elif (np.sign(size) * grown).min() > OTHER_SHARE * abs(size):
+            words = say(f"both-{way}-mm-end-end-while-print", *(f"{abs(each):.2f}" for each in grown))
         else:
-            yield Told("thermal", say("moved-mm-while-print-went-machine", name, f"{size:+.2f}"))
+            words = say(f"{way}-mm-end-end-while-print", name, f"{abs(size):.2f}")
+        yield Told("thermal", words)

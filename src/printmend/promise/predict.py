@@ -32,6 +32,7 @@ def after_homing(belief: Belief) -> Belief:
     return replace(belief, parts=tuple(part.moved(by_mm, belief.scene) for part in belief.parts))
 
 
+PACES = 6  # that the next print may have
 MOST_PLACES = 512  # most places of a path that are evaluated: 2048 change no figure by more than another seed does
 LOW, HIGH = 0.05, 0.95  # quantiles of the drawn machines that bound the 90 % range
 UNSHOWN_MM, UNSHOWN_SD = number_of("unshown", "median"), number_of("unshown", "log_sd")  # lines at speed narrow it
@@ -165,7 +166,8 @@ def _outlook(
     rng = np.random.default_rng(SEED)
     local = _local(mechanism, belief, path, rng)
     fates = rng.uniform(size=(len(belief.parts), DRAWS))
-    sides = [_parts(belief, path, places, fates) for places in _places(mechanism, path, belief.scene, at_rest)]
+    paces = np.ones(DRAWS) if at_rest else _paces()
+    sides = [_parts(belief, path, places, fates, paces) for places in _places(mechanism, path, belief.scene, at_rest)]
     if not belief.placed:
         rests = _homing(mechanism, path, rng)
         sides = [{name: _unturned(cause, path) for name, cause in each.items()} for each in sides]
@@ -286,10 +288,22 @@ def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) ->
     return DrawnCause(_across(mechanism, path), shift)
 
 
-def _parts(belief: Belief, path: PathPlaces, now: Places, fates: np.ndarray) -> dict[str, DrawnCause]:
+def _paces() -> np.ndarray:
+    """Draw how long a print takes for each mm of its way [D], over the measured one: no table says how long that took,
+    nor how much of an effect goes with the time and how much with the way."""
+    least, most = numbers_of("pace", "factors")
+    evenly = (np.arange(PACES) + 0.5) / PACES
+    drawn = np.resize(least * (most / least) ** evenly, DRAWS)
+    return np.random.default_rng(SEED).permutation(drawn)  # of its own: other figures stay as they are
+
+
+def _parts(
+    belief: Belief, path: PathPlaces, now: Places, fates: np.ndarray, paces: np.ndarray
+) -> dict[str, DrawnCause]:
     """Return the errors across the path that the drawn machines have beyond what acts: those of the parts that act
     together, by how much the next homing shifts these, and those of any other effect by its name. A part's own of the
-    ``fates`` [P, D], from 0 to 1, decides what becomes of it."""
+    ``fates`` [P, D], from 0 to 1, decides what becomes of it. What goes on during a print does so by its ``paces``
+    [D]."""
     scene, normal = belief.scene, _normals(path.tangent)
     found: dict[str, DrawnCause] = {}
     otherwise = np.random.default_rng(SEED)  # of its own: other figures stay as they are
@@ -316,9 +330,12 @@ def _parts(belief: Belief, path: PathPlaces, now: Places, fates: np.ndarray) -> 
             add(name, part, now, part.draws_mm - acts)
             continue
         again = part.draws_mm * otherwise.choice((-1.0, 1.0), part.draws_mm.shape) if fate.otherwise else part.draws_mm
-        add(name, part, now, again * (drawn < fate.anew))
         stays = (drawn >= fate.anew) & (drawn < fate.anew + fate.stays)
-        add(name, part, replace(now, done=now.done + 1.0), part.draws_mm * stays)
+        own = paces if effect.of is Of.SESSION else np.ones(DRAWS)
+        for pace in np.unique(own):
+            mine, done = own == pace, pace * now.done
+            add(name, part, replace(now, done=done), again * (mine & (drawn < fate.anew)))
+            add(name, part, replace(now, done=done + 1.0), part.draws_mm * (mine & stays))
         add(name, part, replace(now, done=np.ones(len(normal))), np.repeat(-acts, DRAWS, axis=1))
     return found
 
