@@ -431,6 +431,14 @@ def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel
     assert "`printmend mend` mends the files" in str(refused.value)
 
 
+def test_a_shift_that_learning_took_off_is_told_beside_that_of_the_print(part: Path) -> None:
+    trace = measured(BENT, 0.02, 1)
+    for aside_mm in (0.0, 1.0):
+        done = check_gcode(part, learn_model(replace(trace, measured_mm=trace.measured_mm + aside_mm), ENDER3))
+        assert done.shift_words
+        assert any("the test print showed is no part" in each for each in done.advice) == (aside_mm > 0)
+
+
 def test_most_of_a_doubt_is_told_before_printing(bent: SavedModel) -> None:
     wide = Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.05, 0.0, 0.001, {"planning": 0.001, "parameters": 0.049})
     gap = say("seen-over-part-of-turn", "X", "30", say("print-least-mm-along-better-two", "40", "X", "80"))

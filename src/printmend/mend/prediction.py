@@ -301,7 +301,10 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
         layers.append(more)
     return replace(
         prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers),
-        advice=(*prediction.advice, *_beyond_seen(model, prediction), *advice_of(model, outlook.after)),
+        advice=(
+            *prediction.advice, *_beyond_seen(model, prediction), *_taken_off(model, prediction),
+            *advice_of(model, outlook.after),
+        ),
         most_worse_share=_MOST_WORSE_SHARE_BY_HAND if belief.by_hand else MOST_WORSE_SHARE,
         of_shape=not belief.placed,
     )  # fmt: skip
@@ -338,6 +341,11 @@ def _beyond_seen(model: SavedModel, prediction: Prediction) -> tuple[str, ...]:
                 say("part-lies-mm-test-print-showed", name, f"{low:.0f}", f"{high:.0f}", f"{first:.0f}", f"{last:.0f}")
             )
     return tuple(found)
+
+
+def _taken_off(model: SavedModel, prediction: Prediction) -> tuple[str, ...]:
+    """Say beside a print's shift that another one, which learning took off its test print, is no part of it."""
+    return (say("shift-taken-off"),) if prediction.shift_words and said_of(model.document, "moved") else ()
 
 
 def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
