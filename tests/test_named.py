@@ -199,7 +199,7 @@ def test_rivals_are_few_short_names_and_one_of_another_part_says_so() -> None:
     """Only one of a motor's own needs no part; the frame has none."""
     scene, which = SCENES["corexy"], np.repeat(np.arange(5), [29, 19, 14, 12, DRAWS - 74])
     rivals = [
-        part("scale", 1, [0.4], there=which == 0), part("joint", 0, [0.3], (90.0,), there=which == 1),
+        part("scale", 1, [0.4], there=which == 0), part("joint", 0, [0.3], (90.0, 2.0), there=which == 1),
         part("wear", 0, [0.3], there=which == 2), part("skew", 0, [0.3], there=which == 3),
     ]  # fmt: skip
     ours = part("scale", 0, [0.4], there=which == 4)
