@@ -137,6 +137,36 @@ def test_a_small_print_makes_waves_that_a_model_file_holds(name: str, rng: np.ra
         assert (waves[:, 1] >= LEAST_WAVE_MM).all()
 
 
+@pytest.mark.parametrize(("length_mm", "off"), [(0.5, 1e-4), (4.0, 0.02)])
+def test_soft_play_follows_the_law_of_dahl(length_mm: float, off: float, rng: np.random.Generator) -> None:
+    """The columns know four strokes; the law, step by step, all of them."""
+    printer = read_printer("ender3")
+    scene, strokes = scene_for(printer), rng.choice([0.8, 3.0, 20.0], (300, 2)) * rng.choice([-1.0, 1.0], (300, 2))
+    path = np.concatenate([np.array(printer.home_mm)[None], 110 + np.cumsum(strokes, axis=0)])
+    contacts = contacts_of(healthy_mechanism(printer), path)
+    places = places_of(Trace(path, path, homed=True), scene, contacts.row, contacts.side, path)
+    said = columns_of("soft_play", places, 0, (length_mm,), scene)[:, 0, 0]
+    lag, wanted = 1.0, [0.0]  # settled as it came to the end stop, where no error is left
+    for moved in np.diff(path[:, 0]):
+        way = -np.sign(moved)
+        lag = way + (lag - way) * np.exp(-abs(moved) / length_mm)
+        wanted.append(0.5 * (lag - 1.0))
+    assert np.sqrt(np.mean((said - wanted) ** 2)) < off
+    assert said.min() < -0.9
+
+
+@pytest.mark.parametrize("preset", ["ender3", "corexy"])
+def test_lost_motion_that_builds_up_is_no_play(preset: str, rng: np.random.Generator) -> None:
+    printer = read_printer(preset)
+    twin = Twin(healthy_mechanism(printer)).with_effects([Sized("soft_play", 0, (3.0,), np.array([0.2]))])
+    path = np.concatenate([np.array(printer.home_mm)[None], 110 + np.cumsum(rng.uniform(-6, 6, (500, 2)), axis=0) / 2])
+    trace = Trace(path, twin.seen(path) + rng.normal(0, NOISE_MM, path.shape), homed=True)
+    posterior = posterior_of(fitted(trace, scene_of(trace, printer)), rng)
+    assert not any(part.effect == "play" and part.acts_mm.any() for part in posterior.parts)
+    found = np.array([part.draws_mm[0] for part in posterior.parts if part.effect == "soft_play" and part.where == 0])
+    assert found.sum(axis=0).mean() == pytest.approx(0.2, abs=0.02)
+
+
 def test_no_finer_idler_is_the_pulley() -> None:
     scene = scene_for(read_printer("ender3"))
     turn_mm = scene.turns_mm[0]

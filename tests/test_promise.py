@@ -12,6 +12,7 @@ import pytest
 from printmend.corruption import Corruption, Drive, Play, Polygon
 from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import at_places
+from printmend.effects.sized import Sized
 from printmend.errors import ModelError, RefusedError
 from printmend.export.firmware import remainder
 from printmend.export.supported import export_supported
@@ -171,6 +172,25 @@ def test_drawn_machines_move_marks_as_their_effects_say(bent: SavedModel) -> Non
         )
         said = columns_of("play", places, 1, (), scene)[:, 1, 0] * wider_mm
         assert moved == pytest.approx(said, abs=1e-6)
+
+
+def test_what_builds_up_is_promised_by_how_far_a_part_goes_between_its_turns(tmp_path: Path) -> None:
+    """Of two squares, the small one turns round before the lag has built up."""
+    twin = Twin.of(HEALTHY, ENDER3).with_effects([Sized("soft_play", m, (8.0,), np.array([0.3])) for m in (0, 1)])
+    rng, expected = np.random.default_rng(2), []
+    way = np.concatenate([[[0.0, 0.0]], 110 + np.cumsum(rng.uniform(-12, 12, (600, 2)), axis=0) / 3])
+    model = learn_model(Trace(way, twin.follow(way) + rng.normal(0, 0.03, way.shape), homed=True), ENDER3)
+    for side_mm in (3.0, 60.0):
+        corners = 110 + side_mm * np.array([(0, 0), *((1, 0), (1, 1), (0, 1), (0, 0)) * 8])
+        part, lines = tmp_path / "part.gcode", "".join(f"G1 X{x} Y{y} E0.1\n" for x, y in corners[1:])
+        part.write_text(f"G21\nG90\nM83\nG28\nG1 Z0.2 F600\nG0 X110 Y110 F6000\n{lines}")
+        path = np.vstack([[[0.0, 0.0]], *np.linspace(corners[:-1], corners[1:], 21, axis=1)])
+        off_mm, way = (twin.follow(path) - path)[1:], np.repeat(np.diff(corners, axis=0), 21, axis=0) / side_mm
+        true_mm = np.sqrt(np.mean((off_mm[:, 1] * way[:, 0] - off_mm[:, 0] * way[:, 1]) ** 2))
+        promise = check_gcode(part, model).before
+        assert promise.rms_low_mm < true_mm < promise.rms_high_mm
+        expected.append(promise.shape_rms_mm)
+    assert expected[0] < 0.6 * expected[1]
 
 
 @pytest.mark.parametrize("count", [0.4, 1.0, 300.0, 50_000.0])

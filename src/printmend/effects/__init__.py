@@ -40,6 +40,7 @@ from printmend.effects.shift import Shift
 from printmend.effects.shrinkage import Shrinkage
 from printmend.effects.skew import Skew
 from printmend.effects.skip import Skip
+from printmend.effects.soft_play import SoftPlay
 from printmend.effects.speed import Speed
 from printmend.effects.splice import Splice
 from printmend.effects.step import Step
@@ -62,7 +63,7 @@ from printmend.plugins import load_plugin, plugin_names
 _ALL: tuple[Effect, ...] = (
     Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Bump(), Rub(),
     Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Crooked(), Joint(), Distortion(), Racking(), Tilt(), Lag(),
-    LagWear(), Loose(), Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Skip(), Warmth(), Wear(),
+    LagWear(), Loose(), SoftPlay(), Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Skip(), Warmth(), Wear(),
     Wander(), Wobble(), Layer(), Origin(), Shift(), Turn(), Stretch(), Resized(), Carriage(), CarriageWave(), Halves(),
     Bead(), Shrinkage(),
 )  # fmt: skip

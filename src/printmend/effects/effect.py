@@ -20,6 +20,7 @@ LONG_MM = 10.0  # on longer moves the head reaches its speed: on those of a part
 ALWAYS = 1e3  # logarithm of the odds of an effect that every print or measurement has
 SCALE_MM = 100.0  # slopes are in mm per this distance, as in the model file
 FEW_LAYERS, MOST_LAYERS = 3, 48  # heights; fewer show nothing of the screw, and with more, neighbours share a size
+STROKES = 4  # of a motor that are known at a place: what was before them has faded
 FAR_MM = 30.0  # standard deviation of a place that nothing ties to the end stops
 
 
@@ -121,7 +122,9 @@ class Places:
     ``ways`` [N, 2] the direction in which each bed axis last moved. ``done`` [N] is the length printed so far over that
     of the measured print; ``move_mm`` [N] the length of the last move. ``normal`` [N, 2] points out of a wall's
     plastic, 0 for other marks; ``z_mm`` [N] is the height, None for home's. ``heading`` [N, 2] is the direction of the
-    last move on the bed, of length 1, None for half-way between the axes'.
+    last move on the bed, of length 1, None for half-way between the axes'. ``strokes_mm`` [N, 2, STROKES] is how far
+    each motor has gone since its last reversal, since the one before it, and so on, infinite before the first; None
+    where all are far back.
     """
 
     motor_mm: np.ndarray
@@ -133,6 +136,7 @@ class Places:
     normal: np.ndarray
     z_mm: np.ndarray | None = None
     heading: np.ndarray | None = None
+    strokes_mm: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.motor_mm)
@@ -312,9 +316,12 @@ def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndar
     moves = np.diff(trace.commanded_mm, axis=0, prepend=trace.commanded_mm[:1])
     step = np.hypot(*moves.T)
     last = np.maximum.accumulate(np.where(step > 0, np.arange(len(step)), 0))
+    at_home = home_of(scene).side[0] if scene.homed else np.zeros(2)
+    side = np.where(contact_row >= 0, np.where(side == 0, at_home, side), 0).astype(np.float32)
+    motor_mm = np.take_along_axis(motor, at, axis=0)
     return Places(
-        motor_mm=np.take_along_axis(motor, at, axis=0),
-        side=np.where(contact_row >= 0, side, 0).astype(np.float32),
+        motor_mm=motor_mm,
+        side=side,
         bed_mm=bed_mm,
         ways=np.stack([last_way(axis) for axis in trace.commanded_mm.T], axis=1).astype(np.float32),
         done=done_of(step, scene),
@@ -322,7 +329,23 @@ def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndar
         normal=np.broadcast_to(0.0, (len(step), 2)) if trace.normal is None else np.nan_to_num(trace.normal),
         z_mm=None if trace.z_mm is None else np.nan_to_num(trace.z_mm, nan=scene.printer.z.home_mm),
         heading=moves[last] / np.maximum(step[last, None], 1e-9),
+        strokes_mm=strokes_of(motor_mm, side, at_home),
     )
+
+
+def strokes_of(motor_mm: np.ndarray, side: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Return how far each motor has gone since its last reversals [N, 2, STROKES], the last one first, infinite before
+    the first. It turns round where its ``side`` [N, 2] changes; ``before`` [2] is its side before the first row."""
+    strokes = np.empty((*side.shape, STROKES), np.float32)
+    for motor, (places_mm, sides) in enumerate(zip(motor_mm.T, side.T, strict=True)):
+        gone_mm = np.concatenate([[0.0], np.abs(np.diff(places_mm, prepend=places_mm[:1])).cumsum()])
+        known = np.concatenate([before[motor : motor + 1], sides])
+        known = known[np.maximum.accumulate(np.where(known != 0, np.arange(len(known)), 0))]
+        turned = known[1:] * known[:-1] < 0
+        began_mm = np.concatenate([np.full(STROKES, -np.inf), gone_mm[:-1][turned]])
+        for back in range(STROKES):
+            strokes[:, motor, back] = gone_mm[1:] - began_mm[STROKES - 1 - back + np.cumsum(turned)]
+    return strokes
 
 
 def done_of(step_mm: np.ndarray, scene: Scene) -> np.ndarray:
@@ -413,6 +436,7 @@ def drawn_places(scene: Scene) -> Places:
         scene.printer.to_motor(bed), side, bed, ways, rng.uniform(0, 1, COUNT),
         rng.choice([1.0, LONG_MM], COUNT), normal / np.linalg.norm(normal, axis=1, keepdims=True),
         np.linspace(scene.layers[0], scene.layers[1], COUNT) if scene.layers else None, rng.standard_normal((COUNT, 2)),
+        rng.choice([1.0, LONG_MM], (COUNT, 2, STROKES)).cumsum(axis=2),
     )  # fmt: skip
 
 

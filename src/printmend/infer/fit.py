@@ -463,9 +463,10 @@ def _was_read(trace: Trace, dots: np.ndarray, axis: int) -> bool:
 
 # Effects that do not turn, and those that decide where a belt touches.
 STILL = (
-    "place", "scale", "bend", "play", "loose", "friction", "skew", "aspect", "wobble", "skip", "origin", "shift",
-    "turn", "stretch",
+    "place", "scale", "bend", "play", "soft_play", "loose", "friction", "skew", "aspect", "wobble", "skip", "origin",
+    "shift", "turn", "stretch",
 )  # fmt: skip
+LIKE_PLAY = ("loose", "soft_play")  # play resembles them where belts are thought to touch elsewhere
 FEW = (*STILL, "pulley", "breathing", "elastic", "idler", "bent")
 REPEATING = ("pulley", "breathing", "elastic", "idler")  # effects whose place a turn of another length takes
 ALIKE_MM = 0.2  # by which a skip may differ from whole electrical turns: a turn that is lost also turns the pulley
@@ -494,7 +495,7 @@ class Turn:
 def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
     """Return a fit of few effects, in whose scene the motors' turns are as long as the trace says, and the trace as the
     motors really went: where one lost steps, its pulley turned by less. Each length is judged at its own contacts, and
-    so is play: a loose nozzle resembles it where belts are thought to touch everywhere."""
+    so is play: others are `LIKE_PLAY` where belts are thought to touch everywhere."""
 
     def told(scene: Scene, before: Fit | None, names: tuple[str, ...] = FEW) -> Fit:
         fit = fitted(trace, scene, before, names=names, quick=True)
@@ -502,8 +503,8 @@ def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
         return replace(fit, places=places, rows=rows)
 
     still = told(scene, None, STILL)
-    if any(block.effect == "loose" for block in still.blocks):
-        tight = tuple(name for name in STILL if name != "loose")
+    if any(block.effect in LIKE_PLAY for block in still.blocks):
+        tight = tuple(name for name in STILL if name not in LIKE_PLAY)
         still = max(still, told(scene, None, tight), key=lambda fit: fit.state.score)
     best, odds = told(scene, still), 0.0
     for round_, base in enumerate((still, None)):

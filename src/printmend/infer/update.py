@@ -8,11 +8,11 @@ are weighed: a pulley turned on its shaft, a motor got other parts, all of it is
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Places, Scene
+from printmend.effects import EFFECTS, Acts, Of, Places, Scene, Term
 from printmend.effects.breathing import HARMONICS as BREATHS
 from printmend.effects.effect import SCALE_MM, TIMES_FINER, Key, belt_places
 from printmend.effects.elastic import HARMONICS as STRETCHES
@@ -23,6 +23,7 @@ from printmend.effects.switch import drawn_shifts_mm, spread_mm
 from printmend.effects.words import along_motor_mm
 from printmend.infer.fit import (
     FINER_ROUNDS,
+    LIKE_PLAY,
     WEIGHINGS,
     Fit,
     first_sigma_mm,
@@ -312,15 +313,23 @@ def renewed(
     for number in range(PASSES):
         trace = turned_back(whole, turned_rad, scene)
         contacts, places, rows = looked(trace, scene, mechanism, is_first=at is None)
-        at = _weighed_stories(story, wearing, places, rows, scene, stories=stories and number == PASSES - 1)
+        weighed_by = partial(_weighed_stories, story, wearing, places, rows, scene)
+        at = weighed_by(stories=stories and number == PASSES - 1)
+        doubtful = number == 0 and any(block.effect in LIKE_PLAY for block in _changes(at))
+        if doubtful:  # the next pass knows where play lets the belts touch
+            at = weighed_by(stories=False, kept=_is_not_like_play)
         story = at.story
         now = _now(at, before, contacts, scene, rng)
         mechanism, _ = machine_of(scene, those_acting(now.now.parts))
         turns = [part.mean_mm[0] for part in now.now.parts if part.effect == "turn"]
         turned_rad += math.atan(sum(turns) / SCALE_MM)
-        if not now.changes and not any(turns):
+        if not now.changes and not any(turns) and not doubtful:
             break
     return now
+
+
+def _is_not_like_play(term: Term) -> bool:
+    return term.effect not in LIKE_PLAY
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,10 +358,13 @@ class _Pass:
 
 
 def _weighed_stories(
-    story: Story, wearing: Wearing, places: Places, rows: Rows, scene: Scene, *, stories: bool
-) -> _Pass:
+    story: Story, wearing: Wearing, places: Places, rows: Rows, scene: Scene, *, stories: bool,
+    kept: Callable[[Term], bool] | None = None,
+) -> _Pass:  # fmt: skip
     like, doubted = told_apart(story.parts)
-    changes = tuple(replace(block, positive=False, needs=()) for block in blocks_of(scene))  # play may become less
+    changes = tuple(
+        replace(block, positive=False, needs=()) for block in blocks_of(scene, kept)
+    )  # play may become less
     dictionary = _with_shapes(dictionary_of(changes, places, rows, scene), doubted, places, rows, scene)
     old = side_by_side((part.key for part in like), places, rows, scene)
     always: Set = tuple((b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0)

@@ -393,6 +393,7 @@ def _path_places(samples: np.record, layer_z_mm: np.ndarray) -> PathPlaces:
     return PathPlaces(
         found["place"].copy(), found["tangent"].copy(), found["off"].copy(), found["side"].copy(),
         found["weight"].copy(), layer_z_mm[found["layer"]], ways=found["ways"].copy(),
+        strokes_mm=found["strokes"].copy(),
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from printmend.effects import EFFECTS, Of, columns_of
-from printmend.effects.effect import SCALE_MM, at_places
+from printmend.effects.effect import SCALE_MM, at_places, strokes_of
 from printmend.errors import TraceError
 from printmend.gcode.read import read_gcode
 from printmend.infer.gram import seen
@@ -241,10 +241,12 @@ def expectation(model: SavedModel, trace: Trace) -> Promise | None:
     return replace(after, made_of=made, **{name: PLANE_FACTOR * getattr(after, name) for name in sizes})
 
 
-def _sides(trace: Trace, printer: Printer) -> np.ndarray:
-    """Return the direction in which each motor reached the measured marks [N, 2]: +1, −1, 0 before its first move."""
-    sides = [last_way(column) for column in printer.to_motor(trace.commanded_mm).T]
-    return np.stack(sides, axis=1)[trace.measured_rows]
+def _sides(trace: Trace, printer: Printer) -> tuple[np.ndarray, np.ndarray]:
+    """Return the direction in which each motor reached the measured marks [N, 2]: +1, −1, 0 before its first move; and
+    how far it had gone since it last turned round [N, 2, STROKES]."""
+    motors_mm, known = printer.to_motor(trace.commanded_mm), trace.measured_rows
+    sides = np.stack([last_way(column) for column in motors_mm.T], axis=1)
+    return sides[known], strokes_of(motors_mm, sides, np.zeros(2))[known]
 
 
 def _outlook_at_marks(model: SavedModel, belief: Belief, trace: Trace) -> tuple[Outlook, np.ndarray]:
@@ -253,16 +255,18 @@ def _outlook_at_marks(model: SavedModel, belief: Belief, trace: Trace) -> tuple[
     raw = print_from_home(model.mechanism, wanted)
     off = (raw - wanted)[known]
     gone_mm = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(wanted, axis=0).T))])[known]
+    side, strokes_mm = _sides(trace, printer)
     # each mark counts along x and along y; across a path along x lies y, across one along y lies −x
     path = PathPlaces(
         np.repeat(wanted[known], 2, axis=0),
         np.tile(np.eye(2), (len(off), 1)),
         np.stack([off[:, 1], -off[:, 0]], axis=1).ravel(),
-        np.repeat(_sides(trace, printer), 2, axis=0),
+        np.repeat(side, 2, axis=0),
         np.ones(2 * len(off)),
         None if (z_mm := with_heights(trace, printer).z_mm) is None else np.repeat(z_mm[known], 2),
         np.repeat(gone_mm, 2),
         np.repeat(np.stack([last_way(axis) for axis in wanted.T], axis=1)[known], 2, axis=0),
+        np.repeat(strokes_mm, 2, axis=0),
     )
     before = Errors(float(np.sqrt(np.mean(path.off_mm**2))), 0.0, float(np.abs(path.off_mm).max()))
     outlook = promised(model.mechanism, belief, path, before, Errors(0.0, 0.0, 0.0), at_rest=True)

@@ -254,9 +254,11 @@ def start(mechanism: Mechanism, *, tolerance_mm: float = k.TOLERANCE_MM) -> Plan
     state.low[:] = state.print_low[:] = np.inf
     state.high[:] = state.print_high[:] = -np.inf
     counts.layer = counts.mark = -1
+    samples = record(k.SAMPLES)
+    samples.strokes[:] = np.inf
     return Planner(
         lookup(mechanism, tolerance_mm), state, counts, np.zeros((2, k.ERROR_BINS)),
-        np.zeros(256, k.LAYER), record(k.SAMPLES),
+        np.zeros(256, k.LAYER), samples,
         [(np.zeros(1 << 14, np.int64), np.empty(_PIECES + k.PIECES_A_RECORD, PIECE)) for _ in range(PLANS_AT_ONCE + 1)],
     )  # fmt: skip
 

@@ -76,6 +76,7 @@ class PathPlaces:
     pushed before the move, ``weight`` [N] the length of path that a place stands for. ``z_mm`` [N] is its height, where
     known; ``gone_mm`` [N] the length of the print up to there, None where it is the sum of the weights; ``ways`` [N, 2]
     the last direction of each of the bed's axes before the move, at rest before the place; None where unknown.
+    ``strokes_mm`` [N, 2, STROKES] is how far each motor has gone since it last turned round, as of `Places`.
     """
 
     wanted_mm: np.ndarray
@@ -86,6 +87,7 @@ class PathPlaces:
     z_mm: np.ndarray | None = None
     gone_mm: np.ndarray | None = None
     ways: np.ndarray | None = None
+    strokes_mm: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -207,7 +209,7 @@ def _thinned(path: PathPlaces, placed: bool) -> PathPlaces:
     at = np.floor((np.arange(MOST_PLACES) + 0.5) * count / MOST_PLACES).astype(np.int64)
     edges = np.concatenate([[0], (at[1:] + at[:-1] + 1) // 2, [count]])
     weight = np.add.reduceat(path.weight, edges[:-1])
-    others = (None if each is None else each[at] for each in (path.z_mm, path.gone_mm, path.ways))
+    others = (None if each is None else each[at] for each in (path.z_mm, path.gone_mm, path.ways, path.strokes_mm))
     few = PathPlaces(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight, *others)
     whole_mm, seen_mm = (each.off_mm if placed else shape_of(each) for each in (path, few))
     whole2, seen2 = np.average(whole_mm**2, weights=path.weight), np.average(seen_mm**2, weights=weight)
@@ -255,7 +257,7 @@ def _places(mechanism: Mechanism, path: PathPlaces, scene: Scene, at_rest: bool)
     raw = Places(
         printer.to_motor(path.wanted_mm), -side, np.asarray(printer.from_motor(belt)), ways,
         gone_mm / max(scene.way_mm, 1e-9), np.full(len(belt), LONG_MM), np.zeros_like(belt), path.z_mm,
-        None if at_rest else path.tangent,
+        None if at_rest else path.tangent, path.strokes_mm,
     )  # fmt: skip
     return raw, replace(raw, motor_mm=after)
 

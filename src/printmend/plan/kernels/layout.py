@@ -92,6 +92,7 @@ LAYER = np.dtype(
     ],
     align=True,
 )
+STROKES = 4  # as many as `effects.effect` knows of a motor
 # A place along the extruded path, which stands for a length of it.
 SAMPLE = np.dtype(
     [
@@ -100,6 +101,7 @@ SAMPLE = np.dtype(
         ("off", "f8"),  # how far to the left of the path the file as it is prints [mm]
         ("side", "f8", 2),  # as in BELTS
         ("ways", "f8", 2),  # those of SAMPLES before its move
+        ("strokes", "f8", (2, STROKES)),  # those of SAMPLES there
         ("layer", "i8"),  # its number among the layers
         ("weight", "f8"),  # the length [mm]
     ],
@@ -112,6 +114,12 @@ SAMPLES = np.dtype(
         ("gap", "f8"),  # the distance between two of them [mm]
         ("since", "f8"),  # the length of path since the last one [mm]
         ("ways", "f8", 2),  # in which each axis of the bed went last, 1 or −1; 0 for none
+        ("trend", "f8", 2),  # which way each motor went last, 1 or −1; 0 for none
+        (
+            "strokes",
+            "f8",
+            (2, STROKES),
+        ),  # how far each has gone since it last turned round, since the time before, … [mm]
         ("kept", SAMPLE, KEPT_SAMPLES),
     ],
     align=True,

@@ -16,9 +16,12 @@ from printmend.plan.kernels.layout import (
     ERROR_BINS,
     KEPT_SAMPLES,
     NEAREST_REACH_MM,
+    STROKES,
 )
 from printmend.plan.kernels.lookup import printed, to_motors
 from printmend.plan.kernels.state import pull
+
+STILL_MM = 0.002  # a motor that goes less between two places follows the rounding of a file
 
 
 @inner
@@ -87,6 +90,28 @@ def _go(samples, axis, change):
 
 
 @inner
+def _wind(samples, k, moved):
+    """Note how far motor k has gone since it last turned round; what rounding moves it by is no turn."""
+    if moved * samples.trend[k] <= 0.0 and abs(moved) > STILL_MM:
+        if samples.trend[k] != 0.0:
+            for j in range(STROKES - 1, 0, -1):
+                samples.strokes[k, j] = samples.strokes[k, j - 1]
+            samples.strokes[k, 0] = 0.0
+        samples.trend[k] = 1.0 if moved > 0.0 else -1.0
+    for j in range(STROKES):
+        samples.strokes[k, j] += abs(moved)
+
+
+@inner
+def _follow(model, state, samples, x, y):
+    """Move the machine that reads the file as it is, and note its motors' strokes."""
+    m0, m1 = state.raw.m[0], state.raw.m[1]
+    follow_raw(model, state, x, y)
+    _wind(samples, 0, state.raw.m[0] - m0)
+    _wind(samples, 1, state.raw.m[1] - m1)
+
+
+@inner
 def keep(samples, state, curve, s, length, x, y, row):
     """Keep a place of the extruded path, the curve at ``s`` printed at (x, y), if the last kept one is far enough back.
 
@@ -119,6 +144,8 @@ def keep(samples, state, curve, s, length, x, y, row):
     sample.off = (y - wanted_y) * tx - (x - wanted_x) * ty
     sample.side[0], sample.side[1] = state.mended.side[0], state.mended.side[1]
     sample.ways[0], sample.ways[1] = samples.ways[0], samples.ways[1]
+    for j in range(STROKES):
+        sample.strokes[0, j], sample.strokes[1, j] = samples.strokes[0, j], samples.strokes[1, j]
     sample.layer, sample.weight = row, samples.since
     samples.since = 0.0
 
@@ -140,7 +167,7 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
             x, y = curve.x0 + s * (curve.x1 - curve.x0), curve.y0 + s * (curve.y1 - curve.y0)
         else:
             x, y, _ = place(curve, s)
-        follow_raw(model, state, x, y)
+        _follow(model, state, samples, x, y)
         if moved is not None:
             _, _, z = place(curve, s)
             push_x, push_y, risen = lift_raw(model, state, counts, z)
@@ -154,7 +181,7 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
             error = with_doubt(state.raw, _nearest(records, count, i, curve, x, y))
             note(layers, row, errors, 0, error, curve.length / looks)
             keep(samples, state, curve, s, curve.length / looks, x, y, row)
-    follow_raw(model, state, curve.x1, curve.y1)
+    _follow(model, state, samples, curve.x1, curve.y1)
     _go(samples, 0, curve.x1 - curve.x0)
     _go(samples, 1, curve.y1 - curve.y0)
     if moved is not None:

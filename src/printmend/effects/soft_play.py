@@ -1,0 +1,46 @@
+"""Lost motion that builds up over some millimetres after a reversal: a cable, a seal, a wheel that winds up."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from printmend.effects.effect import Places, Scene, Term, Usual, about_factor, onto_bed
+from printmend.effects.prior import alternatives, numbers_of
+from printmend.effects.words import Found, Numbers, Told, carrier_name
+from printmend.messages import say
+
+
+class SoftPlay(Usual):
+    """Friction against a spring (Dahl 1968): after a reversal a belt falls behind by degrees, over a length.
+
+    Its lag z, from −1 to 1 of half the size, follows dz/ds = (±1 − z)/length along the motor's way s. After strokes
+    that ended c₁ < c₂ < … mm ago it is ±(1 − 2 exp(−c₁/length) + 2 exp(−c₂/length) − …). The last known stroke counts
+    by half, as if the ones before it had as likely brought 0 as 2.
+    """
+
+    name = "soft_play"
+    positive = True
+    keys = Numbers(("size_mm",), ("length_mm",))
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for motor in range(2):
+            shapes = [(length_mm,) for length_mm in numbers_of(self.name, "lengths")]
+            yield from alternatives(self.name, motor, shapes, positive=True)
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        lag = 0.5 * places.side[:, where].astype(float)
+        if places.strokes_mm is not None:
+            left = np.exp(-places.strokes_mm[:, where] / shape[0])
+            signs = 2.0 * (-1.0) ** np.arange(1, left.shape[1] + 1)
+            signs[-1] /= 2
+            lag *= 1 + left @ signs
+        return onto_bed(scene, where, lag[:, None])
+
+    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
+        first, second, *_ = numbers_of(self.name, "lengths")
+        for length_mm in about_factor(shape[0], float(np.log(second / first)), round_):
+            yield (length_mm,)
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        size, most = f"{abs(found.sizes_mm[0]):.2f}", f"{2 * found.shape[0]:.0f}"
+        yield Told("soft-play", say("falls-behind-by-degrees", carrier_name(scene, found.where), size, most))
