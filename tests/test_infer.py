@@ -10,7 +10,7 @@ import pytest
 from scipy import special
 
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, places_of, scene_of
-from printmend.effects.effect import drawn_places, drawn_sizes
+from printmend.effects.effect import drawn_places, drawn_sizes, moves_of
 from printmend.effects.prior import NEAR_SHARE, share_of
 from printmend.effects.sized import Sized, frame_of
 from printmend.effects.words import Found
@@ -153,6 +153,24 @@ def test_soft_play_follows_the_law_of_dahl(length_mm: float, off: float, rng: np
         wanted.append(0.5 * (lag - 1.0))
     assert np.sqrt(np.mean((said - wanted) ** 2)) < off
     assert said.min() < -0.9
+
+
+def test_a_travel_in_pieces_is_one_move_and_no_longer_one_is_judged(rng: np.random.Generator) -> None:
+    turns = np.repeat(110 + np.cumsum(rng.choice([-1.5, 1.5], (40, 2)), axis=0), 2, axis=0)  # each place twice: a stop
+    path = np.concatenate([[[0.0, 0.0]], turns[:1] * np.linspace(0.1, 1.0, 10)[:, None], turns])
+    step, heading, length = moves_of(path)
+    assert length[:11] == pytest.approx(np.hypot(*turns[0]) * np.linspace(0, 1, 11))
+    assert length[13:] == pytest.approx(1.5 * np.sqrt(2))
+    assert np.array_equal(step[12::2], np.zeros(len(step[12::2])))
+    assert np.hypot(*heading[1:].T) == pytest.approx(1.0)
+    printer, seen = read_printer("ender3"), np.where(np.arange(len(path))[:, None] > 12, path, np.nan)
+    scene = scene_of(Trace(path, seen, homed=True), printer)
+    (shape,) = {term.shape for term in EFFECTS["speed"].terms(scene)}
+    assert shape == pytest.approx((1.5 * np.sqrt(2),))
+    places = drawn_places(scene)
+    far, short = (columns_of("speed", replace(places, move_mm=places.side[:, 0] * 0 + mm), 0, shape, scene)
+                  for mm in (50.0, 1.5 * np.sqrt(2)))  # fmt: skip
+    assert np.array_equal(far, short)
 
 
 @pytest.mark.parametrize("preset", ["ender3", "corexy"])

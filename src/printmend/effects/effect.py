@@ -17,6 +17,7 @@ from printmend.path import Instrument, Trace, last_way
 from printmend.printer import Printer
 
 LONG_MM = 10.0  # on longer moves the head reaches its speed: on those of a part, and to the end stops
+STRAIGHT = 0.98  # cosine of the angle up to which a move goes on: 11°, at which no firmware brakes for much
 ALWAYS = 1e3  # logarithm of the odds of an effect that every print or measurement has
 SCALE_MM = 100.0  # slopes are in mm per this distance, as in the model file
 FEW_LAYERS, MOST_LAYERS = 3, 48  # heights; fewer show nothing of the screw, and with more, neighbours share a size
@@ -74,6 +75,7 @@ class Scene:
     between two homings along one axis, each with its standard deviation.
     ``layers`` are the lowest and the highest layer [mm] and how many were measured, empty for fewer than `FEW_LAYERS`.
     ``shrinkage_sd`` is the uncertainty of the measured part's shrinkage, as a share; None where nothing can shrink.
+    ``longest_mm`` is the longest move that led to a mark, at most `LONG_MM`.
     """
 
     printer: Printer
@@ -90,6 +92,7 @@ class Scene:
     shrinkage_sd: float | None = None
     layers: tuple[float, ...] = ()
     unseen_share: float = 0.0
+    longest_mm: float = LONG_MM
 
     @property
     def corexy(self) -> bool:
@@ -120,10 +123,10 @@ class Places:
     ``motor_mm`` [N, 2] is where each motor was when it last moved its belt, ``side`` [N, 2] the branch that it touched:
     −1 pushed forwards, +1 pulled back, 0 not known. ``bed_mm`` [N, 2] is the place on the bed that the belts give,
     ``ways`` [N, 2] the direction in which each bed axis last moved. ``done`` [N] is the length printed so far over that
-    of the measured print; ``move_mm`` [N] the length of the last move. ``normal`` [N, 2] points out of a wall's
-    plastic, 0 for other marks; ``z_mm`` [N] is the height, None for home's. ``heading`` [N, 2] is the direction of the
-    last move on the bed, of length 1, None for half-way between the axes'. ``strokes_mm`` [N, 2, STROKES] is how far
-    each motor has gone since its last reversal, since the one before it, and so on, infinite before the first; None
+    of the measured print; ``move_mm`` [N] the length of the last move up to there. ``normal`` [N, 2] points out of a
+    wall's plastic, 0 for other marks; ``z_mm`` [N] is the height, None for home's. ``heading`` [N, 2] is the direction
+    of the last move on the bed, of length 1, None for half-way between the axes'. ``strokes_mm`` [N, 2, STROKES] is how
+    far each motor has gone since its last reversal, since the one before it, and so on, infinite before the first; None
     where all are far back.
     """
 
@@ -313,9 +316,7 @@ def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndar
     """
     motor = scene.printer.to_motor(trace.commanded_mm)
     at = np.where(contact_row >= 0, contact_row, np.arange(len(motor))[:, None])  # else about where the motor is
-    moves = np.diff(trace.commanded_mm, axis=0, prepend=trace.commanded_mm[:1])
-    step = np.hypot(*moves.T)
-    last = np.maximum.accumulate(np.where(step > 0, np.arange(len(step)), 0))
+    step, heading, move_mm = moves_of(trace.commanded_mm)
     at_home = home_of(scene).side[0] if scene.homed else np.zeros(2)
     side = np.where(contact_row >= 0, np.where(side == 0, at_home, side), 0).astype(np.float32)
     motor_mm = np.take_along_axis(motor, at, axis=0)
@@ -325,12 +326,26 @@ def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndar
         bed_mm=bed_mm,
         ways=np.stack([last_way(axis) for axis in trace.commanded_mm.T], axis=1).astype(np.float32),
         done=done_of(step, scene),
-        move_mm=step,
+        move_mm=move_mm,
         normal=np.broadcast_to(0.0, (len(step), 2)) if trace.normal is None else np.nan_to_num(trace.normal),
         z_mm=None if trace.z_mm is None else np.nan_to_num(trace.z_mm, nan=scene.printer.z.home_mm),
-        heading=moves[last] / np.maximum(step[last, None], 1e-9),
+        heading=heading,
         strokes_mm=strokes_of(motor_mm, side, at_home),
     )
+
+
+def moves_of(path_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return of each row of a path [N, 2] the way from the row before [N], the direction of the last move [N, 2], of
+    length 1, and that move's length up to there [N]: through all rows on a line that goes on, without a stop."""
+    ways = np.diff(path_mm, axis=0, prepend=path_mm[:1])
+    step = np.hypot(*ways.T)
+    heading = ways / np.maximum(step[:, None], 1e-9)
+    goes_on = np.einsum("nc,nc->n", heading[1:], heading[:-1]) > STRAIGHT
+    gone = np.cumsum(step)
+    begins = np.concatenate([[True], ~goes_on]) & (step > 0)
+    began = np.maximum.accumulate(np.where(begins, gone - step, 0.0))
+    last = np.maximum.accumulate(np.where(step > 0, np.arange(len(step)), 0))
+    return step, heading[last], (gone - began)[last]
 
 
 def strokes_of(motor_mm: np.ndarray, side: np.ndarray, before: np.ndarray) -> np.ndarray:
@@ -365,10 +380,12 @@ def scene_of(trace: Trace, printer: Printer, turns_mm: tuple[float, float] | Non
 
     steps = np.hypot(*np.diff(trace.commanded_mm, axis=0).T)
     way, unseen = float(steps.sum()), float(steps[: int(np.argmax(known))].sum())
+    longest_mm = float(moves_of(trace.commanded_mm)[2][known].max(initial=0.0)) or LONG_MM
     return Scene(
         printer, turns_mm or printer.mm_per_turn, spans(motor), spans(bed), way, trace.placed, trace.homed,
         instrument=trace.instrument_doubt, walls=bool(trace.wall_rows.any()), shrinkage_sd=trace.shrinkage_sd,
         layers=() if trace.z_mm is None else layers_of(trace.z_mm[known]), unseen_share=unseen / max(way, 1e-9),
+        longest_mm=min(longest_mm, LONG_MM),
     )  # fmt: skip
 
 

@@ -4,19 +4,27 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import LONG_MM, Places, Scene, Usual, onto_bed
-from printmend.effects.words import Found, Told, carrier_name
+from printmend.effects.effect import LONG_MM, Places, Scene, Term, Usual, onto_bed
+from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
 
 
 class Speed(Usual):
-    """Play that grows with the length of the last move, to its whole size at `LONG_MM`."""
+    """Play that grows with the length of the last move, to its whole size at the longest that led to a mark, or at
+    `LONG_MM`."""
 
     name = "speed"
     at_motors = True
+    keys = Numbers(("size_mm",), ("long_mm",))
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for motor in range(2):
+            yield from alternatives(self.name, motor, [(scene.longest_mm,)])
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        fast = np.minimum(places.move_mm / LONG_MM, 1.0)
+        (long_mm,) = shape or (LONG_MM,)  # files of older versions have no shape
+        fast = np.minimum(places.move_mm / long_mm, 1.0)
         return onto_bed(scene, where, (0.5 * places.side[:, where] * fast)[:, None])
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:

@@ -34,6 +34,7 @@ Given = Mapping[str, float | str]
 # For each number: the least, the most, and an example. A name that is not here goes by its unit.
 _LIMITS: dict[str, tuple[float, float, float]] = {
     "period_mm": (0.05, 10_000.0, 60.0),
+    "long_mm": (0.1, 1000.0, 10.0),
     "length_mm": (0.05, 1000.0, 3.0),
     "width_mm": (0.1, 1000.0, 5.0),
     "at_mm": (-10_000.0, 10_000.0, 100.0),
