@@ -12,6 +12,7 @@ import pytest
 from printmend.corruption import Corruption, Drive, Play, Polygon
 from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import at_places
+from printmend.effects.prior import share_of, size_mm
 from printmend.effects.sized import Sized
 from printmend.errors import ModelError, RefusedError
 from printmend.export.firmware import remainder
@@ -42,6 +43,7 @@ from printmend.promise.predict import (
     promised,
     shape_of,
 )
+from printmend.promise.scatter import Outliers, Scatter
 from printmend.promise.words import in_a_line
 from printmend.report.part_view import look_at
 from printmend.studio.scene import as_printed, read_drawing
@@ -355,6 +357,54 @@ def test_what_is_summed_up_at_once_is_what_each_drawn_machine_prints(rng: np.ran
         assert told.rms_mm == pytest.approx(np.median(np.sqrt(rms**2 - apart**2) + along * apart))
 
 
+def test_noise_by_chance_above_the_instruments_is_no_printers_scatter(rng: np.random.Generator) -> None:
+    """Printers drawn from the prior lie in the ranges of their own scatter as often as these say."""
+    share, sd_mm = share_of("scatter"), size_mm("scatter")
+    own_mm, chance, inside, none = 0.05, (np.arange(DRAWS) + 0.5) / DRAWS, [], []
+    for _ in range(400):
+        true_mm = abs(rng.normal(0, sd_mm)) * (rng.random() < share)
+        left_mm = rng.normal(0, np.hypot(own_mm, true_mm), 1200)
+        drawn_mm2 = Scatter.of(left_mm, 20, own_mm).quantiles_mm2(chance)
+        low, high = np.quantile(drawn_mm2, [0.05, 0.95])
+        inside.append(low <= true_mm**2 + 2e-6 and true_mm**2 - 2e-6 <= high)
+        none.append((drawn_mm2 == 0).mean())
+    assert np.mean(inside) > 0.87
+    assert np.mean(none) == pytest.approx(1 - share, abs=0.08)
+    assert not Scatter.of(left_mm, 20, None).quantiles_mm2(chance).any()
+
+
+def test_many_points_that_fit_no_model_are_the_printers_and_a_few_are_dirt() -> None:
+    told = {
+        count: Outliers(count, 600, 0.01).drawn_mm2(4000, np.random.default_rng(3)) / 0.01 for count in (0, 1, 12, 130)
+    }
+    assert not told[0].any()
+    assert np.mean(told[1]) < 1e-4
+    assert np.mean(told[12] > 0) < 0.1
+    assert np.mean(told[130] > 0) > 0.9
+    assert 0.15 < np.median(told[130]) < told[130].max() <= 130 / 600
+
+
+def test_printers_drawn_with_outliers_have_as_many_as_is_said(rng: np.random.Generator) -> None:
+    """The mean over printers and instruments of the prior, counted as a posterior must (Talts et al. 2018)."""
+    true, said = [], []
+    for _ in range(3000):
+        own = rng.exponential(0.1) * (rng.random() < 0.05)
+        count = rng.poisson(600 * (rng.exponential(0.02) + own))
+        if count <= 600:
+            true.append(own)
+            said.append(np.mean(Outliers(int(count), 600, 1.0).drawn_mm2(200, rng)))
+    assert np.mean(said) == pytest.approx(np.mean(true), abs=0.0015)
+    few = np.argsort(said)[: len(said) * 9 // 10]
+    assert np.mean(np.array(said)[few]) == pytest.approx(np.mean(np.array(true)[few]), abs=0.0005)
+
+
+def test_a_file_of_an_older_version_has_its_scatter_as_a_size(bent: SavedModel) -> None:
+    section = {key: value for key, value in bent.document["promise"].items() if key != "scatter_mm2"}
+    belief = parse_belief(replace(bent, document={**bent.document, "promise": {**section, "scatter_mm": 0.02}}))
+    assert belief is not None
+    assert belief.scatter.quantiles_mm2(np.array([0.1, 0.9])) == pytest.approx(0.0004)
+
+
 def test_a_plate_that_slipped_once_keeps_no_fault_from_being_mended(rng: np.random.Generator) -> None:
     """It shifts both files alike, so the promise holds it, and the judgement of mending does not."""
     angle, weight, off = rng.uniform(0, 7, 40), rng.uniform(1, 2, 40), rng.normal(0, 0.1, 40)
@@ -411,7 +461,8 @@ def test_a_section_that_is_none_of_ours_is_refused_in_one_line(bent: SavedModel)
         {**section, "turns_mm": [40.0, -1.0]},
         {**section, "bed_span_mm": [[1.0, 0.0], [0.0, 1.0]]},
         {**section, "way_mm": "far"},
-        {**section, "scatter_mm": None},
+        {**section, "scatter_mm2": [0.0, -1.0]},
+        {**section, "outliers": [7, 3, 0.1]},
         [],
     ):
         with pytest.raises(ModelError) as refused:
@@ -424,7 +475,7 @@ def test_a_section_that_is_none_of_ours_is_refused_in_one_line(bent: SavedModel)
 def test_what_a_file_says_of_its_drawn_machines_is_what_was_drawn(bent: SavedModel) -> None:
     belief = parse_belief(bent)
     assert belief is not None
-    again = belief_section(belief.scene, belief.parts, scatter_mm=belief.scatter_mm)
+    again = belief_section(belief.scene, belief.parts, scatter=belief.scatter)
     assert json.loads(json.dumps(again)) == json.loads(json.dumps({**bent.document["promise"], **again}))
     for part in belief.parts:
         assert part.draws_mm.shape == (len(part.acts_mm), DRAWS)

@@ -181,7 +181,8 @@ def _beside_mm2(belief: Belief | None) -> float:
     if belief is None:
         return 0.0
     places, rng = drawn_places(belief.scene), np.random.default_rng(0)
-    total = belief.scatter_mm**2
+    total = float(belief.scatter.quantiles_mm2((np.arange(DRAWS) + 0.5) / DRAWS).mean())
+    total += float(belief.outliers.drawn_mm2(DRAWS, rng).mean())
     for part in belief.parts:
         effect = EFFECTS[part.effect]
         if effect.acts is Acts.NOT:

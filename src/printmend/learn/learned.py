@@ -26,7 +26,7 @@ from printmend.infer.scatter import independent_share
 from printmend.infer.search import LEAST_SIGMA_MM
 from printmend.learn import learner
 from printmend.learn.order import once_in_order, roughly
-from printmend.learn.rows import FINEST_MM, LEAST_ROWS, MOST_LOST, lost_rows, said_of_rows, skipped
+from printmend.learn.rows import FINEST_MM, LEAST_ROWS, MOST_LOST, lost_rows, outliers_of, said_of_rows, skipped
 from printmend.machine import Mechanism, healthy_mechanism
 from printmend.measure.checks import (
     check_follows,
@@ -45,6 +45,7 @@ from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.promise.belief import belief_section
 from printmend.promise.filament import UNTOLD
+from printmend.promise.scatter import Scatter
 from printmend.promise.words import scale_words, seen_scales, shown_scales
 from printmend.twin import Twin
 
@@ -166,8 +167,10 @@ def searched_model(
     kept_mm = left_mm[np.isfinite(left_mm).all(axis=1) & ~lost]
     kept_mm = kept_mm if len(kept_mm) else fit.left_mm()[:, None]  # walls are no dots
     noise_mm = float(np.sqrt(np.mean(kept_mm**2)))
-    scatter_mm = float(np.sqrt(max(noise_mm**2 - (instrument_scatter_mm(trace) or noise_mm) ** 2, 0.0)))
-    promise = belief_section(fit.scene, posterior.parts, scatter_mm=scatter_mm, motion=trace.motion)
+    scatter = Scatter.of(kept_mm, len(fit.state.columns), instrument_scatter_mm(trace))
+    promise = belief_section(
+        fit.scene, posterior.parts, scatter=scatter, outliers=outliers_of(left_mm, lost), motion=trace.motion
+    )
     if not fit.scene.placed:
         promise["shown"] = shown_scales(fit.scene, posterior.parts)
         promise["seen"] = seen_scales(fit.scene, posterior.parts)

@@ -15,6 +15,7 @@ from printmend.metrics.robust import scale_of
 from printmend.model.model import NOTE, REFUSAL, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.promise.scatter import Outliers
 
 FINEST_MM = 1e-4  # tables are written no finer
 LEAST_ROWS = 60  # with fewer rows nothing is tested
@@ -37,7 +38,7 @@ def said_of_rows(posterior: Posterior, trace: Trace, left_mm: np.ndarray, lost: 
         *_unfit(trace, left_mm, kept if few else known),
         *_random_order(trace, left_mm[kept]),
         *_other_turns(posterior),
-        *_left_out(left_mm[lost], trace.commanded_mm[lost], int(known.sum())),
+        *_left_out(left_mm[lost], trace.commanded_mm[lost], int(known.sum()), by_hand=trace.instrument is None),
     )
 
 
@@ -50,6 +51,13 @@ def lost_rows(left_mm: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         away = np.abs(left_mm)
         return np.asarray(known & ((away > LOST_SIGMAS * sigma) & (away > LOST_MM)).any(axis=1))
+
+
+def outliers_of(left_mm: np.ndarray, lost: np.ndarray) -> Outliers:
+    """Return what the points that a model leaves out [N] say of those of a print, from their residuals [N, 2]."""
+    if not lost.any():
+        return Outliers()
+    return Outliers(int(lost.sum()), int(np.isfinite(left_mm).all(axis=1).sum()), float(np.mean(left_mm[lost] ** 2)))
 
 
 def skipped(trace: Trace, turned: Trace, printer: Printer) -> Iterator[Misfit]:
@@ -125,15 +133,17 @@ def _times_a_turn(part: Part) -> int:
     return math.gcd(*(int(k) + 1 for k in np.flatnonzero(sizes > COUNTING_SHARE * sizes.max(initial=0.0)))) or 1
 
 
-def _left_out(lost_mm: np.ndarray, commanded_mm: np.ndarray, known: int) -> list[Misfit]:
+def _left_out(lost_mm: np.ndarray, commanded_mm: np.ndarray, known: int, *, by_hand: bool) -> list[Misfit]:
     """Count the points that the model leaves out, of so many that are ``known``, by their residuals [M, 2]; name the
-    place of a single one."""
+    place of a single one. Rows of a table that is ``by_hand`` may be wrong."""
     if not len(lost_mm):
         return []
     count, share = len(lost_mm), len(lost_mm) / known
     size = float(np.sqrt(np.mean(np.square(lost_mm).sum(axis=1))))
     severity = REFUSAL if share > MOST_LOST else WARNING if share > MANY_LOST else NOTE
-    message = "points-lie-mm-off-left-out" if share > MANY_LOST else "points-lie-mm-off-left-out-2"
+    message = "points-lie-mm-off-left-out" if by_hand else "points-of-picture-lie-mm-off"
+    if share <= MANY_LOST:
+        message = "points-lie-mm-off-left-out-2"
     words = say(message, count, known, f"{100 * share:.1f}", f"{size:.2f}")
     if count == 1:
         words = say("point-lies-mm-off-left-out", *(f"{mm:g}" for mm in commanded_mm[0]), known, f"{size:.2f}")

@@ -56,6 +56,7 @@ from printmend.model.model import DIGESTS, REFITTED, REFUSAL, Misfit, found_in, 
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, belief_section, says_nothing
+from printmend.promise.scatter import Scatter
 from printmend.promise.words import seen_scales
 
 LEAST_CHANGE = {"mm": 0.01, "%": 0.02, "°": 0.02}  # a smaller change is not reported
@@ -212,7 +213,8 @@ def _updated(
     scene, parts = found.now.scene, found.now.parts
     mechanism, branches = machine_of(scene, those_acting(parts))
     noise_mm, own_mm = found.now.noise_mm, instrument_scatter_mm(trace)
-    scatter_mm = belief.scatter_mm if own_mm is None else float(np.sqrt(max(noise_mm**2 - own_mm**2, 0.0)))
+    left_mm = np.full(2 * int(trace.measured_rows.sum()), noise_mm)
+    scatter = belief.scatter if own_mm is None else Scatter.of(left_mm, 0, own_mm)
     names = tuple(old.printer.motors[motor].upper() for motor in found.story.anew)
     gaps = [gap for gap in old.findings[1:] if not gap.startswith(("Z ", *(f"{name} " for name in names)))]
     before, seen = lift_of(old), find_lift(trace, old.printer)
@@ -230,7 +232,8 @@ def _updated(
                     homed_again_mm=(*belief.scene.homed_again_mm, *found.homed_mm),
                 ),
                 parts,
-                scatter_mm=scatter_mm,
+                scatter=scatter,
+                outliers=belief.outliers,
                 by_hand=belief.by_hand,
                 motion=trace.motion or belief.motion,
             ),

@@ -18,6 +18,7 @@ from printmend.model import SavedModel
 from printmend.model.branches import number, numbers, refuse, section_of
 from printmend.path import Motion
 from printmend.promise.filament import known_filaments
+from printmend.promise.scatter import NO_OUTLIERS, NO_SCATTER, Outliers, Scatter
 
 VERSION = 2  # of the model file's section
 _SUBJECT = "the model [promise]"
@@ -30,16 +31,17 @@ _DIGITS = 5  # that are kept of a size
 class Belief:
     """Machines drawn from all that a measurement allows.
 
-    ``scene`` is what was measured, ``parts`` the effects that any drawn machine has; ``scatter_mm`` by how much marks
-    scatter beyond what their instrument says, along one coordinate. ``placed``: the measurement says where on the bed
-    things lie; else errors are counted from home. ``by_hand``: a few distances were measured, and most is assumed.
-    ``motion`` is what lines at speed showed, None where none were measured.
+    ``scene`` is what was measured, ``parts`` the effects that any drawn machine has; ``scatter`` by how much marks
+    scatter beyond what their instrument says, along one coordinate, ``outliers`` those that fit no model. ``placed``:
+    the measurement says where on the bed things lie; else errors are counted from home. ``by_hand``: a few distances
+    were measured, and most is assumed. ``motion`` is what lines at speed showed, None where none were measured.
     """
 
     scene: Scene
     parts: tuple[Part, ...]
     placed: bool
-    scatter_mm: float = 0.0
+    scatter: Scatter = NO_SCATTER
+    outliers: Outliers = NO_OUTLIERS
     by_hand: bool = False
     motion: Motion | None = None
 
@@ -52,7 +54,8 @@ def belief_section(
     scene: Scene,
     parts: Sequence[Part],
     *,
-    scatter_mm: float = 0.0,
+    scatter: Scatter = NO_SCATTER,
+    outliers: Outliers = NO_OUTLIERS,
     by_hand: bool = False,
     motion: Motion | None = None,
 ) -> dict[str, Any]:
@@ -64,7 +67,8 @@ def belief_section(
         "placed": scene.placed,
         "homed": scene.homed,
         "instrument": asdict(scene.instrument),
-        "scatter_mm": float(f"{scatter_mm:.4g}"),
+        "scatter_mm2": [float(f"{value:.4g}") for value in astuple(scatter)],
+        **({"outliers": [float(f"{value:.4g}") for value in astuple(outliers)]} if outliers.count else {}),
         **({"by_hand": True} if by_hand else {}),
         **({} if motion is None else {"motion_mm2": [float(f"{value:.4g}") for value in astuple(motion)]}),
         "turns_mm": list(scene.turns_mm),
@@ -114,11 +118,12 @@ def parse_belief(model: SavedModel) -> Belief | None:
     rows = section_of(section, "parts", list, _SUBJECT)
     if len(rows) > _MOST_PARTS:
         refuse(_SUBJECT, say("most-parts", _MOST_PARTS), f"{len(rows)}")
-    scatter_mm = abs(number(section, "scatter_mm", _SUBJECT))
     parts = tuple(_part(row, scene) for row in rows)
     if model.filament is not None:
         parts = (*parts, *known_filaments(model)[model.filament])
-    return Belief(scene, parts, placed, scatter_mm, bool(section.get("by_hand")), _motion(section))
+    return Belief(
+        scene, parts, placed, _scatter(section), _outliers(section), bool(section.get("by_hand")), _motion(section)
+    )
 
 
 def belief_of(model: SavedModel) -> Belief:
@@ -135,6 +140,24 @@ def says_nothing() -> ModelError:
         say("subject-model"), wanted=say("one-says-what-does-not-know"), came=say("one-older-printmend-learner"),
         todo=say("learn-again-from-trace"),
     )  # fmt: skip
+
+
+def _scatter(section: dict[str, Any]) -> Scatter:
+    if "scatter_mm2" not in section:  # files of older versions have a size alone
+        return Scatter(number(section, "scatter_mm", _SUBJECT) ** 2)
+    values = numbers(section, "scatter_mm2", _SUBJECT, 2)
+    if len(values) != 2 or values[1] < 0:
+        refuse(_SUBJECT, say("scatter-mm2-square-deviation"), say("something-else"))
+    return Scatter(float(values[0]), float(values[1]))
+
+
+def _outliers(section: dict[str, Any]) -> Outliers:
+    if "outliers" not in section:
+        return NO_OUTLIERS
+    values = numbers(section, "outliers", _SUBJECT, 3)
+    if len(values) != 3 or values.min() < 0 or values[0] > values[1]:
+        refuse(_SUBJECT, say("outliers-count-marks-square"), say("something-else"))
+    return Outliers(int(values[0]), int(values[1]), float(values[2]))
 
 
 def _motion(section: dict[str, Any]) -> Motion | None:

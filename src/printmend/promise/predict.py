@@ -353,7 +353,11 @@ def _local(mechanism: Mechanism, belief: Belief, path: PathPlaces, rng: np.rando
     least, most = numbers_of("rounding", "factors")
     rounding = DrawnCause((across2 @ (steps**2 / 12))[:, None], rng.uniform(least, most, DRAWS)[None] ** 2)
     # What marks scatter beyond their instrument is the plastic's and the machine's, in shares that nobody knows.
-    scatter = DrawnCause(one, rng.uniform(0.0, 1.0, DRAWS)[None] * belief.scatter_mm**2)
+    own = np.random.default_rng(SEED)  # other figures stay as they are
+    printers = rng.uniform(0.0, 1.0, DRAWS) * belief.scatter.quantiles_mm2(
+        own.permutation((np.arange(DRAWS) + 0.5) / DRAWS)
+    )
+    scatter = DrawnCause(one, (printers + belief.outliers.drawn_mm2(DRAWS, own))[None])
     return {"scatter": scatter, "motion": motion, "rounding": rounding}
 
 
