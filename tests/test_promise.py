@@ -21,6 +21,7 @@ from printmend.gcode.container import open_gcode
 from printmend.infer.machine import DRAWS
 from printmend.learn.learned import learn_model
 from printmend.machine import healthy_mechanism
+from printmend.learn.rows import _left_out
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
 from printmend.mend.mend import _check_worth_writing
@@ -382,6 +383,12 @@ def test_many_points_that_fit_no_model_are_the_printers_and_a_few_are_dirt() -> 
     assert np.mean(told[12] > 0) < 0.1
     assert np.mean(told[130] > 0) > 0.9
     assert 0.15 < np.median(told[130]) < told[130].max() <= 130 / 600
+
+
+@pytest.mark.parametrize(("by_hand", "words"), [(True, "check the table"), (False, "Look for dirt or damage")])
+def test_nobody_wrote_the_table_of_a_scan(by_hand: bool, words: str) -> None:
+    (found,) = _left_out(np.full((120, 2), 0.1), np.zeros((120, 2)), 600, by_hand=by_hand)
+    assert words in found.words
 
 
 def test_printers_drawn_with_outliers_have_as_many_as_is_said(rng: np.random.Generator) -> None:

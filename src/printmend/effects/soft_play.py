@@ -1,4 +1,4 @@
-"""Lost motion that builds up over some millimetres after a reversal: a cable, a seal, a wheel that winds up."""
+"""Lost motion that builds up over some millimetres after a reversal: a cable or a wheel winds up, a head tilts."""
 
 from collections.abc import Iterator, Sequence
 
@@ -11,7 +11,8 @@ from printmend.messages import say
 
 
 class SoftPlay(Usual):
-    """Friction against a spring (Dahl 1968): after a reversal a belt falls behind by degrees, over a length.
+    """Friction against a spring (Dahl 1968): after a reversal a belt falls behind by degrees, over a length; below 0 it
+    runs ahead, as the tip of a head does that tilts.
 
     Its lag z, from −1 to 1 of half the size, follows dz/ds = (±1 − z)/length along the motor's way s. After strokes
     that ended c₁ < c₂ < … mm ago it is ±(1 − 2 exp(−c₁/length) + 2 exp(−c₂/length) − …). The last known stroke counts
@@ -19,13 +20,12 @@ class SoftPlay(Usual):
     """
 
     name = "soft_play"
-    positive = True
     keys = Numbers(("size_mm",), ("length_mm",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             shapes = [(length_mm,) for length_mm in numbers_of(self.name, "lengths")]
-            yield from alternatives(self.name, motor, shapes, positive=True)
+            yield from alternatives(self.name, motor, shapes)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         lag = 0.5 * places.side[:, where].astype(float)
@@ -42,5 +42,6 @@ class SoftPlay(Usual):
             yield (length_mm,)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        size, most = f"{abs(found.sizes_mm[0]):.2f}", f"{2 * found.shape[0]:.0f}"
-        yield Told("soft-play", say("falls-behind-by-degrees", carrier_name(scene, found.where), size, most))
+        size, most = float(found.sizes_mm[0]), f"{2 * found.shape[0]:.0f}"
+        message = "falls-behind-by-degrees" if size > 0 else "runs-ahead-by-degrees"
+        yield Told("soft-play", say(message, carrier_name(scene, found.where), f"{abs(size):.2f}", most))
