@@ -113,6 +113,12 @@ class Fit:
         known = trace.measured_rows & ~trace.wall_rows & (self.contacts.row >= 0).all(axis=1)
         return np.where(known[:, None], trace.measured_mm - self.places_mm(), np.nan)
 
+    @property
+    def freedom(self) -> float:
+        """How many sizes the rows determine: of those that the prior holds a share (MacKay 1992)."""
+        sds_mm = np.concatenate([self.dictionary.blocks[b].sds_mm[variant] for b, variant in self.state.members])
+        return float(np.sum(1.0 - np.square(self.state.root).sum(axis=0) / sds_mm**2))
+
     def left_mm(self) -> np.ndarray:
         """Return the residuals of the measured numbers [M] under the set."""
         return left_of(self.rows, self.dictionary, self.state)

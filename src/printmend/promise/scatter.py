@@ -19,9 +19,10 @@ class Scatter:
     sd_mm2: float = 0.0
 
     @classmethod
-    def of(cls, left_mm: np.ndarray, sizes: int, own_mm: float | None) -> "Scatter":
-        """Return the scatter of residuals [M] of a fit of so many sizes, whose instrument scatters by ``own_mm``: none
-        where it does not say. The variance of normal noise from n numbers has a relative deviation of √(2/n)."""
+    def of(cls, left_mm: np.ndarray, sizes: float, own_mm: float | None) -> "Scatter":
+        """Return the scatter of residuals [M] of a fit that the rows gave so many ``sizes``, with an instrument that
+        scatters by ``own_mm``: none where it does not say. The variance of normal noise from n numbers has a relative
+        deviation of √(2/n)."""
         if own_mm is None:
             return cls()
         free = max(left_mm.size - sizes, 1)
