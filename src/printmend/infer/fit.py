@@ -130,7 +130,23 @@ def fitted(
 ) -> Fit:  # fmt: skip
     """Return the effects that a trace shows; the machine of the ``first`` fit, or else a healthy one, tells the first
     contacts. Without ``kept`` and ``names``, the terms and effects to look for, it looks for all; to be ``quick``, in
-    few marks."""
+    few marks.
+
+    What is `LIKE_PLAY` is judged a second time at the contacts of a machine that has play instead.
+    """
+    fit = _fitted(trace, scene, first, kept, names, quick=quick)
+    if not any(block.effect in LIKE_PLAY for block in fit.blocks):
+        return fit
+    others = tuple(name for name in names or EFFECTS if name not in LIKE_PLAY)
+    tight = _fitted(trace, scene, first, kept, others, quick=True)
+    return max(fit, _fitted(trace, scene, tight, kept, names, quick=quick), key=lambda each: each.state.score)
+
+
+def _fitted(
+    trace: Trace, scene: Scene, first: Fit | None, kept: Callable[[Term], bool] | None, names: Sequence[str] | None, *,
+    quick: bool,
+) -> Fit:  # fmt: skip
+    """Return the fit to which these first contacts lead."""
     most = FEW_MARKS if quick else MOST_MARKS
     mechanism = healthy_mechanism(scene.printer) if first is None else first.mechanism
     turned_rad, parts = (0.0, []) if first is None else (first.turned_rad, first.parts())
@@ -500,18 +516,15 @@ class Turn:
 
 def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
     """Return a fit of few effects, in whose scene the motors' turns are as long as the trace says, and the trace as the
-    motors really went: where one lost steps, its pulley turned by less. Each length is judged at its own contacts, and
-    so is play: others are `LIKE_PLAY` where belts are thought to touch everywhere."""
+    motors really went: where one lost steps, its pulley turned by less. Each length is judged at its own
+    contacts."""
 
     def told(scene: Scene, before: Fit | None, names: tuple[str, ...] = FEW) -> Fit:
-        fit = fitted(trace, scene, before, names=names, quick=True)
+        fit = fitted(trace, scene, before, kept=_is_told_at_first, names=names, quick=True)
         places, rows = narrowed(fit.places, fit.rows)
         return replace(fit, places=places, rows=rows)
 
     still = told(scene, None, STILL)
-    if any(block.effect in LIKE_PLAY for block in still.blocks):
-        tight = tuple(name for name in STILL if name not in LIKE_PLAY)
-        still = max(still, told(scene, None, tight), key=lambda fit: fit.state.score)
     best, odds = told(scene, still), 0.0
     for round_, base in enumerate((still, None)):
         rivals = [rival for motor in range(2) if (rival := _rival(base or best, motor, near=round_ > 0)) is not None]
@@ -520,6 +533,12 @@ def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
             if other.state.score + turn.log_odds > best.state.score + odds:
                 best, odds = other, odds + turn.log_odds
     return best, _as_turned(trace, best)
+
+
+def _is_told_at_first(term: Term) -> bool:
+    """Tell whether play does not resemble a term while contacts are unknown: what builds up over less than its width
+    does."""
+    return term.effect != "soft_play" or term.shape[0] >= number_of("play", "widest")
 
 
 def _as_turned(trace: Trace, fit: Fit) -> Trace:
