@@ -116,7 +116,8 @@ class Fit:
     @property
     def freedom(self) -> float:
         """How many sizes the rows determine: of those that the prior holds a share (MacKay 1992)."""
-        sds_mm = np.concatenate([self.dictionary.blocks[b].sds_mm[variant] for b, variant in self.state.members])
+        own = (self.dictionary.blocks[b].sds_mm[variant] for b, variant in self.state.members)
+        sds_mm = np.concatenate([np.zeros(0), *own])
         return float(np.sum(1.0 - np.square(self.state.root).sum(axis=0) / sds_mm**2))
 
     def left_mm(self) -> np.ndarray:
