@@ -10,7 +10,7 @@ import pytest
 from scipy import special
 
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, places_of, scene_of
-from printmend.effects.effect import drawn_places, drawn_sizes, moves_of
+from printmend.effects.effect import LINEAR, drawn_places, drawn_sizes, moves_of
 from printmend.effects.prior import NEAR_SHARE, share_of
 from printmend.effects.sized import Sized, frame_of
 from printmend.effects.words import Found
@@ -579,6 +579,37 @@ def test_causes_that_stand_for_another_only_together_are_doubted(rng: np.random.
     found = doubted(search, stuck)
     assert found.members == max(every, key=lambda each: each.score).members == ((2, 0),)
     assert doubted(search, found) is found
+
+
+def test_two_linear_causes_are_exchanged_for_two_others_and_drawn_by_their_weight(rng: np.random.Generator) -> None:
+    """Two scales of a CoreXY are two leans. No exchange of one helps, and without one another scale stands for it."""
+    x, y = rng.uniform(-1.0, 1.0, (2, 60))
+    none, one = np.zeros(60), np.ones(120)
+    belts = np.stack([np.append(x + y, x + y), np.append(x - y, y - x)], axis=1) / 2
+    columns = np.column_stack([belts, np.append(y, none), np.append(none, x), np.append(x, y)])
+    odds = {("scale", 0): -2.0, ("scale", 1): -2.0, ("skew", 0): -1.5, ("skew", 1): -1.5, ("resized", 0): -3.0}
+    blocks = tuple(
+        Block(name, where, (), slice(b, b + 1), np.array([[1.0]]), np.array([odds[name, where]]))
+        for b, (name, where) in enumerate(odds)
+    )
+    error = np.append(y, x) + 0.01 * rng.standard_normal(120)
+    search = search_of(Dictionary(blocks, columns), Rows(np.arange(120), np.ones((120, 2)), error, one, one), one)
+    scales, leans = (search.posterior(members, 0.01, rounds=0) for members in (((0, 0), (1, 0)), ((2, 0), (3, 0))))
+    stuck = searched(search, scales.members, 0.01)
+    assert stuck.members == scales.members
+    assert doubted(search, stuck).members == leans.members
+    drawn = Counter(each for _ in range(20) for each in drawn_sets(search, leans, rng))
+    assert drawn[scales.members] / drawn[leans.members] == pytest.approx(np.exp(scales.score - leans.score), rel=0.3)
+
+
+def test_linear_effects_are_linear() -> None:
+    for scene in scenes():
+        places = drawn_places(scene)
+        off_mm = np.column_stack([np.ones(len(places)), scene.off_middle(places.bed_mm)])
+        for term in (term for name in LINEAR for term in EFFECTS[name].terms(scene)):
+            columns = columns_of(term.effect, places, term.where, term.shape, scene)[:, :, 0]
+            assert np.allclose(off_mm @ np.linalg.lstsq(off_mm, columns, rcond=None)[0], columns)
+            assert not term.shape
 
 
 def test_a_cause_that_stands_for_two_takes_their_place(rng: np.random.Generator) -> None:

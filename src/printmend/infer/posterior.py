@@ -20,7 +20,7 @@ from printmend.infer.fit import Fit
 from printmend.infer.gram import Block, summed
 from printmend.infer.machine import DRAWS, Part
 from printmend.infer.scatter import log_below
-from printmend.infer.search import LEAST_BETTER, LEAST_LOG_WEIGHT, Gains, Search, Set, State
+from printmend.infer.search import LEAST_BETTER, LEAST_LOG_WEIGHT, Gains, Search, Set, State, likely_linear
 from printmend.metrics.robust import DEGREES
 
 # Drawn machines from few numbers, where many sets of effects are equally likely: Gibbs sampling over sets.
@@ -296,11 +296,13 @@ def of_shape(moved_mm: np.ndarray, places: Places) -> np.ndarray:
 def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> list[Set]:
     """Return a set for each draw: where a chain of its own ends that began with the likeliest set.
 
-    Members that nothing replaces stay, and are drawn in one of their sizes. What may only come beside the likeliest set
-    is no part of the chains: each of these many blocks may come to any set, whatever others do.
+    Members that nothing replaces stay, and are drawn in one of their sizes. Linear effects are exchanged all at once,
+    too. What may only come beside the likeliest set is no part of the chains: each of these many blocks may come to any
+    set, whatever others do.
     """
     search = search.apart()
-    rivals, sizes, more = _beside(search, likeliest)
+    linear = _linear(search, likeliest)
+    rivals, sizes, more = _beside(search, likeliest, linear)
     alternatives: dict[int, list[int]] = {}
     for b, variant in dict.fromkeys([*likeliest.members, *itertools.chain(*rivals)]):
         alternatives.setdefault(b, []).append(variant)
@@ -313,24 +315,30 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     staying: Set = tuple(member for member in sure if not few.dictionary.blocks[member[0]].positive)
     few = few.given(staying, likeliest.sigma_mm)
     few = replace(few, gram=summed([few.gram], len(few.gram.slope)))  # every chain asks for the same products
-    chain = _Chain(few, staying, likeliest.sigma_mm)
+    together = [tuple(number[member] for member in choice) for choice in linear]
+    chain = _Chain(few, staying, likeliest.sigma_mm, together)
     sets: list[Set] = [tuple(member for member in every if member not in staying)] * DRAWS
     for some in rivals * ROUNDS:
         mine = frozenset(number[each][0] for each in some)
         for _ in range(1 + len(set(likeliest.members).intersection(some))):  # a step takes one of them away, or none
             alike = Counter(sets).items()
             sets = [each for members, count in alike for each in chain.stepped(members, count, mine, rng)]
+        if not mine.isdisjoint(b for choice in together for b, _ in choice):
+            alike = Counter(sets).items()
+            sets = [each for members, count in alike for each in chain.regrouped(members, count, rng)]
     chained = [tuple(key[member] for member in (*staying, *members)) for members in sets]
     return [tuple(sorted(each)) for each in _with_more(search, _resized(chained, sizes, rng), more, rng)]
 
 
 @dataclass(frozen=True, eq=False)
 class _Chain:
-    """Steps among sets beside members that are ``staying``. ``known`` is what may come to sets that were asked for."""
+    """Steps among sets beside members that are ``staying``. ``together`` are sets of linear effects that may take each
+    other's place. ``known`` is what may come to sets that were asked for."""
 
     search: Search
     staying: Set
     sigma_mm: float
+    together: list[Set] = field(default_factory=list)
     known: dict[tuple[Set, frozenset[int]], Gains] = field(default_factory=dict, init=False)
 
     def stepped(self, members: Set, count: int, rivals: frozenset[int], rng: np.random.Generator) -> Iterator[Set]:
@@ -348,6 +356,18 @@ class _Chain:
             for choice in drawn_by(odds, often, rng).tolist():
                 chosen = gains.keys[choice : choice + 1].tolist()  # none where it is the last
                 yield (*others, *((b, variant) for b, variant in chosen))
+
+    def regrouped(self, members: Set, count: int, rng: np.random.Generator) -> Iterator[Set]:
+        """Choose all linear effects anew, by what they add to the score (Gibbs sampling), for ``count`` draws that have
+        a set."""
+        linear = {b for choice in self.together for b, _ in choice}
+        others = tuple(member for member in members if member[0] not in linear)
+        own = tuple(sorted(member for member in members if member[0] in linear))
+        choices = list(dict.fromkeys([own, *(tuple(sorted(choice)) for choice in self.together)]))
+        state = self.search.posterior(others, self.sigma_mm, rounds=0)
+        odds = _chances(self.search.beside(state).together(choices))
+        for choice in drawn_by(odds, count, rng).tolist():
+            yield tuple(sorted((*others, *choices[choice])))
 
     def _gains(self, others: Set, rivals: frozenset[int]) -> Gains:
         if (others, rivals) not in self.known:
@@ -396,17 +416,29 @@ def _with_more(search: Search, sets: list[Set], more: Gains, rng: np.random.Gene
         yield members
 
 
-def _beside(search: Search, likeliest: State) -> tuple[list[Set], dict[tuple[int, int], Gains], Gains]:
+def _linear(search: Search, likeliest: State) -> list[Set]:
+    """Return the sets of linear effects that may take the place of the likeliest set's; none where all of them are the
+    same effects, or where it has none."""
+    choices, _ = likely_linear(search, likeliest)
+    there = frozenset(b for b, _ in set(likeliest.members).intersection(search.linear))
+    return choices if there and {frozenset(dict(choice)) for choice in choices} != {there} else []
+
+
+def _beside(
+    search: Search, likeliest: State, linear: Sequence[Set] = ()
+) -> tuple[list[Set], dict[tuple[int, int], Gains], Gains]:
     """Return each group of members of the likeliest set with what may come in their place; the members whose place
-    nothing does, with their alternatives in size; and what all other blocks add beside the set."""
+    nothing does, with their alternatives in size; and what all other blocks add beside the set. Sets of ``linear``
+    effects may take each other's place."""
     members, beside = likeliest.members, search.beside(likeliest)
-    rivals: list[Set] = []
+    together = tuple(dict.fromkeys(itertools.chain(*linear)))
+    rivals: list[Set] = [together] if linear else []
     sure, more = {}, beside.gains(search.offered(members))
     for at, member in enumerate(members):
         others = (*members[:at], *members[at + 1 :])
         gains = beside.without(member).gains(search.offered(others), LEAST_LOG_WEIGHT).above(LEAST_LOG_WEIGHT)
         blocks = {member[0], *gains.keys[:, 0].tolist()}
-        if blocks == {member[0]} and gains.values.max() > -LEAST_LOG_WEIGHT:
+        if blocks == {member[0]} and not blocks.intersection(dict(together)) and gains.values.max() > -LEAST_LOG_WEIGHT:
             sure[member] = gains
             continue
         alike = [each for each in rivals if not blocks.isdisjoint(b for b, _ in each)]

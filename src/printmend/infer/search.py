@@ -1,11 +1,15 @@
 """Which set of effects made a measurement: forward, backward and swap steps by log evidence and prior odds.
 
+Effects that are linear in the place on the bed span so small a space that several stand for several others. So all
+their sets are compared at once.
+
 With the noise σ and a set's prior variances V given, errors are normal with covariance σ² + Φ V Φᵀ. What one block
 gains beside a set follows from the block's share of the Gram matrix alone: with S its information and r its slope once
 the set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (MacKay 1992; Tipping & Faul 2003). A size that
 must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard deviation) times as large.
 """
 
+import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,6 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from printmend.effects import EFFECTS
+from printmend.effects.effect import LINEAR
 from printmend.infer import kernels
 from printmend.infer.gram import Block, Dictionary, Gram, Rows, gram_of, laid_side_by_side, products, slices
 from printmend.infer.scatter import inverse_of, log_below
@@ -21,6 +26,7 @@ LEAST_SIGMA_MM = 2e-3  # of any instrument; tables and G-code are written to hal
 LEAST_BETTER = 1e-6  # of the score: what rounding leaves
 LEAST_LOG_WEIGHT = -9.0  # what is less likely than e^−9 of something else hardly ever happens beside it
 SETTLED_SHARE = 1e-3  # of the noise's variance: a score near its maximum changes by the square
+MOST_LINEAR = 4  # effects that are linear in the place on the bed: more span nothing more, since it has four numbers
 Set = tuple[tuple[int, int], ...]  # (block, alternative in size) of each member
 
 
@@ -144,6 +150,22 @@ class Search:
         blocks = self.dictionary.blocks
         columns = columns_at(blocks[b] for b, _ in members)
         return columns, np.concatenate([np.zeros(0), *(blocks[b].sds_mm[v] for b, v in members)])
+
+    @cached_property
+    def linear(self) -> Set:
+        """The alternatives of all effects that are linear in the place on the bed, but of those that are likely before
+        the rows say anything."""
+        return tuple(
+            (b, variant)
+            for b, block in enumerate(self.dictionary.blocks)
+            if block.effect in LINEAR and not block.shape and block.log_odds[0] < 0
+            for variant in range(len(block.log_odds))
+        )
+
+    def without_linear(self, state: State) -> State:
+        """Return a state without its linear effects, under the same noise."""
+        others = tuple(member for member in state.members if member not in self.linear)
+        return self.posterior(others, state.sigma_mm, rounds=0)
 
     def narrowed(self, blocks: Sequence[Block]) -> "Search":
         """Return the search among some of the blocks alone, in this order; each may have fewer alternatives in size."""
@@ -306,6 +328,24 @@ class Beside:
             ]
         )
 
+    def together(self, choices: Sequence[Set]) -> np.ndarray:
+        """Return what each of some sets of blocks of one column, which may have either sign, adds to the score [C]."""
+        known = list(dict.fromkeys(member for choice in choices for member in choice))
+        blocks = list(dict.fromkeys(b for b, _ in known))
+        columns, at = columns_at(self.search.dictionary.blocks[b] for b in blocks), {b: k for k, b in enumerate(blocks)}
+        sds_mm, log_odds = np.zeros((len(choices), len(blocks))), np.zeros(len(choices))
+        for number, choice in enumerate(choices):
+            for b, variant in choice:
+                block = self.search.dictionary.blocks[b]
+                sds_mm[number, at[b]] = block.sds_mm[variant, 0]
+                log_odds[number] += block.log_odds[variant]
+        told = self.search.gram.between(columns, columns) / self.state.sigma_mm**2
+        told -= self.half[:, columns].T @ self.half[:, columns]
+        whole = np.eye(len(blocks)) + sds_mm[:, :, None] * told * sds_mm[:, None, :]
+        pull = sds_mm * self.slope[columns]
+        mean = np.linalg.solve(whole, pull[:, :, None])[:, :, 0]
+        return np.asarray(np.sum(pull * mean, axis=1) / 2 - np.linalg.slogdet(whole)[1] / 2 + log_odds)
+
     def without(self, member: tuple[int, int]) -> "Less":
         """Return the same beside the state without a member: its sizes are 0.
 
@@ -432,13 +472,41 @@ def searched(search: Search, start: Set, sigma_mm: float) -> State:
     return _climbed(search, search.posterior(start, sigma_mm))
 
 
+def likely_linear(search: Search, state: State) -> tuple[list[Set], np.ndarray]:
+    """Return the sets of linear effects that may take the place of a state's, and the score of each.
+
+    Any four of them span what all do, so several may stand for several others while no single exchange helps. All of
+    them are weighed at once.
+    """
+    others = search.without_linear(state)
+    choices = [
+        choice
+        for count in range(MOST_LINEAR + 1)
+        for choice in itertools.combinations(search.linear, count)
+        if len({search.dictionary.blocks[b].slot for b, _ in choice}) == count
+    ]
+    scores = others.score + search.beside(others).together(choices)
+    likely = np.flatnonzero(scores > scores.max() + LEAST_LOG_WEIGHT)
+    return [choices[at] for at in likely.tolist()], scores[likely]
+
+
+def _regrouped(search: Search, state: State) -> State:
+    """Return the likeliest set with other linear effects in place of a state's."""
+    choices, scores = likely_linear(search, state)
+    others = tuple(member for member in state.members if member not in search.linear)
+    better = search.posterior((*others, *choices[int(np.argmax(scores))]), state.sigma_mm)
+    return _climbed(search, better) if better.score > state.score + LEAST_BETTER else state
+
+
 def doubted(search: Search, state: State) -> State:
     """Return the likeliest set that is reached from ``state`` where each of its members in turn may be wrong.
 
     Several blocks may stand for several others while no single exchange helps. So steps begin again beside the other
     members, without any block of the slot of the one in doubt. They drop others or exchange them within their slots,
-    and then add blocks. Members that are likely before the rows say anything stay.
+    and then add blocks. Members that are likely before the rows say anything stay. Linear effects are all exchanged at
+    once first.
     """
+    state = _regrouped(search, state)
     for member in reversed(state.members):
         is_likely = search.dictionary.blocks[member[0]].log_odds[member[1]] >= 0
         if is_likely or member not in state.members or search.needed(state.members, member):

@@ -13,7 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
-from printmend.effects.effect import LONG_MM
+from printmend.effects.effect import LINEAR, LONG_MM
 from printmend.effects.prior import number_of, numbers_of
 from printmend.effects.switch import drawn_shifts_mm
 from printmend.infer.machine import DRAWS, Part
@@ -37,7 +37,6 @@ MOST_PLACES = 512  # most places of a path that are evaluated: 2048 change no fi
 LOW, HIGH = 0.05, 0.95  # quantiles of the drawn machines that bound the 90 % range
 UNSHOWN_MM, UNSHOWN_SD = number_of("unshown", "median"), number_of("unshown", "log_sd")  # lines at speed narrow it
 CELL_MM = number_of("unshown", "length")  # over which errors are alike
-LINEAR = ("scale", "skew", "aspect", "resized")  # effects that a scanner's own stretch looks like
 LASTING = ("scatter", "motion")  # local causes whose errors are alike at neighbouring places, as rounding is not
 NO_ERROR_MM2 = 1e-12  # mean square below which a path shows no error
 STANDS_SHARE = 1e-3  # of a move's length that a motor may go and yet stands still: rounded coordinates move it
