@@ -529,6 +529,19 @@ def test_a_certain_cause_acts_though_another_is_in_doubt(rng: np.random.Generato
     assert [part.acts_mm[0] for part in acting(scene, (play, sure))] == [0.3, 0.5]
 
 
+def test_a_guide_that_ends_steeply_makes_no_lean(rng: np.random.Generator) -> None:
+    """A skewed CoreXY with a rail that waves: its lean is as large as it is, whatever slope the wave ends with."""
+    printer, (path, dots) = read_printer("corexy"), path_of(read_printer("corexy"))
+    x, y = path.T
+    off_mm = np.stack([0.0012 * y, 0.05 * np.sin((x - 20) / 45)], axis=1)
+    for _ in range(3):
+        seen = path + off_mm - off_mm[0] + rng.normal(0, 0.01, path.shape)
+        model = learn_model(Trace(path, np.where(dots[:, None], seen, np.nan), homed=True), printer)
+        (lean,) = (fault for fault in model.document["diagnosis"] if fault["kind"] == "skew")
+        assert abs(lean["value"]) == pytest.approx(np.degrees(0.0012), abs=0.015)
+        assert not [fault for fault in model.document["diagnosis"] if fault["kind"] == "scale"]
+
+
 def test_what_changes_play_comes_only_with_play_and_keeps_it(rng: np.random.Generator) -> None:
     """Motors that turn one way alone see changes of play as an uneven pulley: one cause that may be, another not."""
     columns = np.hstack([np.ones((40, 1)), rng.standard_normal((40, 2))])

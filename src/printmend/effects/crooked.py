@@ -1,21 +1,32 @@
 """A crooked or dented guide without a pattern: it pushes the head aside by a Gaussian process of the place on it."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, along
+from printmend.effects.effect import Acts, Places, Scene, Term, along
+from printmend.effects.prior import numbers_of
 from printmend.effects.process import Process, cosines, plane_waves, rates_rad, share_of_span
 from printmend.effects.words import LEAST_SHOWN_MM, PLACES, Care, Fault, Found
 from printmend.messages import say
 
 
 class Crooked(Process):
-    """Cosines over the measured span of one bed axis, which push along the other."""
+    """Cosines over a span of one bed axis, which push along the other.
+
+    None of them has a slope at the ends of its span. So that a guide may have one where the measurement ends, the span
+    is longer than what was measured. Else a leaning axis would stand for that slope.
+    """
 
     name = "crooked"
     acts = Acts.WAVE
-    count = 40  # cosines: over 200 mm the shortest is 10 mm long
+    count = 52  # cosines: over 264 mm the shortest is 10 mm long
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        more_mm = max(numbers_of(self.name, "lengths")) / 2
+        first, second = ((low - more_mm, high + more_mm) for low, high in scene.bed_span_mm)
+        return super().terms(replace(scene, bed_span_mm=(first, second)))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         """Return its cosines; beyond the span they come back, for the waves of a frame have no end."""
@@ -28,7 +39,7 @@ class Crooked(Process):
         return plane_waves(rates, rates[:, where] * shape[0], 1 - where, sizes_mm)
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        place = np.linspace(found.shape[0], found.shape[1], PLACES)
+        place = np.linspace(*scene.bed_span_mm[found.where], PLACES)
         series = self.series(place, found.shape)
         size, sd = found.size(lambda sizes: float(np.abs(series @ sizes).max()))
         if size >= LEAST_SHOWN_MM:
