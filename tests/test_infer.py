@@ -18,7 +18,7 @@ from printmend.infer import kernels
 from printmend.infer.fit import fitted, home_sd_of, weighed, worn
 from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, gram_of, seen
 from printmend.infer.machine import DRAWS, Part, machine_of
-from printmend.infer.posterior import acting, drawn_by, drawn_of, drawn_sets, likely_set, posterior_of
+from printmend.infer.posterior import acting, central, drawn_by, drawn_of, drawn_sets, likely_set, posterior_of
 from printmend.infer.scatter import inverse_of, log_below
 from printmend.infer.search import State, doubted, search_of, searched
 from printmend.learn.learned import learn, learn_model
@@ -527,6 +527,37 @@ def test_a_certain_cause_acts_though_another_is_in_doubt(rng: np.random.Generato
         assert acts == {"play": 0.3, "scale": 0.0}
     sure = replace(scale, draws_mm=np.full((1, DRAWS), 0.5))
     assert [part.acts_mm[0] for part in acting(scene, (play, sure))] == [0.3, 0.5]
+
+
+def test_what_helps_only_together_acts_together_and_takes_nothing_else_with_it(rng: np.random.Generator) -> None:
+    """Two leans nearly cancel. Each helps beside the other; where no machine has them, neither acts, and play does."""
+    scene = replace(scene_for(read_printer("ender3")), placed=False)
+    play = Part("play", 1, (), np.array([0.3]), 0.3 + rng.normal(0, 0.001, (1, DRAWS)))
+    leans = [
+        Part("skew", where, (), np.array([size]), np.full((1, DRAWS), size)) for where, size in ((0, 0.4), (1, -0.3))
+    ]
+    assert [part.acts_mm[0] for part in acting(scene, (*leans, play))] == [0.4, -0.3, 0.3]
+    absent = [replace(each, draws_mm=np.zeros((1, DRAWS))) for each in leans]
+    assert [part.acts_mm[0] for part in acting(scene, (*absent, play))] == [0.0, 0.0, 0.3]
+
+
+def test_of_causes_that_look_alike_the_one_between_the_others_acts(rng: np.random.Generator) -> None:
+    """In a scan of a CoreXY whose scale is open, a lean is that of the frame or of either belt."""
+    printer = read_printer("corexy")
+    path, _ = path_of(printer)
+    trace = Trace(path, path, homed=True, placed=False)
+    fit = fitted(trace, scene_of(trace, printer), names=("turn", "scale", "skew"), quick=True)
+    number = {block.slot: b for b, block in enumerate(fit.dictionary.blocks)}
+    sizes = {("scale", 0): 0.4, ("skew", 0): 0.4, ("scale", 1): -0.4}
+    at = rng.permutation(DRAWS) % 3
+    drawn, states = {}, []
+    for k, (slot, size) in enumerate(sizes.items()):
+        drawn[number[slot]] = Part(*slot, (), np.zeros(1), size * (at == k)[None])
+        columns = np.array([fit.dictionary.blocks[number[slot]].at.start])
+        states.append(State(((number[slot], 0),), columns, np.array([size]), np.eye(1), 0.01, 0.0))
+    assert central(fit, drawn, states) is states[1]
+    first = number["scale", 0]
+    assert central(fit, {first: replace(drawn[first], draws_mm=np.full((1, DRAWS), 0.4))}, states) is states[0]
 
 
 def test_a_guide_that_ends_steeply_makes_no_lean(rng: np.random.Generator) -> None:

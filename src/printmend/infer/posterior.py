@@ -8,7 +8,7 @@ errors, and hardly any of them gains nothing by it.
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
 from printmend.effects.effect import drawn_places
 from printmend.effects.homing import lasting
 from printmend.infer.fit import Fit
-from printmend.infer.gram import Block, summed
+from printmend.infer.gram import Block, Dictionary, summed
 from printmend.infer.machine import DRAWS, Part
 from printmend.infer.scatter import log_below
 from printmend.infer.search import LEAST_BETTER, LEAST_LOG_WEIGHT, Gains, Search, Set, State, likely_linear
@@ -169,6 +169,7 @@ def _sizes(
 
 ROUNDS = 3  # of the chain of each draw
 TRIES = 64  # draws for each one whose sizes have to be above 0
+ALIKE_ERRORS = 2.0  # standard errors of a mean: in 19 of 20 cases it lies within them
 MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better mended
 
 
@@ -197,9 +198,8 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     likeliest = max(states.values(), key=lambda state: state.score)
     if likeliest.score > fit.state.score + LEAST_BETTER:  # the chain may find a likelier set than the search did
         fit = replace(fit, state=likeliest)
-    fit = replace(fit, state=likely_set(fit.search, fit.state, sets))
-    likely = [b for b, _ in fit.state.members]
-    order = dict.fromkeys([*likely, *(b for members in sets for b, _ in members)])
+    likely = likely_set(fit.search, fit.state, sets)
+    order = dict.fromkeys(b for members in (likely.members, *sets) for b, _ in members)
     draws = {b: np.zeros((blocks[b].width, DRAWS)) for b in order}
     first_draw = 0
     for members, count in sets.items():
@@ -208,9 +208,11 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
         sizes_mm = drawn_of(state, fit.search.positive[state.columns], count, rng)
         for (b, _), own in zip(members, fit.dictionary.own(members), strict=True):
             draws[b][:, mine] = sizes_mm[own]
-    owned = zip(likely, fit.parts(), strict=True)
-    acts = {b: part.sizes_mm for b, part in owned if EFFECTS[part.effect].acts is not Acts.NOT}
-    parts = [Part(*blocks[b].key, acts.get(b, np.zeros(len(each))), each) for b, each in draws.items()]
+    drawn = {b: Part(*blocks[b].key, np.zeros(len(each)), each) for b, each in draws.items()}
+    fit = replace(fit, state=central(fit, drawn, [likely, *sorted(states.values(), key=lambda each: -each.score)]))
+    acting_mm = _acting_mm(fit.dictionary, [fit.state])[:, 0]
+    order = dict.fromkeys([*(b for b, _ in fit.state.members), *drawn])
+    parts = [replace(drawn[b], acts_mm=acting_mm[blocks[b].at]) for b in order]
     return Posterior(fit.scene, tuple(acting(fit.scene, parts)), fit.state.sigma_mm, _nats(fit))
 
 
@@ -229,6 +231,41 @@ def likely_set(search: Search, likeliest: State, sets: Counter[Set]) -> State:
             more, _ = search.gains(state, np.array(alike)).best()
             state = search.posterior((*state.members, more), state.sigma_mm, rounds=0)
     return state
+
+
+def central(fit: Fit, drawn: Mapping[int, Part], states: Sequence[State]) -> State:
+    """Return the first of some states whose machine the drawn machines differ from as little as from any.
+
+    What they differ by is the mean square over the measured places; `ALIKE_ERRORS` of it do not count. Causes that look
+    alike to a scanner may be far apart in what mending does. Of three such, the likeliest may be the one that is
+    farthest from both others.
+    """
+    places, sizes_mm = drawn_places(fit.scene), _acting_mm(fit.dictionary, states)
+    machines, prints = np.zeros((2 * len(places), len(states))), np.zeros((2 * len(places), DRAWS))
+    for b, part in drawn.items():
+        if EFFECTS[part.effect].of is Of.MACHINE:
+            columns = seen_at(part, places, fit.scene)
+            machines += columns @ sizes_mm[fit.dictionary.blocks[b].at]
+            prints += columns @ part.draws_mm
+    loss = np.square(machines).sum(axis=0) - 2 * prints.T @ machines  # [D, S], but for what all states share
+    more = loss - loss[:, [int(np.argmin(loss.mean(axis=0)))]]
+    return states[int(np.argmax(more.mean(axis=0) <= ALIKE_ERRORS * more.std(axis=0) / np.sqrt(DRAWS)))]
+
+
+def _acting_mm(dictionary: Dictionary, states: Sequence[State]) -> np.ndarray:
+    """Return the sizes [P, S] of a dictionary's columns in the machines of some states: 0 where none holds them."""
+    sizes_mm = np.stack([state.laid_out_mm(dictionary.columns.shape[1]) for state in states], axis=1)
+    for block in dictionary.blocks:
+        if EFFECTS[block.effect].acts is Acts.NOT:
+            sizes_mm[block.at] = 0.0
+    return sizes_mm
+
+
+def seen_at(part: Part, places: Places, scene: Scene) -> np.ndarray:
+    """Return how far a part moves places [2N, P] for one unit of each size, less what a shift or a turn of the whole
+    print does where nobody knows how it lay."""
+    columns = columns_of(part.effect, places, part.where, part.shape, scene)
+    return (columns if scene.placed else of_shape(columns, places)).reshape(2 * len(places), -1)
 
 
 def drawn_of(state: State, positive: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -251,33 +288,35 @@ def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
     """Yield the parts; one acts no longer where the drawn machines' expected square error is smaller without it, or
     where too many of these machines would gain nothing with it.
 
-    Errors count over the measured places. Parts are asked one by one, the most harmful beside the others first, then
-    the one without which most machines gain. Wear of the measured print acts beside parts of the machine alone: where a
-    belt with new play rests at home, nobody knows.
+    Errors count over the measured places. Parts that may act are taken in and left out one by one, those that help most
+    first. They begin once with all and once with none, for some help only beside others. Then the one without which
+    most machines gain is left out. Wear of the measured print acts beside parts of the machine alone: where a belt with
+    new play rests at home, nobody knows.
     """
     places, machine = drawn_places(scene), np.array([EFFECTS[part.effect].of is Of.MACHINE for part in parts], bool)
-    drawn_mm, acts_mm = np.zeros((len(places), 2, DRAWS)), np.zeros((len(places), 2, len(parts)))
+    acts, drawn = np.zeros((2 * len(places), len(parts))), np.zeros((2 * len(places), DRAWS))
     for at, part in enumerate(parts):
         if machine[at]:
-            columns = columns_of(part.effect, places, part.where, part.shape, scene)
-            drawn_mm += columns @ part.draws_mm
-            acts_mm[:, :, at] = columns @ part.acts_mm
-    acts, drawn = (
-        (each if scene.placed else of_shape(each, places)).reshape(2 * len(places), -1) for each in (acts_mm, drawn_mm)
-    )
+            columns = seen_at(part, places, scene)
+            acts[:, at] = columns @ part.acts_mm
+            drawn += columns @ part.draws_mm
     products, pull = acts.T @ acts, acts.T @ drawn
-    kept = machine & np.array([part.acts_mm.any() for part in parts], bool)
-    while kept.any():
-        gains = 2 * (pull.mean(axis=1) - products @ kept) + np.diag(products)
-        worst = int(np.argmin(np.where(kept, gains, np.inf)))
-        if gains[worst] >= 0:
-            break
-        kept[worst] = False
+    mine = machine & np.array([part.acts_mm.any() for part in parts], bool)
 
     def worse(kept: np.ndarray) -> tuple[float, float]:
         gained = 2 * kept @ pull - kept @ products @ kept
         return float(np.mean(gained <= 0)), -float(gained.mean())
 
+    def helpful(kept: np.ndarray) -> np.ndarray:
+        while mine.any():
+            more = np.where(kept, -2, 2) * (pull.mean(axis=1) - products @ kept) - np.diag(products)
+            best = int(np.argmax(np.where(mine, more, -np.inf)))
+            if more[best] <= 0:
+                break
+            kept = kept ^ (np.arange(len(parts)) == best)
+        return kept
+
+    kept = min((helpful(mine), helpful(np.zeros_like(mine))), key=lambda each: worse(each)[1])
     while kept.any() and worse(kept)[0] > MOST_WORSE_SHARE:
         kept = min((kept & (np.arange(len(parts)) != at) for at in np.flatnonzero(kept)), key=worse)
     for part, does in zip(parts, kept | (~machine & kept.any()), strict=True):
