@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import diagnose, faults_of, misfits_of
 from printmend.effects import EFFECTS, Acts, Scene
-from printmend.effects.words import Message
+from printmend.effects.words import Message, fault_of
 from printmend.infer.machine import DRAWS
 from printmend.machine import healthy_mechanism
 from printmend.messages import ENGLISH, GERMAN, messages_of, restored, together, translated
@@ -180,6 +181,21 @@ def test_what_most_machines_do_not_have_is_neither_named_nor_certain() -> None:
     assert "not certain" in said.words
     (sure,) = misfits_of([part("drift", 0, [0.3])], scene)
     assert "not certain" not in sure.words
+
+
+def test_what_is_certain_and_does_not_act_is_named_and_no_motor_is_healthy() -> None:
+    scene, usual = SCENES["corexy"], np.arange(DRAWS) % 10 > 0
+    for one in (part("play", 0, [0.3]), part("scale", 0, [0.4]), part("skew", 0, [0.5])):
+        left = replace(one, acts_mm=0 * one.acts_mm)
+        (fault,), (acting,) = faults_of([left], scene), faults_of([one], scene)
+        assert (fault.kind, fault.is_mended, fault.is_doubtful) == (acting.kind, False, True)
+        assert fault.value == pytest.approx(acting.value, rel=0.05)
+        assert "(not corrected)" in diagnose([left], scene).summary
+        assert "not surely help" in advise(fault_of(fault.row)).software
+    play = part("play", 0, [0.3], there=usual)
+    left = diagnose([replace(play, acts_mm=0 * play.acts_mm)], scene).summary
+    assert "A healthy" not in left
+    assert "B healthy" in left
 
 
 def test_what_cannot_be_told_apart_is_said_together() -> None:

@@ -154,7 +154,8 @@ def advise(fault: Fault, *, corexy: bool = False, rails: bool = False) -> Advice
     if urgency == "software" and not is_one_of(repair, (*_NOTHING, "nothing-replace", "nothing-tighten")):
         repair = say("nothing-while-small", within(repair))
     if not fault.is_mended:
-        urgency, software = urgency if urgency in WORK else "left", say("printmend-leaves-phase")
+        why = "doubtful" if fault.is_doubtful else "phase"
+        urgency, software = urgency if urgency in WORK else "left", say(f"printmend-leaves-{why}")
     return Advice(care.title, care.meaning, _sure(fault), care.effect_mm, urgency, repair, software)
 
 

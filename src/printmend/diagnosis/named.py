@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of, title_of
+from printmend.effects import EFFECTS, Acts, Of, Places, Scene, title_of
 from printmend.effects.effect import FEW_LAYERS, drawn_places
 from printmend.effects.homing import lasting
 from printmend.effects.wobble import LEAST_TURNS, OFTEN
@@ -247,11 +247,12 @@ def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = (), lift
 
 
 def _unnamed(parts: Sequence[Part], motor: int, scene: Scene) -> str:
-    """Say of a motor without a named fault whether what acts on it moves a print all the same."""
+    """Say of a motor without a named fault whether what acts on it, or what most drawn machines have, moves a print all
+    the same."""
     places, moved_mm = drawn_places(scene), np.zeros((1, 2))
-    for part in parts:
-        if part.where == motor and EFFECTS[part.effect].acts is Acts.DRIVE and part.acts_mm.any():
-            moved_mm = moved_mm + columns_of(part.effect, places, motor, part.shape, scene) @ part.acts_mm
+    for one in gathered(parts):
+        if one.where == motor and one.law.acts is Acts.DRIVE and (one.acts or one.chance >= LIKELY):
+            moved_mm = moved_mm + one.columns(places, scene) @ one.sizes_mm
     size_mm = float(np.sqrt(np.mean(np.square(moved_mm).sum(axis=1))))
     name = scene.printer.motors[motor].upper()
     return say("motor-unclear", name, f"{size_mm:.2f}") if size_mm >= LEAST_SHOWN_MM else say("motor-healthy", name)
@@ -281,15 +282,20 @@ def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:
 
 
 def acting_faults(parts: Sequence[Part], scene: Scene) -> list[Fault]:
-    """Return the faults that act, those that are too small or too uncertain for a name, too."""
+    """Return the faults that act, and those that are certain and do not; those that are too small or too uncertain for
+    a name, too."""
     every = gathered(parts)
+    there = [replace(one, acts=one.acts or _is_certain(one)) for one in every]
     found: list[Fault] = []
-    for one in every:
-        if one.law.of is not Of.MACHINE or not (one.acts or _is_lost(one, scene)):
+    for one, as_told in zip(every, there, strict=True):
+        if one.law.of is not Of.MACHINE or not as_told.acts:
             continue
-        faults = (replace(each, is_mended=one.acts) for each in _faults(one, every, scene))
         rivals = _rivals(one, every)
-        found += [replace(fault, words=_or_else(fault.words, one, rivals, scene)) for fault in faults]
+        for fault in _faults(as_told, there, scene):
+            words = _or_else(fault.words, one, rivals, scene)
+            words = words if one.acts else say("not-corrected", words)
+            is_doubtful = not (one.acts or _is_lost(one, scene))
+            found.append(replace(fault, words=words, is_mended=one.acts, is_doubtful=is_doubtful))
     order = [*scene.printer.motors, "frame"]
     return sorted(found, key=lambda fault: order.index(fault.part) if fault.part in order else len(order))
 
@@ -324,10 +330,15 @@ def misfits_of(parts: Sequence[Part], scene: Scene, nats: Sequence[float] = ()) 
     return sorted(found, key=lambda each: (-SEVERITIES.index(each.severity), -each.size_mm))
 
 
+def _is_certain(found: Found) -> bool:
+    """Tell whether nearly every drawn machine has an effect that a mechanism holds."""
+    return found.law.acts is not Acts.NOT and found.chance >= CERTAIN
+
+
 def _is_lost(found: Found, scene: Scene) -> bool:
-    """Tell whether an effect is certain and acts no more because the next homing shifts it too far."""
+    """Tell whether an effect does not act because the next homing shifts it too far."""
     share = lasting(found.sizes_mm, found.effect, found.where, found.shape, scene)
-    return share is not None and not share.any() and found.chance >= CERTAIN
+    return share is not None and not share.any()
 
 
 def unseen(scene: Scene) -> list[Misfit]:

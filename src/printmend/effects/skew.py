@@ -30,8 +30,7 @@ class Skew(Usual):
         """Report by how much printed axes lean: what of it the frame does and what a CoreXY's unlike belts do, no
         measurement tells."""
         if is_first(found, (self.name,), beside):
-            belt, motor = scene.printer.from_motor(np.eye(2)), scene.printer.to_motor(np.eye(2))
-            of_scale = np.sum(belt * motor[::-1].T, axis=1)  # 0 where each motor has an axis of its own
+            of_scale = leans_of_scales(scene)
             leans = [(each, 1.0) for each in those_of(self.name, beside, acts=False)]
             leans += [(each, of_scale[each.where]) for each in those_of("scale", beside, acts=False)]
             acting = (factor * each.sizes_mm[0] for each, factor in leans if each.acts)
@@ -47,3 +46,9 @@ class Skew(Usual):
         repair = where_seen(leans_mm, say("loosen-frame-square-tighten"), say("nothing-repair"))
         carries = say("firmware-can-hold-printmend-export-printmend")
         return Care(say("frame-not-square"), meaning, leans_mm, repair, carries)
+
+
+def leans_of_scales(scene: Scene) -> np.ndarray:
+    """Return by how much axes lean for a scale of each motor [2]: 0 where each motor has an axis of its own."""
+    belt, motor = scene.printer.from_motor(np.eye(2)), scene.printer.to_motor(np.eye(2))
+    return np.asarray(np.sum(belt * motor[::-1].T, axis=1))

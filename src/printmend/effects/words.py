@@ -186,8 +186,8 @@ class Message:
 class Fault:
     """One fault of one motor or of the frame: ``kind``, ``value`` ± ``sd`` in ``unit``, and the words for it.
 
-    ``is_mended`` says whether it acts, so that files are mended for it: an effect that the next homing shifts too far
-    is named, and left as it is.
+    ``is_mended`` says whether it acts, so that files are mended for it. Else it is named, and left as it is: the next
+    homing shifts it too far, or it ``is_doubtful`` whether mending would help.
     """
 
     part: str
@@ -197,6 +197,7 @@ class Fault:
     unit: str
     words: str
     is_mended: bool = True
+    is_doubtful: bool = False
 
     @property
     def size(self) -> float:
@@ -213,7 +214,8 @@ class Fault:
         """The fault as a row of a model file's diagnosis."""
         sizes = {"value": round(self.value, 6), "sd": round(self.sd, 6)}
         left: dict[str, bool] = {} if self.is_mended else {"is_mended": False}
-        return {"part": self.part, "kind": self.kind, **sizes, "unit": self.unit, **left}
+        doubt: dict[str, bool] = {"is_doubtful": True} if self.is_doubtful else {}
+        return {"part": self.part, "kind": self.kind, **sizes, "unit": self.unit, **left, **doubt}
 
 
 def plain_kind(kind: str) -> str:
@@ -224,7 +226,9 @@ def plain_kind(kind: str) -> str:
 def fault_of(row: Mapping[str, Any]) -> Fault:
     """Return a fault from a row of a model file's diagnosis; its words are not kept there."""
     names = ("part", "kind", "value", "sd", "unit")
-    return Fault(**{name: row[name] for name in names}, words="", is_mended=bool(row.get("is_mended", True)))
+    said = {name: row[name] for name in names}
+    is_mended, is_doubtful = bool(row.get("is_mended", True)), bool(row.get("is_doubtful", False))
+    return Fault(**said, words="", is_mended=is_mended, is_doubtful=is_doubtful)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import numpy as np
 from printmend.effects import Scene, title_of
 from printmend.effects.aspect import SHARES
 from printmend.effects.effect import SCALE_MM
+from printmend.effects.skew import leans_of_scales
 from printmend.effects.stretch import basis
 from printmend.infer.machine import DRAWS, Part
 from printmend.measure.table import TOGETHER
@@ -46,9 +47,10 @@ def scale_words(model: SavedModel) -> tuple[str, ...]:
 
 def _lean_words(belief: Belief) -> tuple[str, ...]:
     """Return a sentence about a skew that the scanner may have made, so that it does not act."""
-    parts = belief.of("skew")
-    leans = sum((part.draws_mm[0] for part in parts), np.zeros(DRAWS)) / SCALE_MM
-    if any(part.acts_mm.any() for part in parts) or np.sqrt(np.mean(leans**2)) < LEAST_DOUBT:
+    parts = [(part, 1.0) for part in belief.of("skew")]
+    parts += [(part, leans_of_scales(belief.scene)[part.where]) for part in belief.of("scale")]
+    leans = sum((factor * part.draws_mm[0] for part, factor in parts), np.zeros(DRAWS)) / SCALE_MM
+    if any(factor * part.acts_mm[0] for part, factor in parts) or np.sqrt(np.mean(leans**2)) < LEAST_DOUBT:
         return ()
     return (say(WARNING, say("skew-not-settled", f"{abs(np.degrees(np.median(leans[leans != 0]))):.2f}")),)
 
