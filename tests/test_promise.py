@@ -20,8 +20,8 @@ from printmend.export.supported import export_supported
 from printmend.gcode.container import open_gcode
 from printmend.infer.machine import DRAWS
 from printmend.learn.learned import learn_model
-from printmend.machine import healthy_mechanism
 from printmend.learn.rows import _left_out
+from printmend.machine import healthy_mechanism
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
 from printmend.mend.mend import _check_worth_writing
