@@ -238,8 +238,11 @@ def central(fit: Fit, drawn: Mapping[int, Part], states: Sequence[State]) -> Sta
 
     What they differ by is the mean square over the measured places; `ALIKE_ERRORS` of it do not count. Causes that look
     alike to a scanner may be far apart in what mending does. Of three such, the likeliest may be the one that is
-    farthest from both others.
+    farthest from both others. Where places are known, what looks alike prints alike: there the likeliest is as near,
+    and the only one at whose contacts the rows were looked at.
     """
+    if fit.scene.placed:
+        return states[0]
     places, sizes_mm = drawn_places(fit.scene), _acting_mm(fit.dictionary, states)
     machines, prints = np.zeros((2 * len(places), len(states))), np.zeros((2 * len(places), DRAWS))
     for b, part in drawn.items():
