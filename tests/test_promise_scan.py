@@ -133,7 +133,8 @@ def test_a_resized_picture_hides_the_scale_alone() -> None:
     newer = update(known, small, rng=np.random.default_rng(0))
     for found in (known, model, newer.model):
         (play,) = (row for row in found.document["diagnosis"] if row["kind"] == "play")
-        assert abs(play["value"] - size_mm) < 4 * play["sd"] < 0.01
+        assert abs(play["value"] - size_mm) < 0.002
+        assert play["sd"] < 0.006  # a few draws have a printer of that scale, and play in the picture's size
         assert found.document["trace"]["residual_before_mm"] < size_mm
     assert newer.changes == ()
     (said,) = scale_words(model)
