@@ -121,8 +121,8 @@ def test_the_screw_is_found_beside_the_belts(bent: SavedModel) -> None:
     assert kinds["x", "play"] == pytest.approx(0.3, abs=0.02)
     words = report(bent)
     for part in (
-        "X belt play 0.",
-        "pulley eccentric",
+        "X pulley eccentric 0.3",
+        "belt play 0.",
         "Z lead 0.4",
         "too long",
         "lifts unevenly by 0.0",

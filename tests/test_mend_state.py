@@ -208,7 +208,7 @@ def test_dots_and_where_lines_begin_are_on_the_bed_or_not() -> None:
     purged = START + b"G0 X-3 Y60\nG1 X80 Y60 E1 F1800\n"
     prediction = mended(purged, PLAY)[1]
     assert (prediction.low_mm, prediction.printed_low_mm) == ((80.0, 60.0), (-3.0, 60.0))
-    assert "it prints beyond the edge of the bed, as the file says: X -3 to 80" in prediction.summary()
+    assert "it prints beyond the edge of the bed, as the file says: X −3 to 80" in prediction.summary()
 
 
 def test_still_commands_need_no_anchor() -> None:

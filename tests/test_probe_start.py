@@ -49,7 +49,7 @@ def test_what_does_not_fit_the_printer_is_left_out_and_said(tmp_path: Path) -> N
     assert [line.partition(":")[0] for line in left] == [
         'M862.3 P "MK3S"', "G29 P1 X30 Y0 W50 H20 C", "G1 Y-3 F1000", "M486, M73"
     ]  # fmt: skip
-    assert "it goes to Y -3, but Y reaches from 0 to 220" in left[2]
+    assert "it goes to Y −3, but Y reaches from 0 to 220" in left[2]
     assert "is this a file of your Creality Ender-3?" in left[0]
     # old slicers do not say where the part begins: it does where the moves to the first printed line do
     part = "".join(f"G1 X{k % 200} Y50 E0.1\n" for k in range(1100))

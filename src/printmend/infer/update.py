@@ -315,7 +315,8 @@ def renewed(
         contacts, places, rows = looked(trace, scene, mechanism, is_first=at is None)
         weighed_by = partial(_weighed_stories, story, wearing, places, rows, scene)
         at = weighed_by(stories=stories and number == PASSES - 1)
-        doubtful = number == 0 and any(block.effect in LIKE_PLAY for block in _changes(at))
+        found = [at.sums.dictionary.blocks[b].effect for b, _ in at.state.members]
+        doubtful = number == 0 and any(effect in LIKE_PLAY for effect in found)
         if doubtful:  # the next pass knows where play lets the belts touch
             at = weighed_by(stories=False, kept=_is_not_like_play)
         story = at.story
