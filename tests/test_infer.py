@@ -137,6 +137,14 @@ def test_a_small_print_makes_waves_that_a_model_file_holds(name: str, rng: np.ra
         assert (waves[:, 1] >= LEAST_WAVE_MM).all()
 
 
+def test_play_that_builds_up_at_once_is_no_soft_one() -> None:
+    """Where a part's walls tell little of the first bit after a reversal, such play would act in no print."""
+    scene = scene_for(read_printer("ender3"))
+    shortest = min(term.shape[0] for term in EFFECTS["soft_play"].terms(scene))
+    for round_ in range(3):
+        assert all(shape[0] >= shortest for shape in EFFECTS["soft_play"].finer(0, (shortest,), round_, scene))
+
+
 @pytest.mark.parametrize(("length_mm", "off"), [(0.5, 1e-4), (4.0, 0.02)])
 def test_soft_play_follows_the_law_of_dahl(length_mm: float, off: float, rng: np.random.Generator) -> None:
     """The columns know four strokes; the law, step by step, all of them."""

@@ -39,7 +39,8 @@ class SoftPlay(Usual):
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         first, second, *_ = numbers_of(self.name, "lengths")
         for length_mm in about_factor(shape[0], float(np.log(second / first)), round_):
-            yield (length_mm,)
+            if length_mm >= first:
+                yield (length_mm,)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size, most = float(found.sizes_mm[0]), f"{2 * found.shape[0]:.0f}"

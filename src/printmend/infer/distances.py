@@ -29,7 +29,7 @@ from printmend.printer import Axis, Printer
 PASSES = (0, SWEEPS)  # sweeps of each: a distance bends a little with the errors themselves
 UNSEEN_MM = 1e-4  # an effect that moves every distance less is left out
 BOTH = 2  # "where" of a scale of both motors
-MISREAD_SHARE = 0.1  # a reading that a larger share of the drawn machines doubt is worth another look
+MISREAD_SHARE = 0.2  # a reading that a larger share of the drawn machines doubt is worth another look
 
 
 @dataclass(frozen=True, eq=False)
