@@ -10,8 +10,9 @@ import pytest
 
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import diagnose, faults_of, misfits_of
-from printmend.effects import EFFECTS, Acts, Scene
-from printmend.effects.words import Message, fault_of
+from printmend.effects import EFFECTS, Acts, Of, Scene
+from printmend.effects.effect import drawn_places
+from printmend.effects.words import Message, fault_of, is_of_motor
 from printmend.infer.machine import DRAWS
 from printmend.machine import healthy_mechanism
 from printmend.messages import ENGLISH, GERMAN, messages_of, restored, together, translated
@@ -46,6 +47,16 @@ ACTING = [
     ("place", 1, [0.3], (), "offset", 0.3),
     ("rail", 0, [0.0, 0.08], (90.0,), "wavy", 0.08),
 ]
+
+
+def test_what_moves_a_belt_alone_is_told_of_its_motor() -> None:
+    scene = SCENES["corexy"]
+    belt = np.asarray(scene.printer.from_motor(np.eye(2)))[0]
+    for law in EFFECTS.values():
+        for shape in {term.shape for term in law.terms(scene) if term.where == 0 and law.of is not Of.INSTRUMENT}:
+            moved = law.columns(drawn_places(scene), 0, shape, scene)
+            across = belt[0] * moved[:, 1] - belt[1] * moved[:, 0]
+            assert is_of_motor(law) or np.abs(across).max() > 1e-9, law.name
 
 
 @pytest.mark.parametrize(("effect", "where", "sizes", "shape", "kind", "value"), ACTING)

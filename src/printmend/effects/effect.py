@@ -380,9 +380,9 @@ def scene_of(trace: Trace, printer: Printer, turns_mm: tuple[float, float] | Non
         low, high = places.min(axis=0), places.max(axis=0)
         return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
 
-    steps = np.hypot(*np.diff(trace.commanded_mm, axis=0).T)
-    way, unseen = float(steps.sum()), float(steps[: int(np.argmax(known))].sum())
-    longest_mm = float(moves_of(trace.commanded_mm)[2][known].max(initial=0.0)) or LONG_MM
+    steps, _, moves_mm = moves_of(trace.commanded_mm)
+    way, unseen = float(steps[1:].sum()), float(steps[1:][: int(np.argmax(known))].sum())
+    longest_mm = float(moves_mm[known].max(initial=0.0)) or LONG_MM
     return Scene(
         printer, turns_mm or printer.mm_per_turn, spans(motor), spans(bed), way, trace.placed, trace.homed,
         instrument=trace.instrument_doubt, walls=bool(trace.wall_rows.any()), shrinkage_sd=trace.shrinkage_sd,

@@ -20,6 +20,7 @@ class SoftPlay(Usual):
     """
 
     name = "soft_play"
+    at_motors = True
     keys = Numbers(("size_mm",), ("length_mm",))
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -17,6 +17,7 @@ class TwoMotors(Usual):
     """Harmonics of the turn that change along the other bed axis."""
 
     name = "two_motors"
+    at_motors = True
     keys = Waves(HARMONICS)
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -116,9 +116,8 @@ class Fit:
     @property
     def freedom(self) -> float:
         """How many sizes the rows determine: of those that the prior holds a share (MacKay 1992)."""
-        own = (self.dictionary.blocks[b].sds_mm[variant] for b, variant in self.state.members)
-        sds_mm = np.concatenate([np.zeros(0), *own])
-        return float(np.sum(1.0 - np.square(self.state.root).sum(axis=0) / sds_mm**2))
+        _, sds_mm = self.search.prior_of(self.state.members)
+        return float(np.sum(1.0 - np.diag(self.state.covariance) / sds_mm**2))
 
     def left_mm(self) -> np.ndarray:
         """Return the residuals of the measured numbers [M] under the set."""
@@ -138,9 +137,13 @@ def fitted(
     fit = _fitted(trace, scene, first, kept, names, quick=quick)
     if not any(block.effect in LIKE_PLAY for block in fit.blocks):
         return fit
-    others = tuple(name for name in names or EFFECTS if name not in LIKE_PLAY)
-    tight = _fitted(trace, scene, first, kept, others, quick=True)
+    tight = _fitted(trace, scene, first, kept, unlike_play(names), quick=True)
     return max(fit, _fitted(trace, scene, tight, kept, names, quick=quick), key=lambda each: each.state.score)
+
+
+def unlike_play(names: Sequence[str] | None = None) -> tuple[str, ...]:
+    """Return the ``names``, those of all effects without any, but for what resembles play."""
+    return tuple(name for name in names or EFFECTS if name not in LIKE_PLAY)
 
 
 def _fitted(
@@ -517,8 +520,7 @@ class Turn:
 
 def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
     """Return a fit of few effects, in whose scene the motors' turns are as long as the trace says, and the trace as the
-    motors really went: where one lost steps, its pulley turned by less. Each length is judged at its own
-    contacts."""
+    motors really went: where one lost steps, its pulley turned by less. Each length is judged at its own contacts."""
 
     def told(scene: Scene, before: Fit | None, names: tuple[str, ...] = FEW) -> Fit:
         fit = fitted(trace, scene, before, kept=_is_told_at_first, names=names, quick=True)

@@ -10,6 +10,7 @@ import itertools
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -365,7 +366,7 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
         for _ in range(1 + len(set(likeliest.members).intersection(some))):  # a step takes one of them away, or none
             alike = Counter(sets).items()
             sets = [each for members, count in alike for each in chain.stepped(members, count, mine, rng)]
-        if not mine.isdisjoint(b for choice in together for b, _ in choice):
+        if not mine.isdisjoint(chain.exchanged):
             alike = Counter(sets).items()
             sets = [each for members, count in alike for each in chain.regrouped(members, count, rng)]
     chained = [tuple(key[member] for member in (*staying, *members)) for members in sets]
@@ -382,6 +383,11 @@ class _Chain:
     sigma_mm: float
     together: list[Set] = field(default_factory=list)
     known: dict[tuple[Set, frozenset[int]], Gains] = field(default_factory=dict, init=False)
+
+    @cached_property
+    def exchanged(self) -> frozenset[int]:
+        """The blocks of the sets that may take each other's place."""
+        return frozenset(b for choice in self.together for b, _ in choice)
 
     def stepped(self, members: Set, count: int, rivals: frozenset[int], rng: np.random.Generator) -> Iterator[Set]:
         """Take away one member that is among the blocks ``rivals``, or none, and choose which of them comes in its
@@ -402,9 +408,8 @@ class _Chain:
     def regrouped(self, members: Set, count: int, rng: np.random.Generator) -> Iterator[Set]:
         """Choose all linear effects anew, by what they add to the score (Gibbs sampling), for ``count`` draws that have
         a set."""
-        linear = {b for choice in self.together for b, _ in choice}
-        others = tuple(member for member in members if member[0] not in linear)
-        own = tuple(sorted(member for member in members if member[0] in linear))
+        others = tuple(member for member in members if member[0] not in self.exchanged)
+        own = tuple(sorted(member for member in members if member[0] in self.exchanged))
         choices = list(dict.fromkeys([own, *(tuple(sorted(choice)) for choice in self.together)]))
         state = self.search.posterior(others, self.sigma_mm, rounds=0)
         odds = _chances(self.search.beside(state).together(choices))
@@ -474,13 +479,15 @@ def _beside(
     effects may take each other's place."""
     members, beside = likeliest.members, search.beside(likeliest)
     together = tuple(dict.fromkeys(itertools.chain(*linear)))
+    exchanged = {b for b, _ in together}
     rivals: list[Set] = [together] if linear else []
     sure, more = {}, beside.gains(search.offered(members))
     for at, member in enumerate(members):
         others = (*members[:at], *members[at + 1 :])
         gains = beside.without(member).gains(search.offered(others), LEAST_LOG_WEIGHT).above(LEAST_LOG_WEIGHT)
         blocks = {member[0], *gains.keys[:, 0].tolist()}
-        if blocks == {member[0]} and not blocks.intersection(dict(together)) and gains.values.max() > -LEAST_LOG_WEIGHT:
+        alone = blocks == {member[0]} and member[0] not in exchanged
+        if alone and gains.values.max() > -LEAST_LOG_WEIGHT:
             sure[member] = gains
             continue
         alike = [each for each in rivals if not blocks.isdisjoint(b for b, _ in each)]

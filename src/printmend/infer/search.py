@@ -95,7 +95,7 @@ class Search:
 
     def posterior(self, members: Set, sigma_mm: float, *, rounds: int = 3) -> State:
         """Return the posterior of a set, the noise found by ``rounds`` of expectation and maximisation."""
-        columns, sd = self._prior_of(members)
+        columns, sd = self.prior_of(members)
         odds = sum(float(self.dictionary.blocks[b].log_odds[v]) for b, v in members)
         matrix, slope = self.gram.between(columns, columns), self.gram.slope[columns]
         scaled, scaled_slope = matrix * (sd[:, None] * sd), slope * sd
@@ -136,7 +136,7 @@ class Search:
 
     def given(self, members: Set, sigma_mm: float) -> "Search":
         """Return the search beside members that stay, whatever their sizes: these are summed out."""
-        columns, sd = self._prior_of(members)
+        columns, sd = self.prior_of(members)
         gram, _, _ = self.gram.summed_out(columns, np.zeros(len(sd)), np.diag(sd), sigma_mm)
         return replace(self, gram=gram)
 
@@ -145,7 +145,7 @@ class Search:
         blocks = (replace(block, log_odds=block.log_odds + block.own_odds) for block in self.dictionary.blocks)
         return Search(replace(self.dictionary, blocks=tuple(blocks)), self.gram)
 
-    def _prior_of(self, members: Set) -> tuple[np.ndarray, np.ndarray]:
+    def prior_of(self, members: Set) -> tuple[np.ndarray, np.ndarray]:
         """Return the numbers of a set's columns [A] and the standard deviations of their sizes [A]."""
         blocks = self.dictionary.blocks
         columns = columns_at(blocks[b] for b, _ in members)
@@ -162,10 +162,9 @@ class Search:
             for variant in range(len(block.log_odds))
         )
 
-    def without_linear(self, state: State) -> State:
-        """Return a state without its linear effects, under the same noise."""
-        others = tuple(member for member in state.members if member not in self.linear)
-        return self.posterior(others, state.sigma_mm, rounds=0)
+    def without_linear(self, members: Set) -> Set:
+        """Return the members of a set that are not linear effects."""
+        return tuple(member for member in members if member not in self.linear)
 
     def narrowed(self, blocks: Sequence[Block]) -> "Search":
         """Return the search among some of the blocks alone, in this order; each may have fewer alternatives in size."""
@@ -341,10 +340,9 @@ class Beside:
                 log_odds[number] += block.log_odds[variant]
         told = self.search.gram.between(columns, columns) / self.state.sigma_mm**2
         told -= self.half[:, columns].T @ self.half[:, columns]
-        whole = np.eye(len(blocks)) + sds_mm[:, :, None] * told * sds_mm[:, None, :]
-        pull = sds_mm * self.slope[columns]
-        mean = np.linalg.solve(whole, pull[:, :, None])[:, :, 0]
-        return np.asarray(np.sum(pull * mean, axis=1) / 2 - np.linalg.slogdet(whole)[1] / 2 + log_odds)
+        every, gains = np.ones(len(choices), bool), np.zeros(len(choices))
+        kernels.gains(np.array([[1, *sds_mm.shape]]), told.ravel(), self.slope[columns], sds_mm.ravel(), every, gains)
+        return gains + log_odds
 
     def without(self, member: tuple[int, int]) -> "Less":
         """Return the same beside the state without a member: its sizes are 0.
@@ -478,7 +476,7 @@ def likely_linear(search: Search, state: State) -> tuple[list[Set], np.ndarray]:
     Any four of them span what all do, so several may stand for several others while no single exchange helps. All of
     them are weighed at once.
     """
-    others = search.without_linear(state)
+    others = search.posterior(search.without_linear(state.members), state.sigma_mm, rounds=0)
     choices = [
         choice
         for count in range(MOST_LINEAR + 1)
@@ -493,8 +491,8 @@ def likely_linear(search: Search, state: State) -> tuple[list[Set], np.ndarray]:
 def _regrouped(search: Search, state: State) -> State:
     """Return the likeliest set with other linear effects in place of a state's."""
     choices, scores = likely_linear(search, state)
-    others = tuple(member for member in state.members if member not in search.linear)
-    better = search.posterior((*others, *choices[int(np.argmax(scores))]), state.sigma_mm)
+    members = (*search.without_linear(state.members), *choices[int(np.argmax(scores))])
+    better = search.posterior(members, state.sigma_mm)
     return _climbed(search, better) if better.score > state.score + LEAST_BETTER else state
 
 

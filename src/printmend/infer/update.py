@@ -12,7 +12,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Places, Scene, Term
+from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.breathing import HARMONICS as BREATHS
 from printmend.effects.effect import SCALE_MM, TIMES_FINER, Key, belt_places
 from printmend.effects.elastic import HARMONICS as STRETCHES
@@ -30,6 +30,7 @@ from printmend.infer.fit import (
     home_sd_of,
     looked,
     turned_back,
+    unlike_play,
     weighed,
     with_blocks,
     with_finer,
@@ -318,7 +319,7 @@ def renewed(
         found = [at.sums.dictionary.blocks[b].effect for b, _ in at.state.members]
         doubtful = number == 0 and any(effect in LIKE_PLAY for effect in found)
         if doubtful:  # the next pass knows where play lets the belts touch
-            at = weighed_by(stories=False, kept=_is_not_like_play)
+            at = weighed_by(stories=False, names=unlike_play())
         story = at.story
         now = _now(at, before, contacts, scene, rng)
         mechanism, _ = machine_of(scene, those_acting(now.now.parts))
@@ -327,10 +328,6 @@ def renewed(
         if not now.changes and not any(turns) and not doubtful:
             break
     return now
-
-
-def _is_not_like_play(term: Term) -> bool:
-    return term.effect not in LIKE_PLAY
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,12 +357,11 @@ class _Pass:
 
 def _weighed_stories(
     story: Story, wearing: Wearing, places: Places, rows: Rows, scene: Scene, *, stories: bool,
-    kept: Callable[[Term], bool] | None = None,
+    names: Sequence[str] | None = None,
 ) -> _Pass:  # fmt: skip
     like, doubted = told_apart(story.parts)
-    changes = tuple(
-        replace(block, positive=False, needs=()) for block in blocks_of(scene, kept)
-    )  # play may become less
+    offered = blocks_of(scene, names=names)
+    changes = tuple(replace(block, positive=False, needs=()) for block in offered)  # play may become less
     dictionary = _with_shapes(dictionary_of(changes, places, rows, scene), doubted, places, rows, scene)
     old = side_by_side((part.key for part in like), places, rows, scene)
     always: Set = tuple((b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0)

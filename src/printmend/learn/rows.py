@@ -141,9 +141,8 @@ def _left_out(lost_mm: np.ndarray, commanded_mm: np.ndarray, known: int, *, by_h
     count, share = len(lost_mm), len(lost_mm) / known
     size = float(np.sqrt(np.mean(np.square(lost_mm).sum(axis=1))))
     severity = REFUSAL if share > MOST_LOST else WARNING if share > MANY_LOST else NOTE
-    message = "points-lie-mm-off-left-out" if by_hand else "points-of-picture-lie-mm-off"
-    if share <= MANY_LOST:
-        message = "points-lie-mm-off-left-out-2"
+    many = "points-lie-mm-off-left-out" if by_hand else "points-of-picture-lie-mm-off"
+    message = many if share > MANY_LOST else "points-lie-mm-off-left-out-2"
     words = say(message, count, known, f"{100 * share:.1f}", f"{size:.2f}")
     if count == 1:
         words = say("point-lies-mm-off-left-out", *(f"{mm:g}" for mm in commanded_mm[0]), known, f"{size:.2f}")

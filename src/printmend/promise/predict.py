@@ -6,7 +6,7 @@ machines are drawn; the 90 % range is that of their prints (JCGM 101:2008, propa
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -168,7 +168,8 @@ def _outlook(
     local = _local(mechanism, belief, path, rng)
     fates = rng.uniform(size=(len(belief.parts), DRAWS))
     paces = np.ones(DRAWS) if at_rest else _paces()
-    sides = [_parts(belief, path, places, fates, paces) for places in _places(mechanism, path, belief.scene, at_rest)]
+    both, homed = _places(mechanism, path, belief.scene, at_rest), after_homing(belief).parts
+    sides = [_parts(belief, homed, path, places, fates, paces) for places in both]
     if not belief.placed:
         rests = _homing(mechanism, path, rng)
         sides = [{name: _unturned(cause, path) for name, cause in each.items()} for each in sides]
@@ -299,12 +300,12 @@ def _paces() -> np.ndarray:
 
 
 def _parts(
-    belief: Belief, path: PathPlaces, now: Places, fates: np.ndarray, paces: np.ndarray
+    belief: Belief, homed: Sequence[Part], path: PathPlaces, now: Places, fates: np.ndarray, paces: np.ndarray
 ) -> dict[str, DrawnCause]:
     """Return the errors across the path that the drawn machines have beyond what acts: those of the parts that act
-    together, by how much the next homing shifts these, and those of any other effect by its name. A part's own of the
-    ``fates`` [P, D], from 0 to 1, decides what becomes of it. What goes on during a print does so by its ``paces``
-    [D]."""
+    together, by how much the next homing shifts these, and those of any other effect by its name. ``homed`` are the
+    parts after that homing. A part's own of the ``fates`` [P, D], from 0 to 1, decides what becomes of it. What goes on
+    during a print does so by its ``paces`` [D]."""
     scene, normal = belief.scene, _normals(path.tangent)
     found: dict[str, DrawnCause] = {}
     otherwise = np.random.default_rng(SEED)  # of its own: other figures stay as they are
@@ -316,7 +317,7 @@ def _parts(
         cause = DrawnCause(np.einsum("nc,ncp->np", normal, moved), drawn)
         found[name] = found[name].beside(cause) if name in found else cause
 
-    for was, part, drawn in zip(belief.parts, after_homing(belief).parts, fates, strict=True):
+    for was, part, drawn in zip(belief.parts, homed, fates, strict=True):
         effect, fate, acts = EFFECTS[part.effect], EFFECTS[part.effect].fate, part.acts_mm[:, None]
         name = part.effect
         if not belief.placed and not belief.by_hand and name in LINEAR:

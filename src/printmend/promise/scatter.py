@@ -62,9 +62,9 @@ class Outliers:
             return np.zeros(draws)
         dirt, own, prior = (number_of("outliers", key) for key in ("dirt", "own", "share"))
         log_a, log_b = (-math.log1p(1 / (self.measured * each)) for each in (dirt, own))
-        ratio = self.count + 1
+        order = self.count + 1
         log_both = (
-            log_b * ratio + math.log(-math.expm1((log_a - log_b) * ratio)) - math.log(math.exp(log_b) - math.exp(log_a))
+            log_b * order + math.log(-math.expm1((log_a - log_b) * order)) - math.log(math.exp(log_b) - math.exp(log_a))
         )
         odds = prior / (1 - prior) * math.exp(min(log_both + math.log(-math.expm1(log_b)) - log_a * self.count, 500.0))
         all_of_them, rate = self.count / self.measured, 1 / dirt - 1 / own
