@@ -9,9 +9,12 @@ import pytest
 
 from printmend.corruption import HEALTHY, Corruption, Drive, WrongRadius
 from printmend.corruption.transmission import EccentricBore, Play, Ripple
+from printmend.effects.effect import STROKES, strokes_of
 from printmend.mend import mend_gcode
 from printmend.mend.against import judged
 from printmend.model import exact_model
+from printmend.path import last_way
+from printmend.plan.kernels import layout
 from printmend.printer import Printer
 from printmend_lab.sampling import families, sample
 from tests import naive_mend
@@ -260,3 +263,20 @@ def test_places_of_a_line_along_one_axis_know_which_way_the_other_went_last():
         there = np.isclose(path.tangent, tangent, atol=1e-6).all(axis=1)
         assert there.any()
         assert (path.ways[there, axis] == way).all()
+
+
+def test_places_know_how_far_each_motor_has_gone_since_its_last_turns():
+    """The kernel notes it move by move; the law, from the whole way."""
+    assert layout.STROKES == STROKES
+    corners = np.array([[80, 80], [60, 80], [90, 60], [70, 90], [85, 85], [60, 70.0]])
+    lines = (f"G1 X{x:g} Y{y:g} E1\n" for x, y in corners[1:])
+    path = mended(START + b"G0 X80 Y80 F1800\n" + "".join(lines).encode(), PLAY)[1].path
+    way = np.concatenate([np.array([ENDER3.home_mm]), corners])
+    for place, tangent, strokes in zip(path.wanted_mm, path.tangent, path.strokes_mm, strict=True):
+        ways = np.diff(way, axis=0)
+        at = int(np.argmax(ways @ tangent / np.hypot(*ways.T)))
+        gone = ENDER3.to_motor(np.concatenate([way[: at + 1], place[None]]))
+        sides = np.stack([last_way(motor) for motor in gone.T], axis=1)
+        wanted = strokes_of(gone, sides, np.zeros(2))[-1]
+        known = np.isfinite(wanted)
+        assert strokes[known] == pytest.approx(wanted[known], abs=0.02)

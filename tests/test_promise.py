@@ -257,8 +257,6 @@ def test_a_print_of_half_a_turn_promises_by_the_machines_that_it_allows(part: Pa
         way = np.concatenate([[[0.0, 0.0]], 100 + rng.uniform(-reach_mm, reach_mm, (300, 2))])
         trace = Trace(way, twin.follow(way) + rng.normal(0, 0.05, way.shape), homed=True)
         promise = mend_gcode(part, learn_model(trace, ENDER3), out, force=True).prediction.after
-        left_mm = judge_gcode(part, out, twin).after.rms_mm
-        true_mm = np.hypot(left_mm, promise.made_of["rounding"])  # the twin has no micro-steps
         true_mm = np.hypot(judge_gcode(part, out, twin).after.rms_mm, promise.made_of["rounding"])  # it has no steps
         assert promise.rms_low_mm < true_mm < promise.rms_high_mm
         high_mm.append(promise.rms_high_mm)
@@ -366,13 +364,13 @@ def test_noise_by_chance_above_the_instruments_is_no_printers_scatter(rng: np.ra
     for _ in range(400):
         true_mm = abs(rng.normal(0, sd_mm)) * (rng.random() < share)
         left_mm = rng.normal(0, np.hypot(own_mm, true_mm), 1200)
-        drawn_mm2 = Scatter.of(left_mm, 20, own_mm).quantiles_mm2(chance)
+        drawn_mm2 = Scatter.of(np.sum(left_mm**2) / 1180, 1180, own_mm).quantiles_mm2(chance)
         low, high = np.quantile(drawn_mm2, [0.05, 0.95])
         inside.append(low <= true_mm**2 + 2e-6 and true_mm**2 - 2e-6 <= high)
         none.append((drawn_mm2 == 0).mean())
     assert np.mean(inside) > 0.87
     assert np.mean(none) == pytest.approx(1 - share, abs=0.08)
-    assert not Scatter.of(left_mm, 20, None).quantiles_mm2(chance).any()
+    assert not Scatter.of(np.sum(left_mm**2) / 1180, 1180, None).quantiles_mm2(chance).any()
 
 
 def test_many_points_that_fit_no_model_are_the_printers_and_a_few_are_dirt() -> None:
@@ -470,6 +468,7 @@ def test_a_section_that_is_none_of_ours_is_refused_in_one_line(bent: SavedModel)
         {**section, "bed_span_mm": [[1.0, 0.0], [0.0, 1.0]]},
         {**section, "way_mm": "far"},
         {**section, "scatter_mm2": [0.0, -1.0]},
+        {**{name: value for name, value in section.items() if name != "scatter_mm2"}, "scatter_mm": None},
         {**section, "outliers": [7, 3, 0.1]},
         [],
     ):

@@ -114,6 +114,7 @@ def edited(**changes: object) -> str:
         ("x_mm,y_mm\n1,2\n", "another kind of file"),
         ('{\n "format": ', r"broken JSON \(line 2, column 12\)"),
         ('{"a":' * 100_000, "nesting|broken JSON"),
+        ("[" * 100_000, "another kind of file|nesting|broken JSON"),
         ("[]", "another kind"),
         ("{}", "another kind"),
         (edited(version=3), "version 3"),

@@ -95,7 +95,7 @@ def command(
     rng = np.random.default_rng(0)
     dated = None if when is None else when.replace(tzinfo=UTC)
     updated = None
-    if old is None or past is None:
+    if past is None:
         printer = read_printer(printer_name or "")
         assert trace is not None
         with of_file(trace):
@@ -103,6 +103,7 @@ def command(
     else:
         from printmend.mend.update import learn_phase, same_machine
 
+        assert old is not None
         if printer_name is not None:
             same_machine(past, read_printer(printer_name))
         ageing = None if moved is not None else ageing_of(old, dated)

@@ -70,7 +70,10 @@ def command(
         from printmend.measure.measurement import measure_scans
 
         assert plan_path is not None
-        trace = measure_scans(measured, read_plan(plan_path), dpi=dpi, distance_mm=next(iter(distances_mm), None)).trace
+        if len(distances_mm) > 1:
+            raise click.UsageError(say("terminal-usage-one-distance"))
+        distance_mm = distances_mm[0] if distances_mm else None
+        trace = measure_scans(measured, read_plan(plan_path), dpi=dpi, distance_mm=distance_mm).trace
     with of_file(measured[0]):
         verdict = verify_in(model, trace, filament)
         newer = None if output is None else updated_in(model, trace, filament)

@@ -152,14 +152,14 @@ def draw_fit(
     *,
     name: str,
     mm_per_turn: float,
-    has_scale: bool = True,
+    shows_scale: bool = True,
     tell: Tell = str,
 ) -> Axes:
     """Draw the learned error [2, N] over the motor's position [N], a colour for each direction, with measured points.
 
     ``band_mm`` [2, N] is the half-width of the band that should contain 95 % of the measured points. ``points`` are
-    their positions [M], errors [M] and directions [M] (0 forwards, 1 backwards). ``has_scale``: no
-    scale error was taken off.
+    their positions [M], errors [M] and directions [M] (0 forwards, 1 backwards). ``shows_scale``:
+    they include the scale error.
     """
     place, off, side = points
     for turn in np.arange(np.ceil(motor_mm[0] / mm_per_turn), np.floor(motor_mm[-1] / mm_per_turn) + 1):
@@ -176,7 +176,7 @@ def draw_fit(
     axes.set_ylim(low - room, high + room + 0.12 * (high - low + 2 * room))  # with room for the legend above
     axes.set_xlim(motor_mm[0], motor_mm[-1])
     axes.set_xlabel(tell(say("draw-position-turns", name)), fontsize=8)
-    label = say("draw-printed-commanded" if has_scale else "draw-printed-commanded-no-scale")
+    label = say("draw-printed-commanded" if shows_scale else "draw-printed-commanded-no-scale")
     axes.set_ylabel(tell(label), fontsize=8)
     axes.set_title(tell(say("draw-dots-lines", name)), color=INK, fontsize=10)
     axes.legend(fontsize=7, frameon=False, loc="upper left", ncols=2)

@@ -167,7 +167,8 @@ def searched_model(
     kept_mm = left_mm[np.isfinite(left_mm).all(axis=1) & ~lost]
     kept_mm = kept_mm if len(kept_mm) else fit.left_mm()[:, None]  # walls are no dots
     noise_mm = float(np.sqrt(np.mean(kept_mm**2)))
-    scatter = Scatter.of(kept_mm, fit.freedom, instrument_scatter_mm(trace))
+    free = max(kept_mm.size - fit.freedom, 1)  # of the kept numbers, those that no size takes up
+    scatter = Scatter.of(float(np.sum(kept_mm**2)) / free, free, instrument_scatter_mm(trace))
     promise = belief_section(
         fit.scene, posterior.parts, scatter=scatter, outliers=outliers_of(left_mm, lost), motion=trace.motion
     )

@@ -188,40 +188,50 @@ def remember(
 ) -> Path:
     """Add an event to a model's history; return the file.
 
-    A measurement, or an event that repeats the last one, counts once: it takes the place of the old line, and its time,
-    too, unless it has a date of its own.
+    A measurement counts once, and so does an event that repeats the last one: the new line takes the place of the old
+    one. It keeps the old time, unless ``when`` gives another.
     """
     path = history_of(model_path)
-    past = read_text(path, wanted=say("history"), todo=say("move-away"), error=ModelError) if path.exists() else ""
+    lines = _lines(path)
     time = (when or datetime.now(UTC)).isoformat(timespec="seconds")
     line = {"event": event, "time": time, "model": model.digest, **values}
     rounded = {key: round(value, 5) if isinstance(value, float) else value for key, value in line.items()}
-    lines = past.splitlines()
     if (at := _place_of(lines, json.loads(json.dumps(rounded)))) is None:
         lines.append(json.dumps(rounded))
     else:
-        old = json.loads(lines[at])
+        old = {**rounded, **_event_in(lines[at])}
         lines[at] = json.dumps({**rounded, "event": old["event"], "time": time if when else old["time"]})
     with replacing(path) as file:
         file.writelines(f"{each}\n" for each in lines)
     return path
 
 
+def _lines(path: Path) -> list[str]:
+    """Return the lines of a history, none where there is no such file."""
+    return read_text(path, wanted=say("history"), todo=_TODO, error=ModelError).splitlines() if path.exists() else []
+
+
+def _event_in(line: str) -> dict[str, Any]:
+    """Return the event of a line, an empty one where the line is damaged."""
+    with suppress(ValueError, RecursionError):
+        found = json.loads(line)
+        return found if isinstance(found, dict) else {}
+    return {}
+
+
 def _place_of(lines: Sequence[str], event: Mapping[str, Any]) -> int | None:
-    """Return the number of the line that an event takes the place of: of its measurement, or of the last if it repeats
-    that."""
-    for at, line in enumerate(lines):
-        with suppress(ValueError, TypeError, KeyError, AttributeError):  # a damaged line is no event
-            old = json.loads(line)
-            repeats = at == len(lines) - 1 and {**old, "time": event["time"]} == event
-            if repeats or old.get(MEASUREMENT, "") == event.get(MEASUREMENT):
-                return at
+    """Return the number of the line whose place an event takes: that of its measurement, or the last one if that says
+    the same."""
+    for at, old in enumerate(map(_event_in, lines)):
+        repeats = at == len(lines) - 1 and {**old, "time": event["time"]} == event
+        if repeats or (MEASUREMENT in event and old.get(MEASUREMENT) == event[MEASUREMENT]):
+            return at
     return None
 
 
 def has_measurement(model_path: Path, measurement: str | None) -> bool:
     """Say whether a model's history has a measurement with this digest already."""
-    events = read_history(model_path) if history_of(model_path).exists() else ()
+    events = map(_event_in, _lines(history_of(model_path)))
     return measurement is not None and any(event.get(MEASUREMENT) == measurement for event in events)
 
 
@@ -230,10 +240,7 @@ def carry_on(old_path: Path, model_path: Path) -> None:
     old, new = history_of(old_path), history_of(model_path)
     if old == new or not old.exists():
         return
-    earlier, own = (
-        read_text(path, wanted=say("history"), todo=_TODO, error=ModelError).splitlines() if path.exists() else []
-        for path in (old, new)
-    )
+    earlier, own = map(_lines, (old, new))
     with replacing(new) as file:
         file.writelines(f"{line}\n" for line in (*earlier, *(each for each in own if each not in earlier)))
 

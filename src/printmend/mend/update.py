@@ -157,8 +157,9 @@ def measured_again(
         stories=stories, refit=refit,
     )  # fmt: skip
     found = again(belief.parts)
-    if (times := np.full(DRAWS, times_seen(found.now.parts).mean()))[0] == 1.0:
+    if (mean := times_seen(found.now.parts).mean()) == 1.0:
         return found
+    times = np.full(DRAWS, mean)
     found = again(enlarged(belief.parts, times))  # as the picture shows the old machine
     own = 1.0 / times_seen(found.now.parts)
     now = replace(found.now, parts=enlarged(found.now.parts, own))
@@ -213,8 +214,8 @@ def _updated(
     scene, parts = found.now.scene, found.now.parts
     mechanism, branches = machine_of(scene, those_acting(parts))
     noise_mm, own_mm = found.now.noise_mm, instrument_scatter_mm(trace)
-    left_mm = np.full(2 * int(trace.measured_rows.sum()), noise_mm)
-    scatter = belief.scatter if own_mm is None else Scatter.of(left_mm, 0, own_mm)
+    free = 2 * int(trace.measured_rows.sum())
+    scatter = belief.scatter if own_mm is None else Scatter.of(noise_mm**2, free, own_mm)
     names = tuple(old.printer.motors[motor].upper() for motor in found.story.anew)
     gaps = [gap for gap in old.findings[1:] if not gap.startswith(("Z ", *(f"{name} " for name in names)))]
     before, seen = lift_of(old), find_lift(trace, old.printer)

@@ -19,15 +19,13 @@ class Scatter:
     sd_mm2: float = 0.0
 
     @classmethod
-    def of(cls, left_mm: np.ndarray, sizes: float, own_mm: float | None) -> "Scatter":
-        """Return the scatter of residuals [M] of a fit that the rows gave so many ``sizes``, with an instrument that
-        scatters by ``own_mm``: none where it does not say. The variance of normal noise from n numbers has a relative
-        deviation of √(2/n)."""
+    def of(cls, variance_mm2: float, free: float, own_mm: float | None) -> "Scatter":
+        """Return the scatter of marks whose coordinates have this variance, from so many ``free`` numbers, with an
+        instrument that scatters by ``own_mm``: none where it does not say. The variance of normal noise from n numbers
+        has a relative deviation of √(2/n)."""
         if own_mm is None:
             return cls()
-        free = max(left_mm.size - sizes, 1)
-        variance = float(np.sum(left_mm**2)) / free
-        return cls(variance - own_mm**2, variance * (2 / free) ** 0.5)
+        return cls(variance_mm2 - own_mm**2, variance_mm2 * (2 / free) ** 0.5)
 
     def quantiles_mm2(self, chance: np.ndarray) -> np.ndarray:
         """Return the quantiles at each ``chance`` [D] of the printer's variance: some printers have none, others one of

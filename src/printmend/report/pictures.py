@@ -93,13 +93,13 @@ def _motor(one: Portrait, tell: Tell) -> Pictures:
     elif play > 0:
         words.append(say("picture-play-gap", f"{play:.2f}"))
     words.append(say("picture-bands"))
-    if not _has_scale(one):
+    if not _shows_scale(one):
         words.append(say("picture-no-stretch", f"{one.scale_percent:+.2f}"))
     return Pictures(figures, together(" ", words))
 
 
-def _has_scale(one: Portrait) -> bool:
-    """Tell whether a motor's picture shows all of its errors, and not those without its scale error."""
+def _shows_scale(one: Portrait) -> bool:
+    """Tell whether a motor's picture includes its scale error: one too small to be told is left in."""
     return abs(one.scale_percent) < _LEAST_PERCENT
 
 
@@ -112,7 +112,7 @@ def _fit(one: Portrait, tell: Tell) -> Figure:
     level = one.level(one.motor_mm)
     draw_fit(
         axes[0], one.motor_mm, one.error_mm - level, band, points, name=one.name, mm_per_turn=one.period_mm,
-        has_scale=_has_scale(one), tell=tell,
+        shows_scale=_shows_scale(one), tell=tell,
     )  # fmt: skip
     figure.subplots_adjust(left=0.15, right=0.985, top=0.9, bottom=0.17)
     return figure

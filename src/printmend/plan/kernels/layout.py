@@ -115,11 +115,8 @@ SAMPLES = np.dtype(
         ("since", "f8"),  # the length of path since the last one [mm]
         ("ways", "f8", 2),  # in which each axis of the bed went last, 1 or −1; 0 for none
         ("trend", "f8", 2),  # which way each motor went last, 1 or −1; 0 for none
-        (
-            "strokes",
-            "f8",
-            (2, STROKES),
-        ),  # how far each has gone since it last turned round, since the time before, … [mm]
+        # how far each has gone since it last turned round, since the time before, … [mm]
+        ("strokes", "f8", (2, STROKES)),
         ("kept", SAMPLE, KEPT_SAMPLES),
     ],
     align=True,

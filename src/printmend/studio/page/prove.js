@@ -27,8 +27,10 @@ export function Prove({ printer, changed }) {
   const take = (files) => tried(async () => { // scans, and the file of a part of one's own with them or before
     setTaken(false);
     const code = files.filter(isCode).slice(0, 1), scans = files.filter((file) => !isCode(file)), keys = await send([...code, ...scans]), of = code.length ? keys[0] : part;
-    setPart(scans.length ? null : of);
-    if (scans.length) setKey((await post(`/printers/${printer.id}/verify`, { uploads: keys.slice(code.length), distance_mm: asked(distance), part: of, filament: filament.trim() || null })).id);
+    setPart(of);
+    if (!scans.length) return;
+    setKey((await post(`/printers/${printer.id}/verify`, { uploads: keys.slice(code.length), distance_mm: asked(distance), part: of, filament: filament.trim() || null })).id);
+    setPart(null);
   });
   const over = () => tried(async () => { await post(`/printers/${printer.id}/update/${key}`); setTaken(true); changed(); load(); });
   const verdict = job?.state === "done" ? job.result.verdict : null;
