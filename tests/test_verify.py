@@ -263,3 +263,19 @@ def test_marks_are_expected_as_they_turn_out(bent: SavedModel) -> None:
     verdict = verify(bent, checked(bent, BENT, 0.02))
     assert promise.rms_high_mm == pytest.approx(verdict.promised_high_mm)
     assert expectation(exact_model(BENT.lower(ENDER3)), Trace(stairs(300), stairs(300))) is None
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["a.png"], "scans need --probe"),
+        (["a.png", "--probe", "check.json", "--gcode", "part.gcode"], "scans need --probe"),
+        (["a.png", "b.png", "--gcode", "part.gcode"], "one scan of a part needs --gcode"),
+    ],
+)
+def test_scans_need_what_was_printed(bent: SavedModel, tmp_path: Path, given: list[str], said: str) -> None:
+    model = tmp_path / "printer.mend.json"
+    write_model(model, bent)
+    done = CliRunner().invoke(group, ["verify", *given, "-m", str(model)])
+    assert done.exit_code == 2
+    assert said in " ".join(done.output.split())

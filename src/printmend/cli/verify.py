@@ -52,7 +52,8 @@ def command(
     from printmend.model import read_model, write_model
 
     is_table = len(measured) == 1 and measured[0].suffix.lower() == ".csv"
-    if not is_table and (plan_path is None) == (part_path is None):
+    is_part = part_path is not None
+    if not is_table and ((plan_path is not None) == is_part or (is_part and len(measured) > 1)):
         raise click.UsageError(say("terminal-usage-verify"))
     if not is_table:
         require("printmend verify", "cv2", "PIL", "scipy")

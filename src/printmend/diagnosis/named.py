@@ -248,14 +248,20 @@ def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = (), lift
 
 def _unnamed(parts: Sequence[Part], motor: int, scene: Scene) -> str:
     """Say of a motor without a named fault whether what acts on it, or what most drawn machines have, moves a print all
-    the same."""
+    the same, and whether that is what no mechanism holds."""
+    own = [
+        one for one in gathered(parts)
+        if one.where == motor and one.law.of is Of.MACHINE and is_of_motor(one.law)
+        and (one.acts or one.chance >= LIKELY)
+    ]  # fmt: skip
     places, moved_mm = drawn_places(scene), np.zeros((1, 2))
-    for one in gathered(parts):
-        if one.where == motor and one.law.acts is Acts.DRIVE and (one.acts or one.chance >= LIKELY):
-            moved_mm = moved_mm + one.columns(places, scene) @ one.sizes_mm
+    for one in own:
+        moved_mm = moved_mm + one.columns(places, scene) @ one.sizes_mm
     size_mm = float(np.sqrt(np.mean(np.square(moved_mm).sum(axis=1))))
     name = scene.printer.motors[motor].upper()
-    return say("motor-unclear", name, f"{size_mm:.2f}") if size_mm >= LEAST_SHOWN_MM else say("motor-healthy", name)
+    if size_mm < LEAST_SHOWN_MM:
+        return say("motor-healthy", name)
+    return say("motor-not-held" if any(map(_is_told, own)) else "motor-unclear", name, f"{size_mm:.2f}")
 
 
 def words_of_z(summary: str) -> list[Said]:

@@ -176,13 +176,18 @@ MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better mended
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """The belief about a machine: its ``parts``, those of the likely set first, the noise of a measured coordinate,
-    and the support of each effect of the likely set, in nats."""
+    """The belief about a machine: its ``parts``, those of the ``likely`` set first, and the support of each effect of
+    that set, in nats."""
 
     scene: Scene
     parts: tuple[Part, ...]
-    noise_mm: float
+    likely: State
     nats: tuple[float, ...]
+
+    @property
+    def noise_mm(self) -> float:
+        """The noise of a measured coordinate."""
+        return self.likely.sigma_mm
 
 
 def posterior_of(fit: Fit, rng: np.random.Generator) -> Posterior:
@@ -214,7 +219,7 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     acting_mm = _acting_mm(fit.dictionary, [fit.state])[:, 0]
     order = dict.fromkeys([*(b for b, _ in fit.state.members), *drawn])
     parts = [replace(drawn[b], acts_mm=acting_mm[blocks[b].at]) for b in order]
-    return Posterior(fit.scene, tuple(acting(fit.scene, parts)), fit.state.sigma_mm, _nats(fit))
+    return Posterior(fit.scene, tuple(acting(fit.scene, parts)), fit.state, _nats(fit))
 
 
 def likely_set(search: Search, likeliest: State, sets: Counter[Set]) -> State:

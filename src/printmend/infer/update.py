@@ -344,15 +344,11 @@ class _Pass:
     score: float
     old_columns: np.ndarray
 
-    @property
-    def likely_mm(self) -> np.ndarray:
-        """The sizes [Q, 1] of changes in the likeliest set."""
-        return self.state.laid_out_mm(self.sums.own)[:, None]
-
     def left_mm(self) -> np.ndarray:
         """Return what all of it leaves of the rows [M]."""
-        old = self.old_columns @ self.left.sizes_mm(self.likely_mm)
-        return np.asarray(self.rows.error_mm - old[:, 0] - self.sums.dictionary.columns @ self.likely_mm[:, 0])
+        likely_mm = self.state.laid_out_mm(self.sums.own)[:, None]
+        old = self.old_columns @ self.left.sizes_mm(likely_mm)
+        return np.asarray(self.rows.error_mm - (old + self.sums.dictionary.columns @ likely_mm)[:, 0])
 
 
 def _weighed_stories(
@@ -548,7 +544,8 @@ def _now(at: _Pass, before: tuple[Part, ...], contacts: Contacts, scene: Scene, 
     changes = np.zeros((at.sums.own, DRAWS))
     for part in found.parts:
         changes[where[part.key]] = part.draws_mm
-    draws, acts = at.left.drawn_mm(changes, rng), at.left.sizes_mm(at.likely_mm)[:, 0]
+    likely_mm = found.likely.laid_out_mm(at.sums.own)[:, None]
+    draws, acts = at.left.drawn_mm(changes, rng), at.left.sizes_mm(likely_mm)[:, 0]
     kept = {part.key: part for part in at.story.parts}
     # What nothing sees stays as it was drawn.
     parts = {key: part for key, part in kept.items() if key not in where}
@@ -567,9 +564,9 @@ def _now(at: _Pass, before: tuple[Part, ...], contacts: Contacts, scene: Scene, 
         )  # fmt: skip
     seldom = {key for key in kept if parts.get(key) is kept[key]}  # these act as they did
     now = tuple(part if key in seldom else after_homing(part, scene) for key, part in parts.items())
-    posterior = Posterior(scene, now, found.noise_mm, found.nats)
+    posterior = replace(found, parts=now)
     told = tuple(block.key for block in _changes(at))
-    homed_mm = _homed_mm(at.left.shifts(at.likely_mm), scene)
+    homed_mm = _homed_mm(at.left.shifts(likely_mm), scene)
     return Renewed(posterior, before, at.story, told, fit, homed_mm)
 
 

@@ -69,7 +69,8 @@ def say_count(name: str, number: int, *values: object) -> Said:
 
 def say_large(share: float) -> Said:
     """Say by how many % something is too large, or for a ``share`` below 0 too small."""
-    return say("percent-too-small" if share < 0 else "percent-too-large", f"{100 * abs(share):.2f}")
+    percent = round(100 * share, 2)
+    return say("percent-too-small" if percent < 0 else "percent-too-large", f"{abs(percent):.2f}")
 
 
 def say_own(texts: tuple[str, str], *values: object) -> Said:
