@@ -251,8 +251,8 @@ def _unnamed(parts: Sequence[Part], motor: int, scene: Scene) -> str:
     the same, and whether that is what no mechanism holds."""
     own = [
         one for one in gathered(parts)
-        if one.where == motor and one.law.of is Of.MACHINE and is_of_motor(one.law)
-        and (one.acts or one.chance >= LIKELY)
+        if one.where == motor and is_of_motor(one.law) and (one.acts or one.chance >= LIKELY)
+        and (one.law.of is Of.MACHINE or one.law.acts is Acts.DRIVE)
     ]  # fmt: skip
     places, moved_mm = drawn_places(scene), np.zeros((1, 2))
     for one in own:
@@ -261,7 +261,11 @@ def _unnamed(parts: Sequence[Part], motor: int, scene: Scene) -> str:
     name = scene.printer.motors[motor].upper()
     if size_mm < LEAST_SHOWN_MM:
         return say("motor-healthy", name)
-    return say("motor-not-held" if any(map(_is_told, own)) else "motor-unclear", name, f"{size_mm:.2f}")
+    return say(
+        "motor-not-held" if any(_is_told(one) and not one.acts for one in own) else "motor-unclear",
+        name,
+        f"{size_mm:.2f}",
+    )
 
 
 def words_of_z(summary: str) -> list[Said]:
@@ -294,7 +298,7 @@ def acting_faults(parts: Sequence[Part], scene: Scene) -> list[Fault]:
     there = [replace(one, acts=one.acts or _is_certain(one)) for one in every]
     found: list[Fault] = []
     for one, as_told in zip(every, there, strict=True):
-        if one.law.of is not Of.MACHINE or not as_told.acts:
+        if not (one.acts or (as_told.acts and one.law.of is Of.MACHINE)):
             continue
         rivals = _rivals(one, every)
         for fault in _faults(as_told, there, scene):

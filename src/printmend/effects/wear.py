@@ -4,23 +4,26 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Usual, onto_bed
-from printmend.effects.words import Found, Told, carrier_name
+from printmend.effects.effect import Of, Places, Scene, onto_bed
+from printmend.effects.play import Play
+from printmend.effects.words import Fault, Found, Told, carrier_name, those_of
 from printmend.messages import say, together
 
 OF_END = say("model-end-print")
 
 
-class Wear(Usual):
+class Wear(Play):
     """Play of one motor that grows with the length printed."""
 
     name = "wear"
     of = Of.SESSION  # that stays: a print is mended for the play with which the last one ended
-    acts = Acts.DRIVE
-    positive = True
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, (0.5 * places.side[:, where] * places.done)[:, None])
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        if not those_of("play", beside, found.where):
+            yield from super().faults(found, beside, scene)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = float(found.sizes_mm[0])
