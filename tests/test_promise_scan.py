@@ -116,8 +116,9 @@ def test_learn_says_what_scale_a_scan_leaves_open(healthy: SavedModel) -> None:
     both = r"0\.4\d % too large in X and 0\.4\d % too large in Y"
     assert re.search(rf"the print is {both}.* usually 0\.1 .* Mending corrects none of that", said.replace("(", " "))
     assert said in report(model)
-    assert "Mending corrects it as 0.50 % too large in X and 0.03 % too small in Y, which may be wrong by 0.2 mm" in (
-        scale_in_words(np.array([0.005, 0.001]), np.array([0.005, -3e-4]), 0.002, "")
+    assert (
+        "Mending treats the print as 0.50 % too large in X and 0.03 % too small in Y, which may be wrong by 0.2 mm"
+        in (scale_in_words(np.array([0.005, 0.001]), np.array([0.005, -3e-4]), 0.002, ""))
     )
     assert scale_words(healthy) == ()
 

@@ -10,6 +10,7 @@ from printmend.cli.terminal import Finite, echo
 from printmend.messages import say
 
 
+# Long because click passes every option as a parameter of its own, and what was printed decides what is read.
 @click.command(
     epilog="Example: printmend probe --printer ender3 -o check.gcode; printmend mend check.gcode -m printer.mend.json; "
     "print check.mended.gcode, scan it; printmend verify scan.png --probe check.json -m printer.mend.json"
