@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from printmend.machine import Mechanism
 from printmend.measure import write_trace
 from printmend.messages import ENGLISH, GERMAN
 from printmend.model import exact_model, read_model, write_model
+from printmend.model.model import NOTE, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
@@ -99,9 +100,14 @@ def test_json_is_for_programs(tmp_path: Path) -> None:
     path = trace_file(tmp_path, HEALTHY)
     done = run("learn", path, "--printer", "ender3", "-o", tmp_path / "m.json", "--json")
     value = json.loads(done.output)
-    assert value["healthy"] is True
-    assert value["digest"] == read_model(tmp_path / "m.json").digest
+    assert (value["healthy"], value["misfit"]) == (True, [])
+    model = read_model(tmp_path / "m.json")
+    assert value["digest"] == model.digest
     assert value["findings"] == ["X healthy; Y healthy"]
+    for severity, healthy in ((NOTE, True), (WARNING, False)):
+        told = [asdict(Misfit("racking", severity, 0.05, 9.0, "the gantry racks"))]
+        said = replace(model, document={**model.document, "misfit": {"found": told}}).summary
+        assert (said["healthy"], said["misfit"]) == (healthy, told)
     assert value["trace"]["measured"] == len(PLAN)
 
 

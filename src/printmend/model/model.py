@@ -216,9 +216,15 @@ class SavedModel:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The document without the machine's numbers: learner, findings, noise, diagnosis and trace."""
+        """The document without the machine's numbers: learner, findings, noise, diagnosis, misfits and trace.
+
+        ``healthy``: nothing is to mend, and nothing graver than a note was found.
+        """
         keys = ("learner", "findings", "noise_mm", "diagnosis", "trace")
-        return {"healthy": self.is_healthy, **{key: self.document[key] for key in keys if key in self.document}}
+        misfit = found_in(self.document)
+        is_healthy = self.is_healthy and all(each["severity"] == NOTE for each in misfit)
+        told = {key: self.document[key] for key in keys if key in self.document}
+        return {"healthy": is_healthy, **told, "misfit": misfit}
 
     @property
     def findings(self) -> tuple[str, ...]:
