@@ -105,5 +105,11 @@ export const Save = ({ id, name, save = (kind) => saveDrawing(id, name, kind) })
 export const Number_ = ({ value, unit = "mm", children }) => html`<div class="number"><b>${value} <small>${unit}</small></b><span>${children}</span></div>`;
 export const percent = (share) => `${number(100 * share, 0)} %`;
 
+// At most `count` round values from low to high, or one more, each with its label.
+export function ticks(low, high, count) {
+  const power = 10 ** Math.floor(Math.log10((high - low) / count)), step = power * [1, 2, 5, 10].find((k) => k * power * count >= high - low), first = Math.ceil(low / step);
+  return Array.from({ length: Math.floor(high / step) - first + 1 }, (_, i) => [(first + i) * step, number((first + i) * step, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)))]);
+}
+
 // How wide a chart's own units are: on a narrow page fewer, so that its words stay readable.
 export const wide = () => (innerWidth < 700 ? Math.max(280, innerWidth - 90) : 900);

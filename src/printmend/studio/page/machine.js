@@ -78,7 +78,7 @@ export function Machine({ machine, larger = 1, label, faults = [], lit, light, p
   const named = (name, x, y, z, anchor = "middle") => { const [u, v] = flat([x, y, z]); return html`<text x=${u} y=${v} text-anchor=${anchor} style=${{ fontSize: `${size * 0.75}px`, fontWeight: 640 }}>${name}</text>`; };
   const factor = (motor) => { const own = Math.min(larger, most({ radius_mm: 1, ...motor })); return own < larger ? ` ${number(own, 0)} ×` : ""; };
   return html`<svg id=${id} class="fill machine" viewBox=${box.join(" ")} role=${light ? "group" : "img"} aria-label=${label}>${frame}${zed}${belts}${head}${yBelt}
-    ${!small && html`<g aria-hidden="true">${core ? html`${named(`A${factor(one)}`, -side * 1.1, d + side * 1.9, gz)}${named(`B${factor(two)}`, w + side * 1.1, d + side * 1.9, gz)}` : html`${named(`X${factor(one)}`, -side * 0.4, gy, gz + size * 1.5)}${named(`Y${factor(two)}`, w + side * 2.2, -size * 0.6, -size * 1.4)}`}${named(`Z${pushed > 1 ? ` ${number(pushed, 0)} ×` : ""}`, zx, zy, h + size * 0.7)}</g>`}</svg>`;
+    ${!small && html`<g aria-hidden="true">${core ? html`${named(`A${factor(one)}`, -side * 1.1, d + side * 1.9, gz)}${named(`B${factor(two)}`, w + side * 1.1, d + side * 1.9, gz)}` : html`${named(`X${factor(one)}`, -side * 0.75, gy, gz + size * 1.5, "start")}${named(`Y${factor(two)}`, w + side * 2.2, -size * 0.6, -size * 1.4)}`}${named(`Z${pushed > 1 ? ` ${number(pushed, 0)} ×` : ""}`, zx, zy, h + size * 0.7)}</g>`}</svg>`;
 }
 
 // One of a CoreXY's belts: from its motor at the back, along the back and a side to the gantry, across the carriage, and

@@ -98,7 +98,7 @@ function Marks({ job, out, toggle }) {
       ${marks.map((place, i) => place[0] !== null && html`<circle cx=${place[0]} cy=${place[1]} r=${radius[i] * 1.5 + 2} fill="transparent" stroke=${colour[kind(i)]} stroke-width=${kind(i) === "found" ? 1.4 : 2.6} stroke-dasharray=${kind(i) === "out" ? "3 3" : undefined} vector-effect="non-scaling-stroke" style=${{ cursor: "pointer" }} onClick=${() => toggle(i)} />`)}
       ${job.result.missing_px?.map(([x, y]) => { const r = radius[0] * 2.5 + 4; return html`<path d=${`M${x - r} ${y - r}l${2 * r} ${2 * r}m0 ${-2 * r}l${-2 * r} ${2 * r}`} stroke="var(--printed)" stroke-width="2.6" vector-effect="non-scaling-stroke" />`; })}
       ${ends.length === 2 && html`<g class="asked" data-testid="asked"><line x1=${ends[0][0]} y1=${ends[0][1]} x2=${ends[1][0]} y2=${ends[1][1]} />${ends.map(([x, y]) => html`<ellipse cx=${x} cy=${y} rx=${Math.max(size[0] / 60, 12)} ry=${Math.max(size[0] / 60, 12)} />`)}</g>`}</svg>
-    <div class="over"><div class="glass row"><span class="ring odd">${t("odd")} ${odd.length}</span><span class="ring out">${t("left_out")} ${out.size}</span><span class="ring lost">${t("missing")} ${job.result.missing.length}</span></div>
+    <div class="over"><div class="glass"><div class="row"><span class="ring odd">${t("odd")} ${odd.length}</span><span class="ring out">${t("left_out")} ${out.size}</span><span class="ring lost">${t("missing")} ${job.result.missing.length}</span></div></div>
       <div class="row"><${Zoom} zoom=${zoom} /><${Save} id="scan" name="scan" /></div></div></div>`;
 }
 
@@ -120,9 +120,11 @@ function Callipers({ printer, learned }) {
 }
 
 function Pair({ bed: [x0, y0, x1, y1], one: { first_mm: a, second_mm: b }, n }) {
+  const middle = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2], across = [b[1] - a[1], a[0] - b[0]], inwards = across[0] * ((x0 + x1) / 2 - middle[0]) + across[1] * ((y0 + y1) / 2 - middle[1]) < 0 ? -1 : 1;
+  const [x, y] = middle.map((v, i) => v + (15 * inwards * across[i]) / Math.hypot(...across)); // beside the line, on the bed's side
   return html`<svg viewBox="${x0 - 6} ${-y1 - 6} ${x1 - x0 + 12} ${y1 - y0 + 12}" style=${{ width: "100%", maxHeight: "9rem" }} aria-hidden="true"><rect x=${x0} y=${-y1} width=${x1 - x0} height=${y1 - y0} rx="4" fill="var(--well)" class="axis" />
     <path d=${`M${a[0]} ${-a[1]}L${b[0]} ${-b[1]}`} stroke="var(--accent)" stroke-width="1.6" vector-effect="non-scaling-stroke" />${[a, b].map((p) => html`<circle cx=${p[0]} cy=${-p[1]} r="5" fill="var(--accent)" />`)}
-    <text x=${(a[0] + b[0]) / 2} y=${-(a[1] + b[1]) / 2 - 5} style=${{ fontSize: "18px", fontWeight: 600 }}>${n}</text></svg>`;
+    <text x=${x} y=${-y + 6} text-anchor="middle" style=${{ fontSize: "18px", fontWeight: 600 }}>${n}</text></svg>`;
 }
 
 // A table as the program reads it: where the comma is the decimal sign, spreadsheets separate by semicolons or tabs, or

@@ -1,13 +1,13 @@
 // Mend: files in, and each as wanted, as this printer prints it, and mended.
 import { html, useEffect, useState } from "./vendor.js";
 import { ended, fileOf, get, post, remove } from "./api.js";
-import { Number_, Save, wide } from "./drawings.js";
+import { Number_, Save, ticks, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { Problem, Progress, Sending, useJob, useSending } from "./job.js";
 import { Part } from "./part.js";
 import { useScene } from "./scene.js";
 import { Send } from "./send.js";
-import { lasting, mm, number, sentence, t } from "./words.js";
+import { lasting, mm, number, sentence, t, time } from "./words.js";
 
 const STEPS = ["read", "rewrite", "draw"];
 
@@ -17,7 +17,7 @@ const stateOf = (job) => job.result?.refused ? "failed" : job.state;
 // What a row of the list shows of a job.
 function rowOf(job) {
   const p = job.result?.prediction;
-  return { state: stateOf(job), drawn: job.files.includes("thumb.svg"), filament: job.params.filament, numbers: p && (job.result.refused || job.result.untouched ? `${mm(p.before.rms_mm)} mm` : `${mm(p.before.rms_mm)} → ${mm(p.after.rms_mm)} mm`) };
+  return { at_s: job.created_s, state: stateOf(job), drawn: job.files.includes("thumb.svg"), filament: job.params.filament, numbers: p && (job.result.refused || job.result.untouched ? `${mm(p.before.rms_mm)} mm` : `${mm(p.before.rms_mm)} → ${mm(p.after.rms_mm)} mm`) };
 }
 
 export function Mend({ printer, changed }) {
@@ -76,7 +76,7 @@ export function Mend({ printer, changed }) {
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}><${Sending} now=${now} />
       ${printer.filaments.length > 0 && html`<label class="field">${t("mend_filament")}<select value=${filament} onChange=${(event) => setFilament(event.target.value)}><option value="">${t("mend_slicer")}</option>${printer.filaments.map((name) => html`<option value=${name}>${name}</option>`)}</select></label>`}
-      ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<div class="file" key=${row.id ?? row.at}><button class="quiet" aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => { setShown(row.id); setError(null); }}>${row.drawn ? html`<img class="thumb" src=${fileOf(row, "thumb.svg")} alt="" />` : html`<i class="thumb"></i>`}<span class="fname">${row.name}${(row.filament || row.numbers) && html`<br /><span class="faint">${[row.filament, row.numbers].filter(Boolean).join(" · ")}</span>`}</span>
+      ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<div class="file" key=${row.id ?? row.at}><button class="quiet" aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => { setShown(row.id); setError(null); }}>${row.drawn ? html`<img class="thumb" src=${fileOf(row, "thumb.svg")} alt="" />` : html`<i class="thumb"></i>`}<span class="fname">${row.name}${[row.at_s && time(row.at_s), row.filament, row.numbers].filter(Boolean).map((line) => html`<br /><span class="faint">${line}</span>`)}</span>
         <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.state === "cancelled" ? t("stopped") : ended(row) ? t("ready") : t(row.state === "queued" ? "waits" : "mending")}</span></button>
         <button class="quiet icon" disabled=${row.state === "sending"} title=${t("forget", { name: row.name })} aria-label=${t("forget", { name: row.name })} onClick=${() => forget(row)}>×</button></div>`)}</section>`}</div>
     <div class="stack"><${File_} id=${shown} printer=${printer} changed=${changed} anyway=${anyway} /></div></div>`;
@@ -128,9 +128,9 @@ function left({ unknown, unknown_lines: lines, splines, coarse, geometry }) {
 }
 
 function Layers({ layers, untouched }) {
-  const W = wide(), H = 170, left = 46, most = Math.max(...layers.map(([, a, b]) => Math.max(a, b)), 0.01), top = layers.at(-1)[0] || 1;
-  const x = (z) => left + (z / top) * (W - left - 8), y = (v) => 8 + (1 - v / most) * (H - 34);
+  const W = wide(), H = 170, left = 46, right = 24, most = Math.max(...layers.map(([, a, b]) => Math.max(a, b)), 0.01), top = layers.at(-1)[0] || 1;
+  const x = (z) => left + (z / top) * (W - left - right), y = (v) => 8 + (1 - v / most) * (H - 34);
   const line = (k) => layers.map((row, i) => `${i ? "L" : "M"}${x(row[0]).toFixed(1)} ${y(row[k]).toFixed(1)}`).join("");
-  return html`<svg id="layers" viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("by_layer")}>${[0, most / 2, most].map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, most < 0.1 ? 3 : 2)}</text></g>`)}
-    ${[0, 0.5, 1].map((s) => html`<text x=${x(s * top)} y=${H - 6} text-anchor=${s === 1 ? "end" : "middle"}>${number(s * top, 1)} mm</text>`)}<path d=${line(1)} class="p" stroke-width="2" />${untouched ? null : html`<path d=${line(2)} class="m" stroke-width="2" />`}</svg>`;
+  return html`<svg id="layers" viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("by_layer")}>${ticks(0, most, 5).map(([v, text]) => html`<g><path d=${`M${left} ${y(v)}H${W - right}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${text}</text></g>`)}
+    ${ticks(0, top, 4).map(([v, text]) => html`<text x=${x(v)} y=${H - 6} text-anchor="middle">${text} mm</text>`)}<path d=${line(1)} class="p" stroke-width="2" />${untouched ? null : html`<path d=${line(2)} class="m" stroke-width="2" />`}</svg>`;
 }

@@ -40,7 +40,7 @@ export function Prove({ printer, changed }) {
         <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label><${Filament} printer=${printer} value=${filament} set=${setFilament} /><${Photos} job=${job} /><${Progress} job=${job} steps=${["measure", "compare"]} /></section></div>
     <div class="stack">${verdict && html`<section class="card stack"><h2>${t(VERDICTS[verdict.result])}</h2><div class="numbers"><${Number_} value=${mm(verdict.before_mm)}>${t("was")}</${Number_}><${Number_} value=${verdict.now_at_most_mm == null ? mm(verdict.now_mm) : `< ${mm(verdict.now_at_most_mm)}`}>${t("measured_now")}</${Number_}><${Number_} value=${`${mm(verdict.promised_low_mm)} – ${mm(verdict.promised_high_mm)}`}>${t("promised")}</${Number_}></div>${verdict.result === "cannot tell" && html`<p class="note">${t("cannot_tell_why")} ${mm(verdict.shows_from_mm)}.</p>`}
         ${job.result.newer.split("\n").map((line) => html`<p class="faint">${sentence(line)}</p>`)}${job.result.asked?.map((line) => html`<p class="faint">${sentence(line)}</p>`)}${taken ? html`<p class="note">${t("taken")}</p>` : html`<div><button onClick=${over}>${t("take_over")}</button></div>`}</section>`}
-      <section class="card stack"><div class="row between"><h2>${t("history")}</h2>${known?.history.length > 0 && html`<${Save} id="history" name="history" />`}</div>${known?.history.length ? html`<${History} events=${known.history} /><div class="row"><span class="key kp">${t("was")}</span><span class="key kb">${t("promised")}</span><span class="key km">${t("history_after")}</span></div>` : html`<p class="soft">${known ? t("history_none") : "…"}</p>${known && html`<${GhostHistory} />`}`}</section></div></div>`;
+      <section class="card stack"><div class="row between"><h2>${t("history")}</h2>${known?.history.length > 0 && html`<${Save} id="history" name="history" />`}</div>${known?.history.length ? html`<p class="faint">${t("history_axis")}</p><${History} events=${known.history} /><div class="row"><span class="key kp">${t("was")}</span><span class="key kb">${t("promised")}</span><span class="key km">${t("history_after")}</span></div>` : html`<p class="soft">${known ? t("history_none") : "…"}</p>${known && html`<${GhostHistory} />`}`}</section></div></div>`;
 }
 
 // What the history will look like.
@@ -50,12 +50,11 @@ export function GhostHistory() {
 }
 
 function History({ events }) {
-  const W = wide(), H = 280, left = 52, bottom = 40, step = (W - left - 40) / Math.max(events.length, 1);
+  const W = wide(), H = 268, left = 52, bottom = 40, step = (W - left - 40) / Math.max(events.length, 1);
   const most = Math.max(...events.map((one) => Math.max(one.now_mm ?? 0, one.promised_high_mm ?? 0, one.before_mm ?? 0)), 0.02);
-  const x = (i) => left + step * (i + 0.5), y = (v) => 26 + (1 - Math.sqrt(v / most)) * (H - bottom - 34);
+  const x = (i) => left + step * (i + 0.5), y = (v) => 14 + (1 - Math.sqrt(v / most)) * (H - bottom - 22);
   return html`<svg id="history" viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("history")}>
     ${[0, most / 16, most / 4, most].map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${v === 0 ? 0 : number(v, v < 0.1 ? 3 : 2)}</text></g>`)}
     ${events.map((one, i) => html`<g>${one.promised_high_mm !== undefined && html`<rect x=${x(i) - 12} width="24" rx="5" y=${y(one.promised_high_mm)} height=${Math.max(3, y(one.promised_low_mm) - y(one.promised_high_mm))} fill="var(--accent-soft)" stroke="var(--accent)" /><circle cx=${x(i)} cy=${y(one.before_mm)} r="5" class="fp" />`}
-      ${one.now_at_most_mm != null ? html`<path d=${`M${x(i)} ${y(0)}V${y(one.now_at_most_mm)}M${x(i) - 8} ${y(one.now_at_most_mm)}h16`} class="m" stroke-width="4" />` : html`<circle cx=${x(i)} cy=${y(one.now_mm ?? 0)} r="6" class=${one.event === "learned" ? "fp" : "fm"} />`}<text x=${x(i)} y=${H - 20} text-anchor="middle">${t(`event_${one.event}`)}</text><text x=${x(i)} y=${H - 5} text-anchor="middle">${day(one.at_s)}</text></g>`)}
-    <text x=${left + 4} y="11">${t("history_axis")}</text></svg>`;
+      ${one.now_at_most_mm != null ? html`<path d=${`M${x(i)} ${y(0)}V${y(one.now_at_most_mm)}M${x(i) - 8} ${y(one.now_at_most_mm)}h16`} class="m" stroke-width="4" />` : html`<circle cx=${x(i)} cy=${y(one.now_mm ?? 0)} r="6" class=${one.event === "learned" ? "fp" : "fm"} />`}<text x=${x(i)} y=${H - 20} text-anchor="middle">${t(`event_${one.event}`)}</text><text x=${x(i)} y=${H - 5} text-anchor="middle">${day(one.at_s)}</text></g>`)}</svg>`;
 }

@@ -5,6 +5,7 @@ import de from "./strings.de.js";
 const LANGUAGES = { en, de };
 const kept = (() => { try { return localStorage.getItem("language"); } catch { return null; } })();
 export const language = LANGUAGES[kept] ? kept : navigator.language?.startsWith("de") ? "de" : "en";
+const place = navigator.languages.find((name) => name.startsWith(language)) ?? language; // a date in India is not one in Texas
 document.documentElement.lang = language;
 
 export const languages = Object.keys(LANGUAGES);
@@ -78,4 +79,5 @@ export function lasting(seconds) {
   const minutes = Math.max(1, Math.round(seconds / 60)), hours = Math.floor(minutes / 60);
   return hours ? t("hours", { h: hours, m: minutes % 60 }) : t("minutes", { m: minutes });
 }
-export const day = (value) => new Date(value * 1000).toLocaleDateString(language, { day: "numeric", month: "short", year: "numeric" });
+export const day = (value) => new Date(value * 1000).toLocaleDateString(place, { day: "numeric", month: "short", year: "numeric" });
+export const time = (value) => new Date(value * 1000).toLocaleString(place, { dateStyle: "short", timeStyle: "short" });

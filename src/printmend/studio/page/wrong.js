@@ -1,7 +1,7 @@
 // What is wrong: the machine drawn as it is, its faults made larger, and words beside them.
 import { html, useEffect, useState } from "./vendor.js";
 import { get } from "./api.js";
-import { Number_, Save, wide } from "./drawings.js";
+import { Number_, Save, ticks, wide } from "./drawings.js";
 import { Problem } from "./job.js";
 import { Pair } from "./send.js";
 import { inside, Machine } from "./machine.js";
@@ -26,7 +26,7 @@ export function Wrong({ printer }) {
     <div class="stack"><div class=${refused ? "stage refused" : "stage"}><${Machine} machine=${said.machine} larger=${larger} label=${words(refused, sound, larger)} faults=${said.faults.map((fault) => fault.part)} lit=${lit} light=${light} />
         <div class="over"><div class="glass"><b>${words(refused, sound, larger)}</b></div><${Save} id="machine" name="machine" /></div></div>
       ${!sound && !refused && html`<div class="row between"><p class="faint" style=${{ flex: "1 1 16rem" }}>${t("drawn_belts")}</p><label class="field" style=${{ flex: "1 1 16rem" }}><span>${t("enlarge")}<span class="value">${larger} ×</span></span><input type="range" min="1" max="50" value=${larger} onInput=${(event) => setLarger(Number(event.target.value))} /></label></div>`}
-      ${said.machine.motors.map((motor) => html`<section class="card stack"><div class="row between"><h3>${t("curve", { name: motor.name })}</h3><div class="row"><span class="key kp">${t("forwards")}</span><span class="key km">${t("backwards")}</span><${Save} id=${`curve-${motor.name}`} name=${`curve-${motor.name}`} /></div></div><${Curve} motor=${motor} /></section>`)}</div></div>`;
+      ${said.machine.motors.map((motor) => html`<section class="card stack"><div class="row between"><h3>${t("curve", { name: motor.name })}</h3><div class="row"><span class="key km">${t("forwards")}</span><span class="key kp">${t("backwards")}</span><${Save} id=${`curve-${motor.name}`} name=${`curve-${motor.name}`} /></div></div><${Curve} motor=${motor} /></section>`)}</div></div>`;
 }
 
 const words = (refused, sound, larger) => (refused ? t("machine_refused") : sound || larger === 1 ? t("machine_sound") : t("machine", { n: larger }));
@@ -51,10 +51,9 @@ const path = (points) => points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(
 
 function Curve({ motor }) {
   const { at_mm: at, forwards_mm: a, backwards_mm: b } = motor, low = Math.min(...a, ...b), high = Math.max(...a, ...b), pad = Math.max((high - low) * 0.08, 0.01);
-  const W = wide(), H = 190, left = 46, bottom = 22, x = (v) => left + ((v - at[0]) / (at.at(-1) - at[0])) * (W - left - 8), y = (v) => 6 + ((high + pad - v) / (high - low + 2 * pad)) * (H - bottom - 12);
+  const W = wide(), H = 190, left = 46, right = 16, bottom = 22, x = (v) => left + ((v - at[0]) / (at.at(-1) - at[0])) * (W - left - right), y = (v) => 6 + ((high + pad - v) / (high - low + 2 * pad)) * (H - bottom - 12);
   const line = (values) => path(values.map((v, i) => [x(at[i]), y(v)]));
-  const ticks = high - low < 0.005 ? [low] : [low, (low + high) / 2, high];
-  return html`<svg id=${`curve-${motor.name}`} viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("curve", { name: motor.name })}>${ticks.map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, 2)}</text></g>`)}
-    ${[0, 0.25, 0.5, 0.75, 1].map((s) => html`<text x=${x(at[0] + s * (at.at(-1) - at[0]))} y=${H - 4} text-anchor=${s === 1 ? "end" : "middle"}>${number(at[0] + s * (at.at(-1) - at[0]), 0)}</text>`)}
-    <path d=${line(a)} class="p" stroke-width="1.8" /><path d=${line(b)} class="m" stroke-width="1.8" /></svg>`;
+  return html`<svg id=${`curve-${motor.name}`} viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("curve", { name: motor.name })}>${ticks(low - pad, high + pad, 6).map(([v, text]) => html`<g><path d=${`M${left} ${y(v)}H${W - right}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${text}</text></g>`)}
+    ${ticks(at[0], at.at(-1), 5).map(([v, text]) => html`<text x=${x(v)} y=${H - 4} text-anchor="middle">${text}</text>`)}
+    <path d=${line(a)} class="m" stroke-width="1.8" /><path d=${line(b)} class="p" stroke-width="1.8" /></svg>`;
 }
