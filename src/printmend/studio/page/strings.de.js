@@ -64,7 +64,7 @@ export default {
 
   wrong_now: "Das ist der Drucker, wie er ist. Seine Fehler vergrößern, um sie zu sehen.", wrong_none: "Zuerst den Testdruck messen: Dann zeigt diese Seite seine Fehler.",
   machine: "Der Drucker, Fehler {n}-fach vergrößert", machine_sound: "Der Drucker", machine_refused: "Aus einer abgelehnten Messung: Mit ihr wird nichts korrigiert", drawn_belts: "Ein Riemen, der durchhängt, hat Spiel. Das Netz ist das Bett aus Sicht der Düse. Eine Riemenscheibe mit eigenem Faktor, etwa 8 ×, ist mit diesem gezeichnet.",
-  how_sure: "Sicherheit", to_do: "Zu tun", software: "Korrektur", urgency_repair: "Reparieren", urgency_soon: "Bei Gelegenheit ansehen", urgency_left: "Wird nicht korrigiert", urgency_software: "Der Korrektur überlassen",
+  how_sure: "Gewissheit", to_do: "Zu tun", software: "Korrektur", urgency_repair: "Reparieren", urgency_soon: "Bei Gelegenheit ansehen", urgency_left: "Wird nicht korrigiert", urgency_software: "Der Korrektur überlassen",
   gaps: "Was diese Messung nicht zeigen konnte", curve: "{name}: Fehler entlang der Achse, mm", forwards: "vorwärts", backwards: "rückwärts",
   nothing_wrong: "Kein Fehler, den ein Druck zeigen würde.", nothing_known: "Darin zeigt sich kein Fehler, den die Korrektur kennt.", before_model: "Abweichung unkorrigiert", after_model: "bleiben unerklärt", points: "gemessene Stellen",
   next_print: "Der sparsamste Druck, der es zeigt: ein Quadrat von {size} mm, {minutes} min, {grams} g. Restfehler danach, überall auf dem Bett: etwa {mm} mm. Den Fehler jedes Teils nennt „Korrigieren“.", next_make: "Diesen Druck erstellen",

@@ -20,7 +20,7 @@ export function t(key, values = {}) {
   return text.replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
 }
 
-const NUMBERS = /^(?!.*\d\.\d+\.)[\s\d.±+–-]*\d\.\d[\s\d.±+–-]*( ?[%°a-z]+)?$/;
+const NUMBERS = /^(?!.*\d\.\d+\.)[\s\d.±+–−-]*\d\.\d[\s\d.±+–−-]*( ?[%°a-z]+)?$/;
 const plainly = (value) => (language === "de" && NUMBERS.test(value) ? value.replaceAll(".", ",") : value);
 
 // Every message that has an id: what the page says in each language. What is said comes in English, with ids beside it.
@@ -47,7 +47,7 @@ export function said(text) {
 }
 
 // The same, where it stands alone.
-export const sentence = (text) => said(text).replace(/^\p{Ll}+ /u, (word) => word[0].toUpperCase() + word.slice(1));
+export const sentence = (text) => said(text).replace(/^\p{Ll}+ /u, (word) => word[0].toUpperCase() + word.slice(1)).replace(/(?<![.?!…:])$/, ".");
 
 // Why something did not work: what is wrong, then what to do.
 export function why(text) {
