@@ -20,6 +20,8 @@ _DPI = 200  # resolution of a picture in a PDF
 _FONT, _BOLD = "DejaVuSans", "DejaVuSans-Bold"  # matplotlib includes them; they have all our characters
 _INK, _SOFT, _LINE, _CARD = "#22303a", "#57534e", "#d6d3d1", "#fafaf9"
 _MARGIN_MM, _GAP_MM = 16.0, 3.0
+_FRAME_PT = 6.0  # what reportlab leaves free at the sides of a page's frame
+_SMALL_PT, _CELL_GAP_PT = 8.0, 13.0  # a table's letters, and the room beside a cell's words
 _HIGHEST_MM = 66.0  # largest height of a row of pictures: three rows and their captions fill a page
 _HEADED_MM = 85.0  # a heading goes to the next page unless so much room follows it
 
@@ -110,10 +112,10 @@ def write_pdf(path: Path, title: str, blocks: Sequence[Block], *, foot: str, tel
         canvas.drawString(_MARGIN_MM * mm, 9 * mm, foot)
         canvas.drawRightString(A4[0] - _MARGIN_MM * mm, 9 * mm, tell(say("pdf-page", document.page)))
 
-    width = A4[0] - 2 * _MARGIN_MM * mm
+    width, side = A4[0] - 2 * _MARGIN_MM * mm, _MARGIN_MM * mm - _FRAME_PT
     with replacing(path, "wb") as file:
         document = SimpleDocTemplate(
-            file, pagesize=A4, leftMargin=_MARGIN_MM * mm, rightMargin=_MARGIN_MM * mm, topMargin=_MARGIN_MM * mm,
+            file, pagesize=A4, leftMargin=side, rightMargin=side, topMargin=_MARGIN_MM * mm,
             bottomMargin=_MARGIN_MM * mm, title=tell(title), author="printmend", invariant=1,
         )  # fmt: skip
         flowables: list[Any] = []
@@ -142,40 +144,53 @@ def _flowables(block: Block, width: float, tell: Tell) -> list[Any]:
     if isinstance(block, Items):
         return [_paragraph(f"• {sentence(tell(text))}", "text") for text in block.texts]
     if isinstance(block, Numbers):
-        return [_table(block, tell)]
+        return [_table(block, width, tell)]
     if isinstance(block, Strip):
         return [_strip(block, width, tell)]
     return [_card(block, width, tell) if isinstance(block, Card) else _pictures(block, width, tell)]
 
 
-def _paragraph(text: str, style: str, *, colour: str = _INK) -> Any:
+def _paragraph(text: str, style: str, *, colour: str = _INK, right: bool = False) -> Any:
     from reportlab.lib.styles import ParagraphStyle
     from reportlab.platypus import Paragraph
 
     size, bold, before, after = {
         "title": (18, True, 0, 6), "heading": (12, True, 12, 4), "text": (9.5, False, 0, 4),
         "small": (7.5, False, 0, 3), "number": (13, True, 0, 2), "card": (10, True, 0, 2),
-        "cell": (8.5, False, 0, 0), "caption": (8, False, 3, 8),
+        "cell": (8.5, False, 0, 0), "caption": (8, False, 3, 8), "head": (_SMALL_PT, True, 0, 0),
+        "row": (_SMALL_PT, False, 0, 0),
     }[style]  # fmt: skip
     return Paragraph(
         escape(text.replace("`", "")),
         ParagraphStyle(
             style, fontName=_BOLD if bold else _FONT, fontSize=size, leading=1.35 * size, spaceBefore=before,
-            spaceAfter=after, textColor=colour,
+            spaceAfter=after, textColor=colour, alignment=2 if right else 0,
         ),
     )  # fmt: skip
 
 
-def _table(block: Numbers, tell: Tell) -> Any:
+def _table(block: Numbers, width: float, tell: Tell) -> Any:
+    from reportlab.pdfbase.pdfmetrics import stringWidth
     from reportlab.platypus import KeepTogether, Table
 
     style: list[tuple[Any, ...]] = [
-        ("FONT", (0, 0), (-1, -1), _FONT, 8), ("FONT", (0, 0), (-1, 0), _BOLD, 8),
-        ("TEXTCOLOR", (0, 0), (-1, -1), _INK), ("LINEBELOW", (0, 0), (-1, -1), 0.4, _LINE),
-        ("ALIGN", (block.words, 0), (-1, -1), "RIGHT"), ("LEFTPADDING", (0, 0), (0, -1), 0),
-        ("TOPPADDING", (0, 0), (-1, -1), 2), ("BOTTOMPADDING", (0, 0), (-1, -1), 2),
+        ("LINEBELOW", (0, 0), (-1, -1), 0.4, _LINE), ("LEFTPADDING", (0, 0), (0, -1), 0),
+        ("VALIGN", (0, 0), (-1, -1), "TOP"), ("TOPPADDING", (0, 0), (-1, -1), 2),
+        ("BOTTOMPADDING", (0, 0), (-1, -1), 2),
     ]  # fmt: skip
-    table = Table([[tell(cell) for cell in row] for row in block.rows], style=style, hAlign="LEFT", spaceAfter=8)
+    rows = [[tell(cell) for cell in row] for row in block.rows]
+    widths = [
+        max(stringWidth(cell, _FONT if i else _BOLD, _SMALL_PT) for i, cell in enumerate(column)) + _CELL_GAP_PT
+        for column in zip(*rows, strict=True)
+    ]
+    words = slice(block.words)  # these columns share what the numbers leave of the page
+    share = min(1.0, (width - sum(widths[block.words :])) / sum(widths[words]))
+    widths[words] = [share * each for each in widths[words]]
+    cells = [
+        [_paragraph(cell, "row" if i else "head", right=j >= block.words) for j, cell in enumerate(row)]
+        for i, row in enumerate(rows)
+    ]
+    table = Table(cells, colWidths=widths, style=style, hAlign="LEFT", spaceAfter=8)
     caption = [_paragraph(tell(block.caption), "text")] if block.caption else []
     return KeepTogether([*caption, table])
 

@@ -25,20 +25,21 @@ h1 { font-size: 1.9em; line-height: 1.2; margin: 0 0 .2em; } h2 { margin: 2.2em 
   background: var(--mark); white-space: nowrap; vertical-align: .12em; }
 dt { font-weight: 600; color: var(--soft); } dd { margin: 0; }
 dl { display: grid; grid-template-columns: 8.5em 1fr; gap: .2em 1em; margin: .5em 0; }
-.wide { overflow-x: auto; margin: .8em 0; } table { border-collapse: collapse; font-size: .95em; }
-td, th { padding: .3em .8em; text-align: right; border-bottom: 1px solid var(--line); overflow-wrap: normal; }
-td:first-child, th:first-child { text-align: left; padding-left: 0; font-weight: 600; }
+.wide { overflow-x: auto; margin: .8em 0; background: /* a shadow at the right, as long as there is more */
+  linear-gradient(to left, var(--paper) 50%, transparent) right / 3em 100% no-repeat local,
+  linear-gradient(to left, #0004, transparent) right / 1em 100% no-repeat; }
+table { border-collapse: collapse; font-size: .95em; }
+td, th { padding: .3em .8em; text-align: right; vertical-align: top; border-bottom: 1px solid var(--line);
+  overflow-wrap: normal; hyphens: auto; }
+td:first-child, th:first-child { text-align: left; padding-left: 0; }
 table.words td:nth-child(2), table.words th:nth-child(2) { text-align: left; }
 figure { margin: 1.2em 0; padding: 1em; border: 1px solid var(--line); border-radius: 10px; break-inside: avoid; }
 figure > div { display: flex; flex-wrap: wrap; gap: .6em; justify-content: center; }
 figure img { flex: 1 1 320px; min-width: 0; max-width: 100%; height: auto; } figcaption { color: var(--soft); }
-figure.one img { flex: 0 1 560px; } figure.long img { flex: 1 1 100%; }
+figure.one img { flex: 0 1 560px; }
 @media (max-width: 600px) { body { padding: 1.2em .8em; } dl { grid-template-columns: 1fr; } dd { margin-bottom: .5em; }
-  figure { padding: .5em; } }
-@media (max-width: 600px) { figure.long > div { overflow-x: auto; justify-content: start; }
-  figure.long img { flex: 0 0 620px; max-width: none; } }
+  figure { padding: .5em; } table { font-size: .85em; } td, th { padding: .3em; } }
 """
-_WIDE_RATIO = 2.0  # a drawing with a larger ratio of width to height scrolls sideways on narrow screens
 
 
 def page(title: str, blocks: Iterable[Block], *, tell: Tell, language: str) -> str:
@@ -102,6 +103,5 @@ def _picture(block: Pictures, words: Tell) -> str:
     for i, figure in enumerate(block.figures):
         data = base64.b64encode(svg(figure).encode()).decode()
         images += f'<img alt="{"" if i else caption}" src="data:image/svg+xml;base64,{data}">'
-    wide, high = block.figures[0].get_size_inches()
-    kind = "" if len(block.figures) > 1 else ' class="long"' if wide > _WIDE_RATIO * high else ' class="one"'
+    kind = "" if len(block.figures) > 1 else ' class="one"'
     return f"<figure{kind}><div>{images}</div><figcaption>{caption}</figcaption></figure>"

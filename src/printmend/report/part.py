@@ -118,12 +118,12 @@ def part_rows(prediction: Prediction) -> list[tuple[str, ...]]:
 def budget_rows(promise: Promise) -> list[tuple[str, ...]]:
     """Return the uncertainty budget of an expected error by the GUM (JCGM 100:2008) [mm], its head first.
 
-    Each row is a cause, the largest first.
+    Each row is a cause, the largest first; one that rounds to 0 is left out.
     """
-    made = sorted(promise.made_of.items(), key=lambda item: -item[1])
+    made = [(name, f"{share:.4f}") for name, share in sorted(promise.made_of.items(), key=lambda item: -item[1])]
     return [
         (say("budget-cause"), say("budget-type"), say("budget-uncertainty")),
-        *((*in_a_table(name), f"{share:.4f}") for name, share in made),
+        *((*in_a_table(name), share) for name, share in made if float(share)),
         (say("budget-combined"), "", f"{promise.combined_mm:.4f}"),
         (say("budget-expanded"), "", f"{2 * promise.combined_mm:.4f}"),
         (say("budget-range"), "", f"{promise.rms_low_mm:.4f}–{promise.rms_high_mm:.4f}"),
@@ -144,10 +144,9 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
     found = [*prediction.advice, *prediction.warnings, *filter(None, [prediction.shift_words])]
     if view is not None:
         axes = (model.printer.x, model.printer.y)
-        printed = zip(axes, prediction.printed_low_mm, prediction.printed_high_mm, strict=True)
         sent = zip(axes, view.low_mm, view.high_mm, strict=True)
         bed = ((axis, axis.min_mm, axis.max_mm) for axis in axes)
-        found.append(say("report-reach", _reach(printed), _reach(sent), _reach(bed)))
+        found.append(say("report-reach", _reach(sent), _reach(bed)))
     found += prediction.moves_words()
     length = f"{prediction.length_mm / 1000:.1f}"
     found.append(say("report-length", length, say_count("so-many-layers", len(prediction.layers))))

@@ -37,11 +37,11 @@ def pictures(examination: Examination, tell: Tell) -> list[Pictures]:
 
 def layers_picture(layers: Sequence[dict[str, float]], part: str, tell: Tell) -> Pictures:
     """Return the drawing of a part's expected error over its layers."""
-    figure, axes = new_figure(1, width_in=7.0, height_in=2.6)
+    figure, axes = new_figure(1, width_in=4.6, height_in=2.4)
     draw_layer_errors(
         axes[0], *([layer[f"{which}_rms_mm"] for layer in layers] for which in ("before", "after")), tell=tell
     )
-    figure.subplots_adjust(left=0.1, right=0.985, top=0.95, bottom=0.2)
+    figure.subplots_adjust(left=0.13, right=0.985, top=0.95, bottom=0.2)
     return Pictures([figure], say("picture-layers", part))
 
 
