@@ -13,7 +13,8 @@ from matplotlib.colors import Normalize
 
 from printmend.draw import PrintedLayer, comparison, draw_above, draw_alike, new_figure, save
 from printmend.draw.body import above_view, add_beads, runs
-from printmend.draw.figure import points_per_unit
+from printmend.draw.document import Numbers, write_pdf
+from printmend.draw.figure import Wear, draw_wear, points_per_unit
 from printmend.printer import Printer
 from printmend_lab.draw import (
     draw_axis_error,
@@ -133,3 +134,30 @@ def test_a_comparison_is_the_same_file_twice(layers: list[PrintedLayer], tmp_pat
 def test_drawing_never_touches_the_global_state_of_pyplot() -> None:
     code = "import sys, printmend.draw; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0  # noqa: S603 – our own interpreter
+
+
+def test_the_error_bar_lies_under_the_pictures_that_have_its_colours() -> None:
+    figure = comparison("abcd", [lambda axes: axes] * 4, title="parts", colours=COLOURS, first=2)
+    left, _, shown, bar = (figure.axes[k].get_position() for k in (1, 2, 3, 4))
+    assert left.x1 < bar.x0 < bar.x1 < shown.x1
+    assert figure.get_suptitle() == "Parts"
+
+
+def test_measurements_of_one_day_are_drawn_over_days(axes: Axes) -> None:
+    draw_wear(axes, Wear("play", "mm", [1.8e9], [0.3], [0.01], None, [(0.1, "much")], None, None), "red")
+    axes.figure.canvas.draw()
+    assert {len(label.get_text()) for label in axes.get_xticklabels()} == {len("2027-01-15")}
+
+
+def test_a_table_of_long_words_stays_on_its_sheet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    table, drawn = pytest.importorskip("reportlab.platypus").Table, []
+
+    def wrap(self: object, room: float, high: float, wrap=table.wrap) -> tuple[float, float]:
+        drawn.append((wrap(self, room, high)[0], room))
+        return wrap(self, room, high)
+
+    monkeypatch.setattr(table, "wrap", wrap)
+    rows = [("in the standard", "in other words", "X", "Y"), ("deviation " * 5, "what is lost " * 9, "0.598", "0.202")]
+    write_pdf(tmp_path / "table.pdf", "table", [Numbers("", rows, words=2)], foot="")
+    assert drawn
+    assert all(wide < room + 0.01 for wide, room in drawn)

@@ -48,7 +48,7 @@ def _show_part(seed: int, broken: tuple[str, ...], out: Path) -> None:
     from printmend.printer import read_printer
 
     corruption = corruption_of(broken, seed=seed) if broken else part.DAMAGE
-    done = part.run_part(read_printer("ender5"), out, seed=seed, corruption=corruption)
+    done = part.run_part(read_printer("ender5"), out, seed=seed, corruption=corruption, tell=spoken)
     picture = part.write_figure(done, out, spoken)
     echo(together("\n", [*part.lines(done), say("written", picture)]))
 

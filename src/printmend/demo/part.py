@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.demo import contour
 from printmend.draw import PrintedLayer, comparison, draw_alike, save
-from printmend.draw.figure import INK, PALETTE
+from printmend.draw.figure import INK, PALETTE, quiet
 from printmend.errors import RefusedError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
@@ -67,7 +67,9 @@ def cam_gcode(printer: Printer) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def run_part(printer: Printer, folder: Path, *, seed: int, corruption: Corruption = DAMAGE) -> PartDemo:
+def run_part(
+    printer: Printer, folder: Path, *, seed: int, corruption: Corruption = DAMAGE, tell: Tell = str
+) -> PartDemo:
     """Run the chain through files in ``folder``, as an owner would."""
     folder.mkdir(parents=True, exist_ok=True)
     twin, source, target = Twin.of(corruption, printer), folder / "part.gcode", folder / "part.mended.gcode"
@@ -78,7 +80,7 @@ def run_part(printer: Printer, folder: Path, *, seed: int, corruption: Corruptio
     strokes = [ideal.printed_mm[first : last + 1] for first, last in zip(cuts[::2], cuts[1::2], strict=True)]
     scan = render_layer(strokes, bead_mm=BEAD_MM + 2 * SWELL_MM, rng=np.random.default_rng(seed), degradations=DEFAULT)
     write_image(folder / "scan.png", scan, dpi=600.0)
-    measured = measure_part(folder / "scan.png", source, printer, overlay=folder / "seen.png")
+    measured = measure_part(folder / "scan.png", source, printer, overlay=folder / "seen.png", tell=tell)
     write_trace(folder / "trace.csv", measured.trace)
     model = learn_model(measured.trace, printer, rng=np.random.default_rng(seed))
     write_model(folder / "printer.mend.json", model)
@@ -136,7 +138,7 @@ def write_figure(done: PartDemo, folder: Path, tell: Tell = str) -> Path:
         low_mm, high_mm = axes.get_ylim()
         axes.set_ylim(low_mm - 0.25 * (high_mm - low_mm), high_mm)  # room for the legend
         axes.legend(loc="lower center", fontsize=8, frameon=False, ncols=2)
-        axes.spines[["top", "right"]].set_visible(False)
+        quiet(axes, tell)
         box = axes.get_position()
         axes.set_position((box.x0 + 0.035, box.y0 + 0.07, box.width - 0.05, box.height - 0.07))
         return axes
@@ -148,6 +150,6 @@ def write_figure(done: PartDemo, folder: Path, tell: Tell = str) -> Path:
     figure = comparison(
         titles,
         [scan, fault, *draw_alike(drawn, colours=colours)],
-        title=say("demo-part-title"), colours=colours, tell=tell,
+        title=say("demo-part-title"), colours=colours, first=2, tell=tell,
     )  # fmt: skip
     return save(figure, folder / "first-layer.png")

@@ -39,21 +39,23 @@ def new_figure(columns: int = 1, *, width_in: float = 5.0, height_in: float = 5.
 
 def comparison(
     titles: Sequence[str], draw: Sequence[Callable[[Axes], Axes]], *, title: str, colours: Normalize | None,
-    tell: Tell = str,
+    first: int = 0, tell: Tell = str,
 ) -> Figure:  # fmt: skip
-    """Return a row of pictures with one colour bar of error [mm] under them: the paper's Fig. 1 and 5."""
+    """Return a row of pictures, as the paper's Fig. 1 and 5; below those from ``first`` on is a bar of error [mm]."""
     figure, axes = new_figure(len(draw), width_in=4.4, height_in=4.6)
     figure.subplots_adjust(left=0.01, right=0.99, top=0.84, bottom=0.15, wspace=0.02)
-    figure.suptitle(tell(title), color=INK, fontsize=13, y=0.98)
+    figure.suptitle((words := tell(title))[:1].upper() + words[1:], color=INK, fontsize=13, y=0.98)
+    left, right = axes[first].get_position().x0, axes[-1].get_position().x1
     for one, name, draw_one in zip(axes, titles, draw, strict=True):
         draw_one(one)
         one.set_title(tell(name), color=INK, fontsize=11)
     if colours is not None:
         bar = figure.colorbar(
             ScalarMappable(colours, ERROR_COLOURS),
-            cax=figure.add_axes((0.3, 0.09, 0.4, 0.022)),
+            cax=figure.add_axes((0.7 * left + 0.3 * right, 0.09, 0.4 * (right - left), 0.022)),
             orientation="horizontal",
             extend="max",
+            format=_Numbers(tell),
         )
         bar.set_label(tell(say("draw-error")), color=INK, fontsize=9)
         bar.ax.tick_params(labelsize=8, colors=INK)
@@ -335,6 +337,9 @@ def draw_circle_test(
 # Draw faults over time: measured sizes with their ranges, the trend, and the sizes that matter.
 
 
+_LEAST_DAYS = 28.0  # a shorter time is drawn as this: its days are then named
+
+
 @dataclass(frozen=True, eq=False)
 class Wear:
     """One fault over time: ``time_s`` [K] since 1970, ``size`` and ``sd`` [K] in ``unit``; its trend's ``line`` as two
@@ -378,13 +383,12 @@ def draw_wear(axes: Axes, wear: Wear, colour: str, tell: Tell = str) -> Axes:
     axes.set_title(tell(wear.title), color=INK, fontsize=11)
     axes.set_ylabel(wear.unit, color=INK)
     axes.set_ylim(bottom=0, top=1.12 * axes.get_ylim()[1])
-    axes.yaxis.set_major_formatter(_Numbers(tell))
-    locator = dates.AutoDateLocator(minticks=3, maxticks=7)
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))
+    first, last = axes.dataLim.intervalx
+    if last - first < _LEAST_DAYS:
+        axes.set_xlim((first + last - _LEAST_DAYS) / 2, (first + last + _LEAST_DAYS) / 2)
+    axes.xaxis.set_major_locator(dates.AutoDateLocator(minticks=3, maxticks=5))
     axes.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
-    axes.spines[["top", "right"]].set_visible(False)
-    return axes
+    return quiet(axes, tell)
 
 
 def _date(time_s: float) -> float:
