@@ -86,7 +86,7 @@ export default {
   prove_now: "Print the mended test print, scan it, and see whether the promise was kept.", prove_print: "1. Print it mended", prove_scan: "2. Scan it", make_check: "Make the check print", check_part: "Or a part of your own, mended: drop its file as it was before mending with one scan of its underside.", check_what: "The test print once more, mended for this printer.", download_check: "Download the check print",
   drop_check: "Drop the scan of the check print", kept: "The promise was kept", broken_promise: "The promise was not kept", cannot_tell: "This measurement cannot tell", cannot_tell_why: "It is too coarse for what was promised: scan the print, or say in sigma_mm how exact the table is. It shows only errors above", promised: "promised", measured_now: "measured now", was: "before mending",
   take_over: "Take this measurement into the model", taken: "Taken over. Mend your parts again.", history: "History", history_none: "Nothing yet: each measurement and check print appears here.",
-  event_learned: "measured", event_verified: "checked", history_axis: "error of the measured print, mm (drawn larger near 0)", history_after: "measured when mended; a bar from 0: at most so much",
+  event_learned: "measured", event_verified: "checked", history_axis: "Error of the measured print, mm (drawn larger near 0)", history_after: "measured when mended; a bar from 0: at most so much",
 
   cut_show: "Cut a wall", cut: "A cut through the walls", cut_along: "along {axis}", cut_at: "Cut at {axis}", cut_whole: "Whole cut", cut_wall: "Outer wall",
   cut_says: "{n} beads cut at {axis} {at} mm", cut_key: "Each bead is as wide and as high as it is printed; the dashed line is where it was wanted.", cut_none: "Nothing is printed at this place.",
