@@ -6,9 +6,11 @@ import time
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from printmend.cli.main import group
 from printmend.errors import InputError
-from printmend.files import replacing
+from printmend.files import all_or_none, replacing
 
 
 def test_leftovers_of_killed_runs_are_swept_but_not_what_is_being_written(tmp_path: Path) -> None:
@@ -49,4 +51,34 @@ def test_a_full_disk_is_told_with_the_name_of_the_file(tmp_path: Path) -> None:
 
     with pytest.raises(InputError, match=r"part\.gcode.*no space left.*make room"):
         write()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_of_a_block_take_their_places_together_or_not_at_all(tmp_path: Path) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.write_text("old")
+
+    def write(fails: bool) -> None:
+        with all_or_none():
+            for path in (first, second):
+                with replacing(path) as file:
+                    file.write("new")
+                assert first.read_text() == "old"
+            if fails:
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write(fails=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["first"]
+    write(fails=False)
+    assert sorted((path.name, path.read_text()) for path in tmp_path.iterdir()) == [("first", "new"), ("second", "new")]
+
+
+def test_a_command_that_fails_at_its_end_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise InputError("page", wanted="a", came="b", todo="c")
+
+    monkeypatch.setattr("printmend.probe.leaflet.write_leaflet", fail)
+    asked = ["probe", "--printer", "ender3", "--size", "40", "-o", str(tmp_path / "probe.gcode")]
+    assert isinstance(CliRunner().invoke(group, asked).exception, InputError)
     assert list(tmp_path.iterdir()) == []

@@ -8,6 +8,7 @@ import stat
 import tempfile
 import time
 from collections.abc import Iterator
+from contextvars import ContextVar
 from pathlib import Path
 from typing import IO, Any
 
@@ -22,6 +23,8 @@ except ImportError:  # Windows has no such locks: leftovers of killed runs stay 
 MAX_TEXT_BYTES = 64_000_000  # of a model, a trace or a configuration
 _SUFFIX, _RANDOM = ".tmp", 8  # of a temporary file's name: its end, and the letters that `tempfile` draws before
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_Held = tuple[str, Path, int | None]  # a temporary file, whose place it takes, and what marks it as being written
+_held: ContextVar[list[_Held] | None] = ContextVar("held", default=None)
 
 
 def read_text(path: str | Path, *, wanted: str, todo: str, error: type[InputError] = InputError) -> str:
@@ -41,6 +44,22 @@ def read_text(path: str | Path, *, wanted: str, todo: str, error: type[InputErro
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise error(path, wanted=wanted, came=say("bytes-not-utf-8-text"), todo=todo) from None
+
+
+@contextlib.contextmanager
+def all_or_none() -> Iterator[None]:
+    """Let the files that `replacing` writes in this block take their places together when it ends; after an error none
+    of them does."""
+    held: list[_Held] = []
+    token = _held.set(held)
+    try:
+        yield
+        for name, path, _ in held:
+            _take_place(name, path)
+    finally:
+        _held.reset(token)
+        for name, _, lock in held:
+            _forget(name, lock)
 
 
 @contextlib.contextmanager
@@ -72,23 +91,22 @@ def replacing(path: Path, mode: str = "w") -> Iterator[IO]:
         )
     except OSError as error:
         raise _unwritable(path, reason(error), error.errno) from None
-    lock = _lock(handle.fileno())
+    lock, held = _lock(handle.fileno()), _held.get()
     try:
         with handle:
             yield handle
             handle.flush()
             os.fsync(handle.fileno())
-        _dress_like(path, handle.name)
-        os.replace(handle.name, path)
+        if held is not None:
+            held.append((handle.name, path, lock))
+            return
+        _take_place(handle.name, path)
     except BaseException as error:
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(handle.name)
+        _forget(handle.name, lock)
         if isinstance(error, OSError) and error.errno in _FULL and error.filename is None:
             raise _unwritable(path, reason(error), error.errno) from None
         raise
-    finally:
-        if lock is not None:
-            os.close(lock)
+    _forget(handle.name, lock)
 
 
 def check_place(path: Path) -> None:
@@ -121,6 +139,20 @@ def _sweep(folder: Path, prefix: str) -> None:
             if len(name) == len(prefix) + _RANDOM + len(_SUFFIX) and time.time() - os.fstat(old.fileno()).st_mtime > 1:
                 fcntl.flock(old, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 os.unlink(folder / name)
+
+
+def _take_place(name: str, path: Path) -> None:
+    """Put a temporary file in the place of another."""
+    _dress_like(path, name)
+    os.replace(name, path)
+
+
+def _forget(name: str, lock: int | None) -> None:
+    """Remove a temporary file, if it is still there, and its mark."""
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(name)
+    if lock is not None:
+        os.close(lock)
 
 
 def _dress_like(path: Path, name: str) -> None:

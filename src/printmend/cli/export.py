@@ -6,6 +6,7 @@ import click
 
 from printmend.cli.model import ModelType
 from printmend.cli.terminal import echo
+from printmend.files import all_or_none
 from printmend.messages import say
 
 
@@ -20,6 +21,7 @@ from printmend.messages import say
     "-o", "--output", "folder", type=click.Path(path_type=Path, file_okay=False),
     help="Write the files into this folder instead of printing them.",
 )  # fmt: skip
+@all_or_none()
 def command(model_path: Path, firmware: str, folder: Path | None) -> None:
     """Write the part of the fault that a firmware can hold by itself, and say what remains for `printmend mend`.
 

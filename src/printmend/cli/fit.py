@@ -7,6 +7,7 @@ import click
 
 from printmend.cli.model import ModelType
 from printmend.cli.terminal import Finite, echo, spoken
+from printmend.files import all_or_none
 from printmend.messages import is_one_of, say
 
 
@@ -34,6 +35,7 @@ from printmend.messages import is_one_of, say
 @click.option("--out", "folder", metavar="DIR", type=click.Path(path_type=Path, file_okay=False),
               help="Write the profile to import, and all numbers as fit.json.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="All numbers as JSON.")
+@all_or_none()
 def command(
     scan: Path, part_path: Path, printer_name: str | None, model_path: Path | None, filament: str | None,
     top: Path | None, layer: int, dpi: float | None, distances_mm: tuple[float, ...], overlay: Path | None,

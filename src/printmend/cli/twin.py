@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from printmend.cli.terminal import Finite, echo
+from printmend.files import all_or_none
 from printmend.messages import say
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ def _show_effects(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 )
 @click.option("--dirt", type=click.Choice(["clean", "default", "heavy"]), default="default", show_default=True,
               help="How bad the scan is.")  # fmt: skip
+@all_or_none()
 def command(
     source: Path, printer_name: str, broken: tuple[str, ...], noise_mm: float, seed: int, output: Path,
     scan: Path | None, top: Path | None, plan_path: Path | None, dpi: float, turn: str, dirt: str,
@@ -90,24 +92,20 @@ def command(
     if scan is not None and (plan_path is not None or b"; printmend probe: " in program.text[:HINT_BYTES].tobytes()):
         plan = read_plan(plan_path or source.with_suffix(".json"))
     trace = print_gcode(program, twin, noise_mm=noise_mm, rng=np.random.default_rng(seed))
+    scanned = []
+    if scan is not None and plan is not None:
+        scanned.append((scan, "twin-dots", _dots(program, twin, plan, dpi, dirt, seed, int(turn) // 90)))
+    elif scan is not None:
+        scanned.append((scan, "twin-underside", _side(program, twin, dpi, dirt, seed, int(turn) // 90, is_top=False)))
+    if top is not None:
+        scanned.append((top, "twin-top", _side(program, twin, dpi, dirt, seed, int(turn) // 90, is_top=True)))
     write_trace(output, trace)
     echo(say("twin-measured", output, len(trace), f"{noise_mm:g}"))
-    if scan is not None:
+    for path, what, image in scanned:
         from printmend.measure.image import write_image
 
-        if plan is None:
-            image = _side(program, twin, dpi, dirt, seed, int(turn) // 90, is_top=False)
-        else:
-            image = _dots(program, twin, plan, dpi, dirt, seed, int(turn) // 90)
-        write_image(scan, image, dpi=dpi)
-        what = say("twin-underside" if plan is None else "twin-dots")
-        echo(say("twin-scanned", scan, what, image.shape[1], image.shape[0], f"{dpi:g}"))
-    if top is not None:
-        from printmend.measure.image import write_image
-
-        image = _side(program, twin, dpi, dirt, seed, int(turn) // 90, is_top=True)
-        write_image(top, image, dpi=dpi)
-        echo(say("twin-scanned", top, say("twin-top"), image.shape[1], image.shape[0], f"{dpi:g}"))
+        write_image(path, image, dpi=dpi)
+        echo(say("twin-scanned", path, say(what), image.shape[1], image.shape[0], f"{dpi:g}"))
 
 
 def _dots(
