@@ -198,7 +198,9 @@ def test_most_points_lie_in_the_band(examined: Examination, rng: np.random.Gener
         assert 0.92 < np.mean(off < 1) < 0.985
         scaled = replace(one, scale_percent=-0.4)
         caption, label = (drawn := pictures(replace(scan, portraits=(scaled, one)), str)[0]).caption, drawn.figures[0]
-        assert caption.endswith("Of 100 marks, about 95 lie within the bands. The scale error of −0.40 % is not drawn.")
+        assert caption.endswith(
+            "Of 100 points, about 95 lie within the bands. The scale error of −0.40 % is not drawn."
+        )
         assert label.axes[0].get_ylabel() == "printed − commanded, without scale [mm]"
 
 

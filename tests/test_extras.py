@@ -126,9 +126,9 @@ def test_without_extras_all_but_scans_is_there_and_those_name_theirs(tmp_path: P
     done = subprocess.run(  # noqa: S603 - our own
         [sys.executable, "-c", BASE.format(names=sorted(_EXTRAS))], capture_output=True, text=True, cwd=tmp_path
     )
-    said = f"expected the extra 'scan' of printmend, found an installation without it; {installs('printmend[scan]')}"
+    said = f"expected the extra 'scan' of printmend, found that it is not installed; {installs('printmend[scan]')}"
     assert done.stdout.splitlines() == [f"cv2: {said}"], done.stderr
-    todo = f"cv2, PIL, scipy, found an installation without them; {installs('printmend[scan]')}"
+    todo = f"cv2, PIL, scipy, found that they are not installed; {installs('printmend[scan]')}"
     assert done.stderr.splitlines() == [f"printmend: printmend probe --sheet: expected {todo}"]
     assert done.returncode == 2
 

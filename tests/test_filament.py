@@ -220,7 +220,7 @@ def test_the_command_line_says_what_is_known(tmp_path):
     ruled = ["--update", str(out), "--travel", "x=200:200.5", "--travel", "y=200:199.8"]
     told = CliRunner().invoke(command, ruled)
     assert told.exit_code == 0, told.output
-    assert "the machine's own scale: +0.2" in told.output
+    assert "The machine's own scale: +0.2" in told.output
     assert json.loads(out.read_text())["filaments"]["measured"][1]["kind"] == "rule"
     for bad in (["--filament", "wood"], ["--travel", "x=1:1"], ["--travel", "x=200.5:200"]):
         wrong = CliRunner().invoke(command, [*ruled, *bad])

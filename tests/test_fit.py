@@ -222,13 +222,13 @@ def test_the_command_line_writes_what_it_says(part, tmp_path):
     done = CliRunner().invoke(command, [*arguments, "--out", str(tmp_path / "out"), "--json", "--filament", "pla-x"])
     assert done.exit_code == 0, done.output
     assert json.loads((tmp_path / "out" / "fit.json").read_text()) == json.loads(done.stdout)
-    assert "no profile" in done.stderr  # this file does not say its settings
+    assert "No profile" in done.stderr  # this file does not say its settings
     wrong = CliRunner().invoke(command, [*arguments, "--filament", "wood"])
     assert isinstance(wrong.exception, ConfigError)
     other = CliRunner().invoke(command, [str(part / "part.gcode"), *arguments[1:]])
     assert isinstance(other.exception, ScanError)
     end = CliRunner().invoke(measure, [*arguments, "-o", str(tmp_path / "t.csv")])
-    assert "does it fit?" in end.output
+    assert "Does it fit?" in end.output
 
 
 def side(layer: int, outline: float, hole: float | None) -> Side:

@@ -45,9 +45,7 @@ def test_what_has_passed_a_tenth_of_a_millimetre_says_so_and_when(tmp_path):
     assert "It will reach 0.50 mm about" in grown.words
     assert grown.json()["passed"]["when"] == (START + 5.6 * MONTH).date().isoformat()
     (steady,) = trends_of([event(month, 0.3, 0.004) for month in range(4)])
-    assert (
-        "and steady; above 0.10 mm since the first measurement, so it shifts prints by 0.1 mm or more" in steady.words
-    )
+    assert "and steady; it has been above 0.10 mm since the first measurement: prints are off by 0.1" in steady.words
     assert "Tighten the belt" in steady.words
     (two,) = trends_of([event(0, 0.05, 0.004), event(1, 0.15, 0.004)])
     assert two.passed.when_s == pytest.approx((START + 0.5 * MONTH).timestamp())
@@ -105,7 +103,10 @@ def test_a_successor_carries_the_history_on(tmp_path):
 
 def test_a_damaged_history_is_named(tmp_path):
     model = tmp_path / "printer.mend.json"
-    with pytest.raises(ModelError, match="found none"):
+    with pytest.raises(ModelError, match=r"expected a printer\.mend\.json, found no such file"):
+        read_history(model)
+    model.touch()
+    with pytest.raises(ModelError, match="expected a history, found no such file"):
         read_history(model)
     history_of(model).write_text('{"event": "learned"}\n')
     with pytest.raises(ModelError, match="line 1"):
@@ -114,7 +115,7 @@ def test_a_damaged_history_is_named(tmp_path):
 
 @pytest.mark.parametrize("path", ["", ".", "/"])
 def test_a_path_without_a_name_has_no_history(path):
-    with pytest.raises(ModelError, match="found none"):
+    with pytest.raises(ModelError, match="found a folder"):
         read_history(Path(path))
 
 
@@ -123,4 +124,4 @@ def test_a_trend_is_said_in_german_too():
     german = translated(grown.words, GERMAN)
     assert german.startswith("jetzt 0,142 mm, steigt um 0,012 mm im Monat; etwa im Juni 2026 überschritt es 0,10 mm:")
     assert "Den Riemen spannen" in german
-    assert translated(rows_of([event(0, 0.05, 0.004)])[0][2], GERMAN) == "X, Spiel des Riemens: 0,050 mm"
+    assert translated(rows_of([event(0, 0.05, 0.004)])[0][2], GERMAN) == "X: Spiel des Riemens 0,050 mm"

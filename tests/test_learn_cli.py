@@ -87,8 +87,8 @@ def test_says_what_is_wrong_and_how_sure_it_is(tmp_path: Path) -> None:
     assert re.match(r"X (?=.*pulley eccentric 0\.2\d+ ± )(?=.*belt play 0\.3\d+ ± )", first)
     assert first.endswith("; Y healthy")
     assert float(second.split("scatters by ")[1].split()[0]) == pytest.approx(np.hypot(0.05, 0.05), rel=0.1)
-    assert written == f"written: {path}"
-    assert last == f"next: printmend mend part.gcode -m '{path}' --report part.html"
+    assert written == f"Written: {path}"
+    assert last == f"Next: printmend mend part.gcode -m '{path}' --report part.html"
     model = read_model(path)
     assert not model.is_healthy
     values = {fault["kind"]: fault for fault in model.document["diagnosis"]}
@@ -180,12 +180,12 @@ def test_models_have_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     """`learn --name` keeps one, `printers` lists it, -m takes it; a file here of that name comes first."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     monkeypatch.chdir(tmp_path)
-    assert run("printers").output.startswith("no *.mend.json here or in ")
+    assert run("printers").output.startswith("No *.mend.json here or in ")
     path = trace_file(tmp_path, sample("eccentric", np.random.default_rng(1)), 0.0)
     arguments = ("learn", path, "--printer", "ender3", "--learner", "naive", "--name", "e3-07")
     kept = tmp_path / "config" / "printmend" / "models" / "e3-07.mend.json"
-    assert f"written: {kept}" in run(*arguments).output.splitlines()
-    assert f"written: {kept} (the old file is replaced)" in run(*arguments).output.splitlines()
+    assert f"Written: {kept}" in run(*arguments).output.splitlines()
+    assert f"Written: {kept} (the old file is replaced)" in run(*arguments).output.splitlines()
     (tmp_path / "part.gcode").write_bytes(SQUARE)
     assert run("mend", "part.gcode", "-m", "e3-07").exit_code == 0
     (tmp_path / "other.mend.json").write_text("{}")

@@ -174,7 +174,7 @@ def test_the_command_writes_trace_and_overlay(tmp_path, plan, printed):
     assert known.scale_sd == 0.0005
     assert known.axes_sd == pytest.approx(FLATBED.axes_sd * 0.0005 / FLATBED.scale_sd, rel=0.05)
     seen = cv2.imread(str(tmp_path / "seen.png"))
-    assert "both dots are circled in" in result.output
+    assert "Both dots are circled in" in result.output
     assert (seen == (200, 0, 200)).all(axis=2).sum() > 500
     turned = saved(tmp_path / "turned.png", np.rot90(scan.image), dpi=300)
     measurement = measure_scans([path, turned], plan)

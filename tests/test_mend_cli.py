@@ -181,7 +181,7 @@ def test_a_measurement_of_no_printer_is_refused_though_nothing_was_found(folder:
     np.savetxt(table, rows, "%.3f", ",", header="x_mm,y_mm,x_measured_mm,y_measured_mm", comments="")
     learned = run("learn", table, "--printer", "ender3", "-o", folder / "noise.json")
     assert "healthy" in learned.output
-    assert "next: correct what the refusal names" in learned.output
+    assert "Next: correct what the refusal names" in learned.output
     result = run("mend", folder / "part.gcode", "-m", folder / "noise.json", "-o", folder / "noise.gcode")
     assert isinstance(result.exception, RefusedError)
     assert not (folder / "noise.gcode").exists()

@@ -162,10 +162,10 @@ def test_an_english_sentence_may_be_reworded_without_its_german(monkeypatch: pyt
 def test_a_message_is_its_english_text_and_remembers_itself() -> None:
     text = say("marks-mm-apart-dpi", "50", 12)
     assert isinstance(text, str)
-    assert text == "marks 50 mm apart at 12 dpi"
+    assert text == "dots 50 mm apart at 12 dpi"
     assert (text.id, text.values) == ("marks-mm-apart-dpi", {"a": "50", "b": "12"})
     moved = text.replace("12", "13")
-    assert (moved, moved.id, moved.values["b"]) == ("marks 50 mm apart at 13 dpi", "marks-mm-apart-dpi", "13")
+    assert (moved, moved.id, moved.values["b"]) == ("dots 50 mm apart at 13 dpi", "marks-mm-apart-dpi", "13")
     again = pickle.loads(pickle.dumps(text))  # noqa: S301 - our own, as a worker sends it
     assert (again, again.id, again.values) == (text, text.id, text.values)
     with pytest.raises(KeyError):
@@ -245,5 +245,5 @@ def test_a_locale_or_an_option_chooses_the_language_of_help() -> None:
     assert told("mend", "--help", language="de") == told("--lang", "de", "mend", "--help")
     german = told("mend", "--help", language="de")
     assert german.startswith("Aufruf: printmend mend [OPTIONEN] FILE|FOLDER|-...\n\n  G-Code so umschreiben")
-    assert re.search(r"Gleichzeitig bearbeitete Dateien\.\s+\[Vorgabe:\s+1;\s+1<=x<=64\]", german)
+    assert re.search(r"Gleichzeitig bearbeitete Dateien\.\s+\[Vorgabe:\s+1;\s+1\s+bis\s+64\]", german)
     assert "\n  Beispiel: printmend mend part.gcode" in german

@@ -112,8 +112,8 @@ def test_the_terminal_says_why_a_studio_does_not_answer(
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2
-    told = "http://127.0.0.1:1: expected a studio, found nobody answers there; is it running?"
-    assert capsys.readouterr().err == f"printmend: {told}\n"
+    told = "http://127.0.0.1:1: expected a studio, found no answer; start it there with `printmend studio`, or correct"
+    assert capsys.readouterr().err == f"printmend: {told} the address\n"
 
 
 def test_what_a_studio_answers_is_known_in_german(folder: Path) -> None:
@@ -127,9 +127,10 @@ def test_what_a_studio_answers_is_known_in_german(folder: Path) -> None:
             with pytest.raises(StudioError) as refused:
                 asked()
             assert words in translated(refused.value.message, GERMAN)
+    todo = "Es dort mit `printmend studio` starten oder die Adresse berichtigen"
     for where, words in (
-        (address, "erwartet: ein Studio; gefunden: keine Antwort von dort. Läuft es?"),
-        ("http://nobody.invalid", "gefunden: ein unbekannter Name. Läuft es?"),
+        (address, f"erwartet: ein Studio; gefunden: keine Antwort. {todo}"),
+        ("http://nobody.invalid", f"gefunden: ein unbekannter Name. {todo}"),
     ):
         with pytest.raises(StudioError) as refused:
             Studio(where).get("/printers")

@@ -146,16 +146,16 @@ def test_who_did_the_advised_work_is_told_to_measure_again(models: dict[str, Sav
     for words in (["check", part], ["mend", part, "-o", mended], ["mend", part, part, "--in-place"]):
         (line,) = told(*words, "-m", loose)
         assert "this model advises (X, Y)" in line
-        assert "`printmend history MODEL --refitted x --refitted y`" in line
+        assert f"`printmend history {loose} --refitted x --refitted y`" in line
         part.write_bytes(SQUARE)
     for words in (["check", part], ["check", part, "--against", mended], ["mend", part]):
         (line,) = told(*words, "-m", loose, "--json")
         said = json.loads(line)
         assert sum("measure again" in each for each in said.get("prediction", said)["advice"]) == 1
     told("history", loose, "--refitted", "x")
-    assert work_words(read_model(loose).document) == ()  # it refuses, and says so
+    assert work_words(read_model(loose)) == ()  # it refuses, and says so
     stiff = saved_model(
         models["ender3"].mechanism, learner="test", findings=("",),
         details={"diagnosis": [Fault("x", "friction", 0.3, 0.01, "mm", "").row]},
     )  # fmt: skip
-    assert work_words(stiff.document) == ()  # guides that are oiled move no belt
+    assert work_words(stiff) == ()  # guides that are oiled move no belt

@@ -153,7 +153,7 @@ def test_what_cannot_be_designed_is_said():
     printer = read_printer("ender3")
     with pytest.raises(InputError, match="--for part"):
         design_probe(printer, design="layer")
-    with pytest.raises(GcodeError, match="room for 16 marks"):
+    with pytest.raises(GcodeError, match="room for 16 dots"):
         design_probe(printer, design="layer", part=part_of(printer, 10.0))
     wide = replace(printer, x=replace(printer.x, max_mm=400.0), y=replace(printer.y, max_mm=400.0))
     assert cost(design_probe(wide, design="layer", part=part_of(wide, 330.0)))[0] <= 15

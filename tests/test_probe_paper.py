@@ -167,11 +167,11 @@ def test_all_of_a_print_on_paper_lies_on_its_sheet(printer):
 
 
 def test_sheets_that_could_not_be_joined_are_not_printed(tmp_path):
-    few = ["--printer", "ender3", "--on", "paper", "--scanner", "110x140", "--sheets", "2", "--marks", "60"]
+    few = ["--printer", "ender3", "--on", "paper", "--scanner", "110x140", "--sheets", "2", "--dots", "60"]
     refused = CliRunner().invoke(command, [*few, "-o", str(tmp_path / "few.gcode")])
     assert isinstance(refused.exception, ConfigError)
     assert "expected at least 30 dots where two sheets overlap" in str(refused.exception)
-    assert "more --marks" in str(refused.exception)
+    assert "more --dots" in str(refused.exception)
     needless = ["--printer", "prusa-mini", "--pen", "--sheets", "2", "--sheet", str(tmp_path / "tags.pdf")]
     with pytest.raises(ConfigError, match="2 show no more of its bed"):
         CliRunner().invoke(command, [*needless, "-o", str(tmp_path / "mini.gcode")], catch_exceptions=False)

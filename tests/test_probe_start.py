@@ -60,7 +60,7 @@ def test_what_does_not_fit_the_printer_is_left_out_and_said(tmp_path: Path) -> N
 def test_a_test_print_never_replaces_the_file_that_it_starts_as(tmp_path: Path) -> None:
     path = tmp_path / "part.gcode"
     path.write_text(SLICED)
-    arguments = ["--printer", "ender3", "--size", "40", "--marks", "100"]
+    arguments = ["--printer", "ender3", "--size", "40", "--dots", "100"]
     for more in (["--start-from", str(path), "-o", str(path)], ["-o", str(tmp_path / "probe.json")]):
         assert isinstance(CliRunner().invoke(command, [*arguments, *more]).exception, InputError)
     assert [each.name for each in tmp_path.iterdir()] == ["part.gcode"]
@@ -107,7 +107,7 @@ def test_dots_are_approached_slowly_and_the_filament_drawn_back_as_the_extruder_
     part = tmp_path / "part.gcode"
     part.write_text(SLICED)
     output = tmp_path / "probe.gcode"
-    options = ["--printer", "ender3", "--size", "60", "--marks", "60", "-o", str(output), "--start-from", str(part)]
+    options = ["--printer", "ender3", "--size", "60", "--dots", "60", "-o", str(output), "--start-from", str(part)]
     result = CliRunner().invoke(command, options)
     assert result.exit_code == 0, result.output
     text = output.read_text()

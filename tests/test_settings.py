@@ -49,7 +49,7 @@ def test_the_command_line_comes_before_the_project_and_the_project_before_the_us
         ("[mend\n", "settings in TOML"),
         (
             '[mend]\njobs = "four"\n',
-            "printmend.toml: expected jobs in .mend. must be a whole number from 1 to 64, found 'four';",
+            "printmend.toml: expected jobs in .mend.: a whole number from 1 to 64, found 'four';",
         ),
     ],
 )
@@ -63,9 +63,9 @@ def test_settings_that_are_none_are_refused(place: Path, text: str, said: str) -
 
 def test_a_slip_gets_one_line(place: Path) -> None:
     for arguments, said in (
-        (["mend", "part.gcode", "--modle", "bent"], "there is no option --modle; did you mean --model?"),
+        (["mend", "part.gcode", "--modle", "bent"], "there is no option --modle (did you mean --model?);"),
         (["mend", "part.gcode", "--lang", "de"], "--lang stands before the command; see printmend mend --help"),
-        (["mned"], "there is no command mned"),
+        (["mned"], "there is no command mned (did you mean mend?); see printmend --help"),
         (["completion"], "is missing"),
         (["check", str(place), "-m", "bent"], "no folder"),
     ):
@@ -87,7 +87,7 @@ def test_ctrl_c_says_how_to_go_on(place: Path) -> None:
         assert running.stderr is not None
         said = running.stderr.read()
     assert running.returncode == 130
-    assert "goes on where it was" in said
+    assert "continues where it left off" in said
     assert len(said.splitlines()) == 1
 
 

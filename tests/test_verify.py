@@ -253,7 +253,7 @@ def test_what_is_no_check_print_is_refused(bent: SavedModel) -> None:
     wanted = stairs(300)
     with pytest.raises(ModelError):
         verify(exact_model(BENT.lower(ENDER3)), Trace(wanted, wanted))
-    with pytest.raises(TraceError, match="at least 10 measured marks"):
+    with pytest.raises(TraceError, match="at least 10 measured points"):
         verify(bent, Trace(wanted[:5], wanted[:5]))
 
 
@@ -268,9 +268,9 @@ def test_marks_are_expected_as_they_turn_out(bent: SavedModel) -> None:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (["a.png"], "scans need --probe"),
-        (["a.png", "--probe", "check.json", "--gcode", "part.gcode"], "scans need --probe"),
-        (["a.png", "b.png", "--gcode", "part.gcode"], "one scan of a part needs --gcode"),
+        (["a.png"], "a.png is no .csv"),
+        (["a.png", "--probe", "check.json", "--gcode", "part.gcode"], "add --probe"),
+        (["a.png", "b.png", "--gcode", "part.gcode"], "for one scan of a part --gcode"),
     ],
 )
 def test_scans_need_what_was_printed(bent: SavedModel, tmp_path: Path, given: list[str], said: str) -> None:

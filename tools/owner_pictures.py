@@ -113,7 +113,7 @@ def callipers(folder: Path) -> None:
 
 def wear(folder: Path) -> None:
     """Play that grows from 0.03 to 0.13 mm, measured eight times with 0.05 mm of noise."""
-    command(folder, "probe --printer ender3 --size 120 --marks 200 -o plate.gcode")
+    command(folder, "probe --printer ender3 --size 120 --dots 200 -o plate.gcode")
     for month in range(8):
         play_mm = 0.03 + 0.0143 * month
         (folder / "worn.toml").write_text(f'[x.belt]\nkind = "play"\nplay_mm = {play_mm}\n')

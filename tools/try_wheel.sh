@@ -47,7 +47,7 @@ G1 X120 Y120 E2
 G1 X60 Y120 E2
 G1 X60 Y60 E2
 GCODE
-say printmend probe --printer ender3 --marks 150 -o probe.gcode
+say printmend probe --printer ender3 --dots 150 -o probe.gcode
 say printmend twin probe.gcode --printer ender3 --corruption broken.toml -o trace.csv
 say printmend learn trace.csv --printer ender3 -o printer.mend.json
 say printmend mend part.gcode -m printer.mend.json -o mended.gcode

@@ -93,7 +93,7 @@ CROOKED = foreign.Machine(waves=(((1, 0.25, 0.5),), ((1, 0.15, 2.0),)), play=(0.
 
 def test_sheets_are_joined_by_the_dots_that_they_share(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
-    asked = "probe --printer ender3 --on paper --scanner 110x140 --sheets 2 --marks 150 -o"
+    asked = "probe --printer ender3 --on paper --scanner 110x140 --sheets 2 --dots 150 -o"
     outcome = CliRunner().invoke(group, [*asked.split(), str(tmp_path / "two.gcode")])
     assert outcome.exit_code == 0, outcome.output
     assert "Sheet 2 (110 × 140 mm (X × Y)): its left front corner at X" in outcome.output

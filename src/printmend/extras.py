@@ -87,9 +87,8 @@ def require(subject: str, *modules: str) -> None:
     A command calls this first: what it needs at its end must not be missed there.
     """
     if missing := [module for module in modules if not is_installed(module)]:
-        raise MissingToolError(
-            subject, wanted=", ".join(missing), came=say("installation-without-them"), todo=install_command(missing)
-        )
+        came = say("installation-without" if len(missing) == 1 else "installation-without-them")
+        raise MissingToolError(subject, wanted=", ".join(missing), came=came, todo=install_command(missing))
 
 
 def missing_extra(error: ImportError) -> MissingToolError | None:

@@ -66,7 +66,7 @@ class PdfPage:
     ) -> float:
         """Write words in lines of at most so many letters; return where the next line would be [mm]."""
         x, y = at_mm
-        for row in textwrap.wrap(self.tell(text), letters):
+        for row in textwrap.wrap(self.tell(text).replace(" %", "\xa0%"), letters):
             self.words((x, y), row, size_pt, font=font)
             y += 1.3 * size_pt / POINTS_PER_MM
         return y

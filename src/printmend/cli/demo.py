@@ -26,7 +26,7 @@ def command(
 ) -> None:  # fmt: skip
     """Break a twin of an Ender-5, print a test plate, learn from it, mend a part's G-code, print the part.
 
-    No printer or network is needed. A picture goes to the folder --out, where matplotlib is installed.
+    No printer or network is needed. If matplotlib is installed, a picture goes to the folder --out.
     """
     from printmend.demo.contour import check_out
     from printmend.extras import install_command, is_installed, require

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from printmend.cli.terminal import Finite, echo, spoken
+from printmend.files import all_or_none
 from printmend.messages import say, say_count
 
 if TYPE_CHECKING:
@@ -47,12 +48,13 @@ MOST_NAMED = 40  # most missing marks that are named one by one
 @click.option("--printer", "printer_name", metavar="NAME|FILE.toml",
               help="With --gcode: the printer. With --callipers: learn a model of it.")  # fmt: skip
 @click.option("--filament", metavar="NAME", help="With --gcode: the filament of the part, as pla-black.")
+@all_or_none()
 def command(
     scans: tuple[Path, ...], plan_path: Path | None, part_path: Path | None, layer: int, dpi: float | None,
     output: Path | None, overlay: Path | None, distances_mm: tuple[float, ...],
     scanner_percent: float | None, callipers: bool, printer_name: str | None, filament: str | None,
 ) -> None:  # fmt: skip
-    """Find the marks of the printed probe in SCANs, or the walls of any printed layer, and write where they are.
+    """Find the dots of the printed probe in SCANs, or the walls of any printed layer, and write where they are.
 
     A second scan of the same plate, turned by a quarter, removes the errors of the scanner's axes, and one distance by
     callipers (--distance) that of its scale. A photo needs the reference sheet (`printmend probe --sheet sheet.pdf`)

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 @click.option("--report", metavar="FILE.html|json", type=click.Path(path_type=Path, dir_okay=False),
               help="Write the prediction: a page with pictures of the part, or all numbers.")  # fmt: skip
 @click.option("--force", is_flag=True,
-              help="Write even where the prediction is not better, or where a file names another printer.")  # fmt: skip
+              help="Write even if the prediction is not better, or a file names another printer.")  # fmt: skip
 @click.option("--tolerance", "tolerance_mm", type=Finite(0.002, 0.2), default=0.01, show_default=True,
-              metavar="MM", help="Largest error of outer walls; a larger one needs fewer moves and stops. Where belts "
-              "bend sharply, hidden lines may be off by more.")  # fmt: skip
+              metavar="MM", help="Largest error of outer walls; a larger one needs fewer moves and stops. Where the "
+              "printer bends lines sharply, hidden lines may be off by more.")  # fmt: skip
 @click.option("--firmware", type=click.Choice(["marlin8", "marlin32", "klipper", "rrf", "prusa", "bambu"]),
               help="Firmware of the printer, which limits moves per second [default: as the file says].")  # fmt: skip
 @click.option("--slower", type=Percent(0, 1000), metavar="5%",
@@ -57,8 +57,9 @@ def command(
     \b
     Ends with 0  written
               1  a fault of printmend itself
-              2  a file, a model or a printer is not as it should be; nothing written
-              3  the prediction is not better, or the print would take longer than it may; nothing written
+              2  a file, a model or a printer is wrong; nothing written
+              3  mending would not help, or take too long; nothing written
+
     If one of several files fails, the others are written all the same. The exit code is the worst: 1, then 2, then 3.
     """
     from printmend.plan.inverse import Fineness
@@ -130,7 +131,7 @@ def _mend_many(
     ):  # fmt: skip
         codes.append(outcome.code)
         tell(outcome, as_json=as_json, quiet=quiet)
-    for words in () if as_json or quiet else work_words(model.document):
+    for words in () if as_json or quiet else work_words(model):
         echo(words)
     if worst := [code for code in codes if code]:
         ctx.exit(min(worst))

@@ -1,6 +1,8 @@
 """Models by file or by name: `-m e3-07` is e3-07.mend.json, here or in the folder of the user's models."""
 
+import shlex
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +49,7 @@ def read_model_in(path: Path, filament: str | None) -> "SavedModel":
     """Read a model; if a filament is named, return the model as it prints in that."""
     from printmend.model import read_model
 
-    model = read_model(path)
+    model = replace(read_model(path), called=shlex.quote(str(path)))
     if filament is None:
         return model
     from printmend.mend.filament import printed_in  # imports everything that learns

@@ -15,8 +15,8 @@ from printmend.messages import say
 @click.argument("code", required=False)
 @click.option("-m", "--model", "model", required=True, metavar="printer.mend.json", help="Where the model goes.",
               type=click.Path(path_type=Path, dir_okay=False))  # fmt: skip
-@click.option("--name", default=socket.gethostname, show_default="this computer's", help="Its name in the studio.")
-@click.option("--update", "newer", is_flag=True, help="Fetch a newer model, where there is one, and end.")
+@click.option("--name", default=socket.gethostname, help="Its name in the studio [default: this computer's name]")
+@click.option("--update", "newer", is_flag=True, help="Fetch a newer model, if there is one, and end.")
 def command(address: str | None, code: str | None, model: Path, name: str, newer: bool) -> None:
     """Pair this computer with a printer of a studio: its model is fetched, and later each newer one.
 

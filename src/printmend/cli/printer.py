@@ -20,7 +20,7 @@ def command(source: str | None, like: str | None, model: str | None) -> None:
     """
     from printmend.printer import preset_names, read_printer
     from printmend.printer.convert import convert, printer_text
-    from printmend.printer.toml import preset_text
+    from printmend.printer.toml import preset_of, preset_text
 
     if source is None:
         for name in preset_names():
@@ -28,8 +28,8 @@ def command(source: str | None, like: str | None, model: str | None) -> None:
             bed = say("mm", f"{printer.x.length_mm:g}", f"{printer.y.length_mm:g}")
             click.echo(f"{name:<15}{printer.name:<26}{printer.kinematics:<11}{bed}")
         return
-    if source in preset_names():
-        click.echo(preset_text(source), nl=False)
+    if (preset := preset_of(source)) is not None:
+        click.echo(preset_text(preset), nl=False)
         return
     printer, left = convert(Path(source), like=like, model=model)
     click.echo(printer_text(printer), nl=False)

@@ -10,7 +10,7 @@ from printmend.cli.terminal import echo
 from printmend.messages import say
 
 
-@click.command(epilog="Example: printmend printers, then printmend mend part.gcode -m e3-07")
+@click.command(epilog="Examples: printmend printers; printmend mend part.gcode -m e3-07")
 @click.option("--json", "as_json", is_flag=True, help="A line of JSON for each.")
 def command(as_json: bool) -> None:
     """List the models here and in the user's folder by the names that -m takes, with what was found.

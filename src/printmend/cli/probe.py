@@ -1,6 +1,7 @@
 """`printmend probe`: write the test print that learning needs, its plan, and the reference sheet."""
 
 import re
+import shlex
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from printmend.cli.terminal import Finite, echo, language
+from printmend.files import all_or_none
 from printmend.messages import say, together
 from printmend.units import A4_MM, LETTER_MM
 
@@ -38,17 +40,19 @@ class Glass(click.ParamType):
 # Long, with many parameters, because of its options, and because it explains each file that it writes.
 @click.command(epilog="Example: printmend probe --printer ender3 -o probe.gcode")
 @click.option("--printer", "printer_name", metavar="NAME|FILE.toml", help="A preset or your own printer.")
-@click.option("--size", "size_mm", type=Finite(min=30), help="Side of the square of marks in mm [default: the bed]")
+@click.option("--size", "size_mm", type=Finite(min=30), help="Side of the square of dots in mm [default: the bed]")
 @click.option(
-    "--for", "part_path", type=click.Path(path_type=Path), metavar="PART.gcode", help="Choose the marks for this part."
+    "--for", "part_path", type=click.Path(path_type=Path), metavar="PART.gcode", help="Choose the dots for this part."
 )
 @click.option("--design", type=click.Choice(["fixed", "layer", "optimal", "active"]), default="fixed",
-              show_default=True, help="How to choose the marks (see above).")  # fmt: skip
+              show_default=True, help="How to choose the dots (see above).")  # fmt: skip
 @click.option("--after", type=click.Path(path_type=Path), metavar="TRACE.csv", help="Measurement of a first print, "
               "for optimal and active.")  # fmt: skip
 @click.option("--phase", is_flag=True, help="Two-minute print after work on the belts of a known printer, "
               "for `learn --phase`.")  # fmt: skip
-@click.option("--marks", type=click.IntRange(16, 1000), default=600, show_default=True, help="Largest number of marks.")
+@click.option(
+    "--dots", "marks", type=click.IntRange(16, 1000), default=600, show_default=True, help="Largest number of dots."
+)
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("probe.gcode"), show_default=True
 )
@@ -69,6 +73,7 @@ class Glass(click.ParamType):
 @click.option("--overwrite", is_flag=True, help="Replace the plan of another test print.")
 @click.option("--sheet", type=click.Path(path_type=Path, dir_okay=False), metavar="SHEET.pdf",
               help="Also write the A4 reference sheet, for photos or to check a scanner's scale.")  # fmt: skip
+@all_or_none()
 def command(
     printer_name: str | None, size_mm: float | None, part_path: Path | None, design: str, after: Path | None,
     marks: int, output: Path, extruder: "Extruder | None", start_path: Path | None,
@@ -79,7 +84,7 @@ def command(
     that says what to do (probe-how-to.pdf).
 
     Designs: fixed fills an area evenly, along both diagonals. layer follows the longest layer of the part, in the air,
-    with dots beside its path. optimal chooses the marks that make the part's expected error smallest, active those
+    with dots beside its path. optimal chooses the dots that make the part's expected error smallest, active those
     that teach most. Without --for both consider the whole bed. All are measured in the same way.
     """
     if layer_path is not None:
@@ -165,6 +170,7 @@ def command(
         start, left_out = start_from(start_path, printer)
         if left_out:
             echo(together("\n  ", (say("not-copied-from", start_path), *left_out)), err=True)
+    error_mm = None if phase else expected_error_mm(printer, plan, part=part, after=trace)
     plan_path = write_probe(
         output, plan, extruder=extruder or printer.extruder, start_gcode=start, papers=papers,
         pause_gcode=printer.pause_gcode,
@@ -178,10 +184,9 @@ def command(
     is_usual = sheets == 1 and size_mm is None and part is None and design == "fixed"
     if papered and is_usual and (unseen := _unseen(printer, plan)):
         echo(unseen)
-    if phase:
+    if error_mm is None:
         echo(say("terminal-next-phase", plan_path))
         return
-    error_mm = expected_error_mm(printer, plan, part=part, after=trace)
     echo(say("expected-after-part" if part else "expected-after", f"{error_mm:.3f}"))
     echo(say("terminal-keep-plan", plan_path))
     page = write_leaflet(output, plan, printer, printer_name, papers=papers, language=language())
@@ -230,7 +235,9 @@ def _write_first_layer(part: Path, output: Path, printer_name: str | None) -> No
         file.write(text)
     page = write_layer_leaflet(output, program, printer, printer_name, walls, language=language())
     echo(say("first-layer-written", output, part.name))
-    click.echo(f"printmend measure scan.png --gcode {output} --printer {printer_name or 'YOURS'} -o trace.csv")
+    click.echo(
+        f"printmend measure scan.png --gcode {output} --printer {shlex.quote(printer_name or 'YOURS')} -o trace.csv"
+    )
     if printer_name is None:
         echo(say("terminal-yours-is"))
     echo(say("layer-page", page))

@@ -4,6 +4,7 @@ The language is that of --lang, or of the user's locale. Click's own messages ex
 """
 
 import contextlib
+import difflib
 import json
 import math
 import os
@@ -20,7 +21,7 @@ import click
 from printmend.cli.model import ModelType
 from printmend.errors import ConfigError, InputError
 from printmend.files import check_place
-from printmend.messages import ENGLISH, GERMAN, Said, help_words, say, together, translated
+from printmend.messages import ENGLISH, GERMAN, Said, as_lines, help_words, say, together, translated
 
 if TYPE_CHECKING:
     from printmend.mend.many import FileOutcome
@@ -86,7 +87,7 @@ def _check(path: Path, place: str, option: click.Option, value: Any) -> None:
     try:
         option.type_cast_value(click.Context(click.Command(None)), value)
     except click.BadParameter as error:
-        wanted = say("usage-wrong-value", place, value_words(option.type) or error.message)
+        wanted = together(": ", [place, value_words(option.type) or error.message])
         raise ConfigError(path, wanted=wanted, came=repr(value), todo=say("correct")) from None
 
 
@@ -135,7 +136,12 @@ def spoken(message: str) -> str:
 
 def echo(message: str, *, err: bool = False) -> None:
     """Print a message in the user's language."""
-    click.echo(spoken(message), err=err)
+    click.echo(as_lines(message, language()), err=err)
+
+
+_KIND = re.compile("(INTEGER|FLOAT)( RANGE)?")  # of an option's value, as click names it
+_RANGE = re.compile(r"(?:x>=)?([\d.,]+)(?:<=x<=([\d.,]+))?(\]?)")
+_UNBROKEN = "\u2011"  # a hyphen at which no line is broken: names of files and options stay whole
 
 
 class HelpFormatter(click.HelpFormatter):
@@ -148,10 +154,14 @@ class HelpFormatter(click.HelpFormatter):
         super().write_heading(_helped(heading))
 
     def write_text(self, text: str) -> None:
-        super().write_text("\n\n".join(map(_helped, text.split("\n\n"))))
+        super().write_text("\n\n".join(map(_helped, text.split("\n\n"))).replace("-", _UNBROKEN))
 
     def write_dl(self, rows: Iterable[tuple[str, str]], col_max: int = 30, col_spacing: int = 2) -> None:
-        super().write_dl([(term, _described(text)) for term, text in rows], col_max, col_spacing)
+        told = [(_KIND.sub(lambda _: _helped("NUMBER"), term), _described(text)) for term, text in rows]
+        super().write_dl([(term, text.replace("-", _UNBROKEN)) for term, text in told], col_max, col_spacing)
+
+    def write(self, string: str) -> None:
+        super().write(string.replace(_UNBROKEN, "-"))
 
 
 def _helped(text: str) -> str:
@@ -167,7 +177,16 @@ def _helped(text: str) -> str:
 def _described(text: str) -> str:
     """Return an option's line of help in the user's language, with click's additions in brackets."""
     told, gap, more = text.partition("  [")
-    return _helped(told) + gap + re.sub("default:|required", lambda word: _helped(word[0]), more)
+    return _helped(told) + gap + "; ".join(map(_added, more.split("; ")))
+
+
+def _added(text: str) -> str:
+    """Return an addition of click's in the user's language: an option's default, its range, or that it is required."""
+    text = re.sub(r"\d+\.\d+", lambda number: spoken(f"{float(number[0]):.12g}"), text)
+    if (ends := _RANGE.fullmatch(text)) is not None:
+        least, most, last = ends.groups()
+        return spoken(say("help-from-to", least, most) if most else say("help-from", least)) + last
+    return re.sub("default:|required", lambda word: _helped(word[0]), text)
 
 
 class Finite(click.FloatRange):
@@ -206,6 +225,8 @@ def value_words(kind: click.ParamType) -> str:
         return say(f"usage-{which}-range", kind.min, kind.max)
     if isinstance(kind, click.Path):
         return say("usage-folder" if not kind.file_okay else "usage-file" if not kind.dir_okay else "usage-path")
+    if isinstance(kind, click.DateTime):
+        return say("usage-day")
     if kind is click.INT or kind is click.FLOAT:
         return say("usage-whole" if kind is click.INT else "usage-real")
     return ""
@@ -217,8 +238,10 @@ def _wrong(error: click.ClickException) -> str:
         if root is not None and any(error.option_name in option.opts for option in root.command.params):
             return say("usage-before-command", error.option_name)
         return _with_guess(say("usage-no-option", error.option_name), error.possibilities)
-    if (name := getattr(error, "command_name", None)) is not None:
-        return _with_guess(say("usage-no-command", name), getattr(error, "possibilities", None))
+    name, ctx = getattr(error, "command_name", None), getattr(error, "ctx", None)
+    if name is not None and ctx is not None:
+        names = ctx.command.list_commands(ctx)  # click asks a group of loaded commands
+        return _with_guess(say("usage-no-command", name), difflib.get_close_matches(name, names))
     if isinstance(error, click.BadParameter) and error.param is not None:
         hint = error.param.get_error_hint(error.ctx) if error.param_hint is None else str(error.param_hint)
         hint = hint.replace("'", "")

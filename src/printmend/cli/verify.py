@@ -12,8 +12,8 @@ from printmend.messages import say
 
 # Long because click passes every option as a parameter of its own, and what was printed decides what is read.
 @click.command(
-    epilog="Example: printmend probe --printer ender3 -o check.gcode; printmend mend check.gcode -m printer.mend.json; "
-    "print check.mended.gcode, scan it; printmend verify scan.png --probe check.json -m printer.mend.json"
+    epilog="Examples: printmend probe --printer ender3 -o check.gcode; printmend mend check.gcode -m "
+    "printer.mend.json; printmend verify scan.png --probe check.json -m printer.mend.json"
 )
 @click.argument("measured", nargs=-1, required=True, metavar="TRACE.csv|SCAN...", type=click.Path(path_type=Path))
 @click.option(
@@ -23,7 +23,7 @@ from printmend.messages import say
 @click.option("--probe", "plan_path", type=click.Path(path_type=Path), help="The plan of the check print, for SCANs.")
 @click.option("--gcode", "part_path", metavar="PART.gcode", type=click.Path(path_type=Path),
               help="SCAN shows the underside of this part, printed mended. Give the unmended file.")  # fmt: skip
-@click.option("--dpi", type=Finite(min=50, max=9600), help="Resolution of the scans, where the files do not say it.")
+@click.option("--dpi", type=Finite(min=50, max=9600), help="Resolution of the scans, if the files do not say it.")
 @click.option("--distance", "distances_mm", metavar="MM", type=Finite(min=1, max=1000), multiple=True,
               help="As in `measure`.")  # fmt: skip
 @click.option("--filament", metavar="NAME", help="Filament of the check print, as pla-black: its shrinkage is no "
@@ -55,7 +55,7 @@ def command(
     is_table = len(measured) == 1 and measured[0].suffix.lower() == ".csv"
     is_part = part_path is not None
     if not is_table and ((plan_path is not None) == is_part or (is_part and len(measured) > 1)):
-        raise click.UsageError(say("terminal-usage-verify"))
+        raise click.UsageError(say("terminal-usage-verify", measured[0]))
     if not is_table:
         require("printmend verify", "cv2", "PIL", "scipy")
     spare((output,), (*measured, plan_path, part_path, history_of(model_path)))

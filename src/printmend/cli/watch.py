@@ -20,7 +20,7 @@ from printmend.messages import say, together
 @click.option("--every", "every_s", type=Finite(min=0.1, max=3600), default=2.0, show_default=True,
               help="Seconds between two looks; a file that changes between two is still being copied.")  # fmt: skip
 @click.option("--once", is_flag=True, help="Mend what is there, and end.")
-@click.option("--force", is_flag=True, help="Write even where the prediction is not better.")
+@click.option("--force", is_flag=True, help="Write even if the prediction is not better.")
 @click.option("--json", "as_json", is_flag=True, help="A line of JSON for each file.")
 @click.option("--quiet", is_flag=True, help="Say only what went wrong.")
 @click.pass_context
@@ -30,9 +30,9 @@ def command(
 ) -> None:  # fmt: skip
     """Mend all G-code that is in the folder IN or comes into it, to OUT under the same name, until it is stopped.
 
-    Where a file cannot be mended, OUT/NAME.error.txt says why. A test print that `printmend probe` wrote is copied: it
-    must show the printer as it is. A file that this model mended is copied, too. A restart goes on where it was: a file
-    is mended once, and again when it has changed.
+    If a file cannot be mended, OUT/NAME.error.txt says why. A test print that `printmend probe` wrote is copied: it
+    must show the printer as it is. A file that this model mended is copied, too. A restart continues where it left off:
+    a file is mended once, and again when it has changed.
     """
     from printmend.mend.many import Watch, watch
 

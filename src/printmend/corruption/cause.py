@@ -236,11 +236,12 @@ def listing() -> list[tuple[str, str, str]]:
 
 
 def said(effect: Effect) -> str:
-    """Return the first line of an effect's docstring, or of its module's if it has a module in `printmend.effects`."""
+    """Return the first sentence of an effect's docstring, or of its module's if that is in `printmend.effects`."""
     module = sys.modules.get(type(effect).__module__)
     text = inspect.getdoc(module) if module is not None and module.__name__.startswith("printmend.effects.") else None
-    line = (text or inspect.getdoc(type(effect)) or effect.name).splitlines()[0]
-    return line.partition(" (physics.md")[0].partition(" (eq.")[0].rstrip(".:")
+    paragraph = (text or inspect.getdoc(type(effect)) or effect.name).partition("\n\n")[0]
+    sentence = " ".join(paragraph.split()).partition(". ")[0]
+    return sentence.partition(" (physics.md")[0].partition(" (eq.")[0].rstrip(".:")
 
 
 def example_of(name: str) -> str:

@@ -184,7 +184,7 @@ def lines(done: ScanDemo, written: list[Path]) -> list[str]:
 
 def written(folder: Path) -> list[Path]:
     """Return what the chain left in its folder."""
-    names = ("probe.gcode", *SCANS, "overlay.png", "trace.csv", "printer.mend.json", "part.mended.gcode")
+    names = ("probe.gcode", *SCANS, "overlay.png", "trace.csv", "printer.mend.json", "part.gcode", "part.mended.gcode")
     return [folder / name for name in names if (folder / name).exists()]
 
 

@@ -12,7 +12,7 @@ from printmend.effects.wobble import LEAST_TURNS, turns_of
 from printmend.effects.words import REPAIR_MM, SOON_MM, Care, Fault, fault_of, plain_kind
 from printmend.infer.fit import Fit
 from printmend.messages import is_one_of, say, together, within
-from printmend.model.model import REFITTED, said_of
+from printmend.model.model import REFITTED, SavedModel, said_of
 
 # The gaps of a trace: what it did not show of a motor, and the print that would.
 
@@ -170,15 +170,18 @@ def advised(document: Mapping[str, Any]) -> list[tuple[dict[str, Any], Advice]]:
     return [(row, advise(fault_of(row), corexy=corexy, rails=rails)) for row in document.get("diagnosis", [])]
 
 
-def work_words(document: Mapping[str, Any]) -> tuple[str, ...]:
+def work_words(model: SavedModel) -> tuple[str, ...]:
     """Return a sentence for an owner who may have done the work on belts or pulleys that a model advises, and how to
     measure again; none where no such work is advised, or where the model knows of it."""
+    document = model.document
     rows = [row for row, one in advised(document) if one.urgency in WORK and row["kind"] not in _NO_BELT]
     motors = [name for name in document["motors"] if any(row["part"] == name for row in rows)]
     if not motors or said_of(document, REFITTED):
         return ()
     options = " ".join(f"--refitted {name}" for name in motors)
-    return (say("if-work-done-measure-again", together(", ", [name.upper() for name in motors]), options),)
+    return (
+        say("if-work-done-measure-again", together(", ", [name.upper() for name in motors]), model.called, options),
+    )
 
 
 def _care_of(kind: str, fault: Fault, where: str) -> Care:

@@ -1,4 +1,5 @@
-"""A belt that skipped teeth of its pulley, or a motor that lost steps: everything after it is off by a whole number."""
+"""A belt that skipped teeth of its pulley, or a motor that lost steps: everything after it is off by a whole number of
+teeth or steps."""
 
 from collections.abc import Iterator, Sequence
 

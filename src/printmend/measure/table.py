@@ -394,8 +394,8 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
                 raise TraceError(
                     path,
                     wanted=say("millimetres"),
-                    came=say("positions-look-like-factor", column, unit, f"{factor:g}"),
-                    todo=say("multiply-columns", column, f"{factor:g}"),
+                    came=say(f"{column}-look-like-factor", unit, f"{factor:g}"),
+                    todo=say(f"multiply-{column}-columns", f"{factor:g}"),
                 )
     # `learn.order` sorts or reports the same places in another order: it knows the printer's path
     apart = np.median(np.abs(np.sort(x, axis=0) - np.sort(y, axis=0)), axis=0) / np.maximum(x.std(axis=0), 1e-9)

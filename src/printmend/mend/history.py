@@ -175,7 +175,7 @@ class Ageing:
         ]
         if not said:
             return ""
-        return say("history-added", f"{self.months:.1f}", together(", ", said))
+        return say("history-added", f"{self.months:.1f}", together("; ", said))
 
 
 def history_of(model_path: Path) -> Path:
@@ -265,7 +265,9 @@ def read_history(model_path: Path) -> tuple[dict[str, Any], ...]:
     """Return the events of a model's history in order of time. Raises `ModelError` for a file that is no history."""
     path = history_of(model_path)
     if not path.exists():
-        raise ModelError(path, wanted=say("history"), came=say("none"), todo=say("learn-update-verify-model-each-adds"))
+        read_text(model_path, wanted=say("printer-mend-json"), todo=say("check-path"), error=ModelError)
+        todo = say("learn-update-verify-model-each-adds")
+        raise ModelError(path, wanted=say("history"), came=say("no-such-file"), todo=todo)
     events = []
     text = read_text(path, wanted=say("history"), todo=_TODO, error=ModelError)
     for number, line in enumerate(text.splitlines(), start=1):
@@ -496,7 +498,7 @@ def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
                 )
                 for one in event.get("faults", event.get("heights", []))
             ]
-            said = together(", ", faults) if faults else say("history-healthy")
+            said = together("; ", faults) if faults else say("history-healthy")
         rows.append((_iso(event["seconds"]) or "", _said(str(event.get("event", ""))), said))
     return rows
 

@@ -85,8 +85,8 @@ def _beginning(part: Part, model: SavedModel) -> MachineState:
 
 def _said_of(hints: tuple[bytes, ...], state: MachineState, printer: Printer) -> tuple[str | None, ...]:
     """Return notes: how a program was read, for which bed, and what the prediction leaves out."""
-    is_probe = find_test_print(*hints) == "probe"
-    return e_warning(state), small_bed_words(described(*hints), printer), _DOTS_WORDS if is_probe else None
+    is_probe, said = find_test_print(*hints) == "probe", described(*hints)
+    return e_warning(state), other_printer_words(said, printer), _DOTS_WORDS if is_probe else None
 
 
 def counted(chunks: Iterator[np.ndarray], progress: Progress | None) -> Iterator[np.ndarray]:
@@ -204,6 +204,15 @@ def refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
                 raise ModelError(name, wanted=wanted, came=say("header-from-mm", f"{least:g}", f"{most:g}"), todo=todo)
     if other:
         raise ModelError(name, wanted=say("g-code", printer.name), came=say("g-code", other), todo=todo)
+
+
+def other_printer_words(said: Described, printer: Printer) -> str | None:
+    """Return a note about a file that seems to be for another printer, or for another bed on which it fits."""
+    try:
+        refuse_contradiction("", said, printer)
+    except ModelError as error:
+        return say("seems-for-other-printer", error.wanted, error.came)
+    return small_bed_words(said, printer)
 
 
 def _other_printer(said: Described, printer: Printer) -> str | None:

@@ -281,7 +281,7 @@ def _shift(path: PathPlaces | None) -> tuple[float, float]:
 
 def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     """Return a prediction with the model's advice, and with its uncertainty if the model has drawn machines."""
-    belief, prediction = parse_belief(model), replace(prediction, advice=work_words(model.document))
+    belief, prediction = parse_belief(model), replace(prediction, advice=work_words(model))
     if belief is None or prediction.path is None:
         return prediction
     known = [Errors(each.planning_rms_mm, each.p95_mm, each.max_mm) for each in (prediction.before, prediction.after)]

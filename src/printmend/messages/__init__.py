@@ -105,6 +105,23 @@ def translated(text: str, language: str) -> str:
     return _value(text) if language == GERMAN else str(text)
 
 
+def as_lines(text: str, language: str) -> str:
+    """Return a message in a language as lines of their own: each begins with a capital, unless with a name."""
+    if isinstance(text, Said) and text.id.startswith("\n"):
+        return text.id.join(as_lines(part, language) for part in text.values.values())
+    words = translated(text, language)
+    return words[:1].upper() + words[1:] if _begins_with_words(text) else words
+
+
+def _begins_with_words(text: str) -> bool:
+    """Tell a message that begins with words of its own from one that begins with a value, such as a file's name."""
+    if not isinstance(text, Said):
+        return False
+    template = (catalogue().get(text.id) or text.texts or ("{0}",))[0]
+    first = re.match(r"{(\w+)}", template)
+    return first is None or _begins_with_words(text.values.get(first[1], ""))
+
+
 def tell_in(language: str) -> Tell:
     """Return what puts messages into a language."""
     return lambda text: translated(text, language)

@@ -185,7 +185,8 @@ class SavedModel:
 
     ``mechanism`` is absolute: its tables give bed positions, so never anchor it again with `Mechanism.homed`.
     ``document`` is the JSON as written, without the digest, and ``seal_key`` the hexadecimal digits over it. With a
-    ``filament``, the mechanism includes the shrinkage of parts in it; the document is the machine's alone.
+    ``filament``, the mechanism includes the shrinkage of parts in it; the document is the machine's alone. ``called``
+    is how a command line names its file.
     """
 
     mechanism: Mechanism
@@ -193,6 +194,7 @@ class SavedModel:
     seal_key: str
     document: Mapping[str, Any] = field(repr=False)
     filament: str | None = None
+    called: str = "MODEL"
 
     @property
     def digest(self) -> str:
@@ -311,7 +313,7 @@ def parse_model(text: str, *, subject: str) -> SavedModel:
         raise ModelError(subject, wanted=say("printer-mend-json"), came=came, todo=TODO) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ModelError(
-            subject, wanted=say("printer-mend-json"), came=say("another-kind-file"), todo=say("check-path")
+            subject, wanted=say("printer-mend-json"), came=say("another-kind-file"), todo=say("give-learned-model")
         )
     version = document.get("version")
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:

@@ -1,5 +1,6 @@
 """Read a printer from its owner's files: Klipper's printer.cfg, or a slicer's printer profile."""
 
+import re
 from pathlib import Path
 
 import tomli_w
@@ -14,6 +15,7 @@ from printmend.printer.toml import parse_printer, printer_section, read_printer
 
 _WANTED = say("printer-cfg-slicer-printer-profile-ini")
 _TODO = say("export-printer-profile-slicer-start-preset")
+_GCODE = re.compile(r"^[GM]\d+\b", re.MULTILINE)  # a profile has its G-code within a value
 _TOO = say("add-like-too")
 
 
@@ -31,6 +33,8 @@ def convert(path: Path, *, like: str | None = None, model: str | None = None) ->
         raise ConfigError(subject, wanted=_WANTED, came=say("empty-file"), todo=_TODO)
     if is_klipper(text):
         printer = parse_klipper(text, name=path.stem, subject=subject)
+    elif _GCODE.search(text):
+        raise ConfigError(subject, wanted=_WANTED, came=say("g-code-itself"), todo=_TODO)
     elif is_slicer_profile(text):
         todo = say("name-preset-like")
         values = profile_of(text, model=model, subject=subject, todo="" if like else _TOO)

@@ -45,6 +45,11 @@ def check_preset(name: str) -> None:
         )
 
 
+def preset_of(name: str) -> str | None:
+    """Return the preset with this name, whose capitals, spaces and hyphens do not matter; None for another name."""
+    return next((preset for preset in preset_names() if bare_name(preset) == bare_name(name)), None)
+
+
 def preset_text(name: str) -> str:
     """Return a preset's TOML text, as a start for a user's own printer."""
     return (resources.files("printmend.printer") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
@@ -60,16 +65,16 @@ def _meant(name: str) -> str | None:
 
 def read_printer(source: str | Path) -> Printer:
     """Return the preset with this name, or the printer in this TOML file."""
-    if str(source) in preset_names():
-        return parse_printer(preset_text(str(source)), subject=str(source))
+    if (preset := preset_of(str(source))) is not None:
+        return parse_printer(preset_text(preset), subject=str(source))
     if not os.path.isfile(source):
         meant = None if Path(source).suffix else _meant(str(source))
         todo = say("check-name-write-toml-file-compare")
         raise ConfigError(
             source,
-            wanted=say("printer-preset-toml-file", ", ".join(preset_names())),
+            wanted=say("printer-preset-toml-file"),
             came=say("no-such-file") if Path(source).suffix else say("neither"),
-            todo=todo if meant is None else say("usage-guess", todo, meant),
+            todo=todo if meant is None else say("did-you-mean-else", meant, todo),
         )
     return parse_printer(
         read_text(source, wanted=say("printer-toml"), todo=_TODO, error=ConfigError), subject=str(source)

@@ -1,5 +1,6 @@
 """Write the page of instructions beside every test print: its picture, the home position, how to scan it."""
 
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -97,7 +98,7 @@ def _after(measure: str, trace: str, named: str) -> list[Step]:
     """Return the steps that use the scan."""
     return [
         (say("step-measure"), measure), (say("terminal-step-settle"), ""),
-        (say("step-learn"), f"printmend learn {trace} --printer {named}"),
+        (say("step-learn"), f"printmend learn {trace} --printer {shlex.quote(named)}"),
         (say("step-mend"), "printmend mend part.gcode -m printer.mend.json"),
     ]  # fmt: skip
 
@@ -111,6 +112,8 @@ def _comes(plan: ProbePlan, files: str) -> list[Step]:
         told.append(say("step-net"))
     elif not plan.pen:
         told.append(say("step-dots"))
+    if plan.moving:
+        told.append(say("step-moving"))
     return [(together(" ", told), "")] if told else []
 
 
@@ -152,7 +155,7 @@ def write_layer_leaflet(
         "terminal-step-layer-scan",
         *([] if named else ["terminal-step-yours"]),
     ]
-    measure = f"printmend measure scan.png --gcode {gcode.name} --printer {whose} -o {trace}"
+    measure = f"printmend measure scan.png --gcode {gcode.name} --printer {shlex.quote(whose)} -o {trace}"
     return _written(gcode, page, [*((say(each), "") for each in told), *_after(measure, trace, whose)])
 
 

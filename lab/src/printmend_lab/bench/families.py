@@ -236,7 +236,8 @@ def families_table(
 ) -> list[Result]:
     """Evaluate the cases for LEARNER+CONTROLLER rows and the optimum; keep results in ``out``/families.jsonl.
 
-    A run that was interrupted goes on where it was. What does not measure (``naive``, ``oracle``) runs without noise.
+    A run that was interrupted continues where it left off. What does not measure (``naive``, ``oracle``) runs without
+    noise.
     """
     labels = tuple(dict.fromkeys((*rows, OPTIMUM)))
     names = [f"{label}@{noise:g}" for label in labels for noise in (noises_mm if measures(label) else (0.0,))]

@@ -244,7 +244,7 @@ def prints_table(
 ) -> list[Result]:
     """Evaluate every test print with every number of points and noise; keep results in ``out``/prints.jsonl.
 
-    A run that was interrupted goes on where it was.
+    A run that was interrupted continues where it left off.
     """
     rows = [OPTIMUM, *(f"{label}@{count}@{noise:g}" for label in prints for count in points for noise in noises_mm)]
     for name in rows:

@@ -40,7 +40,7 @@ def objectives(
 ) -> None:  # fmt: skip
     """Learn from one layer, plan others for each objective, print them, measure them by every metric.
 
-    Results go to OUT/objectives.jsonl; an interrupted run goes on where it was.
+    Results go to OUT/objectives.jsonl; an interrupted run continues where it left off.
     """
     from printmend.cli.terminal import progress
     from printmend_lab.bench.objectives import HEADER, cells, objective_cases, objectives_table
@@ -174,7 +174,7 @@ def measured(folder: Path, sets: str | None, models: str | None, executor: Any, 
 
     A cell is what a learner misses as a share of what a straight line misses. The splits are fixed. For a set that is
     not there, its place below FOLDER and the command that fetches it are printed. Results go to OUT/measured.jsonl, the
-    table to OUT/measured.md; an interrupted run goes on where it was.
+    table to OUT/measured.md; an interrupted run continues where it left off.
     """
     from printmend.cli.terminal import progress
     from printmend.errors import InputError
@@ -222,7 +222,7 @@ def prints(
     """Make test prints on randomly damaged printers, learn from each, and print a body with what was learned.
 
     A cell is the bodies' mean RMSE in full steps, with its ratio to the optimum: the best plan on the true machine.
-    Results go to OUT/prints.jsonl and the table to OUT/prints.md; an interrupted run goes on where it was.
+    Results go to OUT/prints.jsonl and the table to OUT/prints.md; an interrupted run continues where it left off.
     """
     from printmend.cli.terminal import progress
     from printmend_lab.bench import prints as bench
@@ -259,7 +259,7 @@ def real(data: Path, executor: Any, out: Path, as_json: bool) -> None:
 
     DATA is a CSV of traverses, or a clone of RenzoCab/Non-Circular-Pulleys with motion capture of real pulleys.
     The floor is the scatter of the later traverses about their own mean. Results go to OUT/real.jsonl; an interrupted
-    run goes on where it was.
+    run continues where it left off.
     """
     from printmend.cli.terminal import progress
     from printmend_lab.bench.real import HEADER, cells, real_cases, real_table
@@ -294,8 +294,8 @@ def suite(name: str | None, rows: str | None, data: Path | None, executor: Any, 
 
     Its seed, bodies, splits and metrics are frozen. Without a SUITE, all are listed. Measured-v1 wants the --data that
     `printmend bench measured` reads, and says how to fetch what is missing. Its rows are learners without a planner.
-    Each row becomes a file OUT/SUITE/ROW.json with its figures, cost, versions and every case. An interrupted run goes
-    on where it was.
+    Each row becomes a file OUT/SUITE/ROW.json with its figures, cost, versions and every case. An interrupted run
+    continues where it left off.
     """
     from printmend.cli.terminal import progress
     from printmend.errors import InputError
@@ -390,7 +390,7 @@ def table1(
     Each body is printed on a broken printer (on each, with --every-printer), a model learns from its largest layer, and
     up to three random layers are planned and printed: any layers with --protocol paper, never the training layer with
     heldout. With covered, the training layer shows the most of both motors' turns, and is not judged. An interrupted
-    run goes on where it was; OUT/sliced keeps the G-code of meshes.
+    run continues where it left off; OUT/sliced keeps the G-code of meshes.
     """
     from printmend.cli.terminal import progress
     from printmend.extras import require

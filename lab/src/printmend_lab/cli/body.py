@@ -11,7 +11,7 @@ from printmend.messages import say_count
 @click.command(epilog="Example: printmend body part.stl --printer ender5")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--printer", "printer_name", default="ender5", show_default=True, help="A preset or a TOML file.")
-@click.option("--unit", help="The mesh's unit, where the file names none: mm, cm, m, inch, foot, micron.")
+@click.option("--unit", help="The mesh's unit, if the file names none: mm, cm, m, inch, foot, micron.")
 @click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
 def command(file: Path, printer_name: str, unit: str | None, as_json: bool) -> None:
     """Slice FILE (STL, OBJ, 3MF, PLY) or read it (G-code), and list its layers: height, points, extruding points."""

@@ -13,7 +13,7 @@ import click
 def command(ctx: click.Context, name: str, as_json: bool) -> None:
     """Run the suite that everything in printmend passes on a learner, a controller, a family of faults or an effect.
 
-    A check of a line each, with the reason where it fails; ends with 2 where one does.
+    A line for each check, with the reason if it fails; ends with 2 if one does.
     """
     from printmend_lab.conformance import conformance, kind_of
 

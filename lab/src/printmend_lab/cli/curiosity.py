@@ -53,5 +53,5 @@ def command(
         click.echo(json.dumps({"ways": ways, "written": [str(picture)]}))
         return
     show_table(f"until {promise_mm:g} mm can be promised", curiosity.HEADER, curiosity.rows(found))
-    for text in (*curiosity.closing(found, promise_mm), f"wrote {picture}"):
+    for text in (*curiosity.closing(found, promise_mm), f"written: {picture}"):
         click.echo(text)

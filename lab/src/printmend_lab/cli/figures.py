@@ -24,7 +24,7 @@ def command(
 ) -> None:  # fmt: skip
     """Draw Fig. 1 to 6 as SVG and write Table I as Markdown, LaTeX and SVG, from a data set.
 
-    Results are kept in OUT/table1.jsonl: an interrupted run goes on where it was.
+    Results are kept in OUT/table1.jsonl: an interrupted run continues where it left off.
     """
     from printmend.cli.terminal import progress
     from printmend.demo.contour import check_out
@@ -47,4 +47,4 @@ def command(
     for part in parts(results, rows):
         show_table(f"Table I, protocol {protocol}, families {part.title}", *table_lines(part))
     for path in written:
-        click.echo(f"wrote {path}")
+        click.echo(f"written: {path}")

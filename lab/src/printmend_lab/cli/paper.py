@@ -19,7 +19,7 @@ import click
 def command(seed: int, broken: tuple[str, ...], file: Path | None, out: Path, as_json: bool) -> None:
     """Break a twin of an Ender-5, print one test layer, learn from it, plan all layers, print again.
 
-    No printer, slicer or network is needed. Pictures go to the folder --out, where matplotlib is installed.
+    No printer, slicer or network is needed. If matplotlib is installed, pictures go to the folder --out.
     """
     import numpy as np
 

@@ -67,7 +67,7 @@ def command(
         click.echo(json.dumps({"ways": ways, "written": [str(picture), str(out / "pulley.gcode")]}))
         return
     show_table(title, report.HEADER, report.rows(series))
-    for text in (*report.closing(series), f"wrote {picture}", f"wrote {out / 'pulley.gcode'}"):
+    for text in (*report.closing(series), f"written: {picture}", f"written: {out / 'pulley.gcode'}"):
         click.echo(text)
 
 

@@ -56,7 +56,7 @@ class Attempt:
 
 @dataclass(frozen=True, eq=False)
 class Demo:
-    """The whole story: the body, what was broken, the layer that was learnt from and every model's attempt."""
+    """The whole story: the body, what was broken, the layer that was learned from and every model's attempt."""
 
     body: Body
     printer: Printer
@@ -118,7 +118,7 @@ def title(demo: Demo) -> str:
     """Return what the table is about."""
     training = demo.body.training_layer
     return (
-        f"{demo.body.name}: {len(demo.body.layers)} layers, {demo.body.transitions} steps; learnt from layer "
+        f"{demo.body.name}: {len(demo.body.layers)} layers, {demo.body.transitions} steps; learned from layer "
         f"{training.index + 1} ({training.transitions} steps), judged on the others"
     )
 
@@ -146,7 +146,7 @@ def closing(demo: Demo, written: list[Path]) -> str:
                 for name in drifting
                 if slack
             ),
-            *(f"wrote {path}" for path in written),
+            *(f"written: {path}" for path in written),
             "next: your own body, printmend paper --body part.gcode; the paper's Table I, printmend bench table1 -h",
         ]
     )
