@@ -20,7 +20,8 @@ export PYTHONDONTWRITEBYTECODE :=
 demo:
 	@$(MAKE) --no-print-directory -j3 begun
 	@$(BIN)/printmend demo --part >.venv/part.txt & part=$$!; trap 'kill $$part' INT TERM; $(BIN)/printmend paper; one=$$?; \
-	wait $$part; other=$$?; cat .venv/part.txt; exit $$((one | other))
+	wait $$part; other=$$?; cat .venv/part.txt; \
+	echo "Your own printer: docs/owners.md. The program is $(BIN)/printmend"; exit $$((one | other))
 
 begun: $(BEGUN) $(OWNER)
 	@:
@@ -31,7 +32,7 @@ begun: $(BEGUN) $(OWNER)
 	@touch $@
 
 # The paper again, on bodies that are made here: data set, Table I, Fig. 1 to 6, then the families, self-repair and the
-# choice of test prints. BODIES=20 for a small one; what was interrupted goes on where it was.
+# choice of test prints. BODIES=20 for a small one; what was interrupted continues where it left off.
 BODIES ?= 1000
 WORKERS ?= 2
 PAPER := build/paper
