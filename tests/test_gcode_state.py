@@ -41,6 +41,7 @@ def place(text: str, **options) -> tuple[float, float, float]:
         ("G1 X10\nG53 G1 X3\nG1 Y1", (3, 1, 0)),
         ("G10 L2 P2 X100 Y50\nG55\nG1 X1 Y1\nG54\nG1 X2", (2, 51, 0)),
         ("G10 L20 P1 X0\nG1 X5", (5, 0, 0)),
+        ("G28\nG1 X10\nG10 L20 P2 X3\nG1 X11\nG55\nG1 X5", (12, 0, 0)),
         ("SET_GCODE_OFFSET X=1\nG1 X10\nSET_GCODE_OFFSET X_ADJUST=0.5\nG1 X10", (11.5, 0, 0)),
         ("G1 X10\nSET_GCODE_OFFSET X=2 MOVE=1\nG91\nG1 X1", (13, 0, 0)),
         ("G1 X10\nSAVE_GCODE_STATE NAME=s\nG91\nG1 X5\nRESTORE_GCODE_STATE NAME=s\nG1 X20", (20, 0, 0)),
@@ -97,6 +98,104 @@ def test_how_much_filament_runs(text, flavour, wanted):
 @pytest.mark.parametrize(("flavour", "wanted"), [(Flavour.KLIPPER, 12.0), (Flavour.MARLIN2, 2.0), (Flavour.RRF, 2.0)])
 def test_a_bare_g92_is_the_firmwares_own(flavour, wanted):
     assert place("G1 X10\nG92\nG1 X2", flavour=flavour)[0] == wanted
+
+
+def certain(record: np.void) -> str:
+    """Return the axes whose place is certain after a record."""
+    return "".join(axis for bit, axis in enumerate("XYZ") if record["flags"] >> (7 + bit) & 1)
+
+
+OFFSETS = ["G92 Y{}", "M206 Y{}", "G10 L2 P1 Y{}", "G10 P1 Y{}\nT1", "M218 T1 Y{}\nT1", "SET_GCODE_OFFSET Y={}"]
+
+
+@pytest.mark.parametrize("line", OFFSETS)
+@pytest.mark.parametrize("value", ["{v}", "[v]", "#5", "", "1,5"])
+def test_what_a_word_without_a_value_shifts_is_unknown(line, value):
+    line = line.replace("{}", value)
+    assert certain(records_of(f"G28\n{line}\nG1 X5 Y5 Z5")[-1]) == "XZ"
+    assert certain(records_of(f"G28\nif a\n  {line.replace(chr(10), chr(10) + '  ')}\nG1 X5 Y5 Z5")[-1]) == "XZ"
+
+
+@pytest.mark.parametrize(
+    ("line", "known"),
+    [
+        ("G1 X{v} Y5", "YZ"),
+        ("G1 X5 {v}", ""),
+        ("G1 X60,5 Y60 E1,5", "Z"),  # decimal commas
+        ("G1 X6 0 Y60 E1", "Z"),
+        ("G1 Z100, E4", "XY"),
+        ("G1 X7Y8e+1", "Z"),
+        ("(nested (deep) X3) Y9", "Z"),
+        ("/G1 X60", ""),
+        ("{macro}", ""),
+        ("G28 X{v}", ""),
+        ("%", "XYZ"),
+        ("M104 S{v}", "XYZ"),
+    ],
+)
+def test_a_line_that_is_not_read_to_its_end_is_believed_in_no_part(line, known):
+    assert certain(records_of(f"G28\nG1 X1 Y1 Z1\n{line}\nG1 F6000")[-1]) == known
+
+
+@pytest.mark.parametrize(
+    "lines", ["M218 T{v} Y5\nT1", "G10 P{v} Y5\nT1", "M218 T1 Y5\nT{v}", "G10 L{v} P9 Y5", "T?\nM218 Y5\nT2"]
+)
+def test_the_offset_of_a_tool_without_a_number_is_unknown(lines):
+    assert certain(records_of(f"G28\n{lines}\nG1 X1 Y1 Z1")[-1]) == "XZ"
+    assert certain(records_of("G28\nT?\nT{v}\nG1 X1 Y1 Z1")[-1]) == "XYZ"  # as long as none has any
+
+
+@pytest.mark.parametrize(
+    "line", ["G92 E{v}", "G1 X5 E{v}", "G1 X5 E", "G1 X5 E1,5", "{if a}G92 E0{endif}", "if a\n G92 E0", "if a\n G1 E5"]
+)
+def test_an_absolute_e_after_an_unknown_one_says_no_length(line):
+    first, second = records_of(f"G28\nM82\n{line}\nG90\nM82\nG1 X7 Y7 F600 E4\nG1 X9 E6")[-2:]
+    assert first["flags"] & k.FLAG_OPAQUE
+    assert first["flags"] & k.FLAG_EXTRUDING
+    assert (first["advance"], second["advance"]) == (0, 2)
+    assert not second["flags"] & k.FLAG_OPAQUE
+
+
+@pytest.mark.parametrize("line", ["G1 F{v}", "G1 X5 F1,5", "while a\n G1 F900", "G5 X5 I1 J1 P1 Q1 F{v}"])
+def test_a_move_at_an_unknown_speed_is_not_written_again(line):
+    first, second = records_of(f"G28\nG1 F600\n{line}\nG1 X7 Y7 E1\nG1 X9 E6 F600")[-2:]
+    assert (first["feed"], second["feed"]) == (0, 600)
+    assert first["flags"] & k.FLAG_OPAQUE
+    assert not second["flags"] & k.FLAG_OPAQUE
+
+
+BLOCK = "if iterations < 3\n  G91\n  M83\n  G20\nelse\n\tG1 X5\n; a comment\n\n\tG1 Y5\n"
+
+
+def test_a_block_makes_unknown_what_it_could_set():
+    """From its end on until it is said again: a mode by its command, a place by an absolute word."""
+    rows = records_of(f"G28\nG90\nM82\n{BLOCK}G1 X7 E1\nG21\nG90\nG1 X8 Y8 E2\nM82\nG1 X9 E3\nG1 X10 E4", Flavour.RRF)
+    first, second, third, fourth = rows[-4:]
+    assert (certain(first), certain(second)) == ("Z", "XYZ")
+    assert [bool(row["flags"] & k.FLAG_OPAQUE) for row in (first, second, third, fourth)] == [True, True, True, False]
+    same = records_of("G28\nG90\nif a\n G90\n  G21\nG1 X7 E1", Flavour.RRF)  # what it sets is so already
+    assert certain(same[-1]) == "XYZ"
+
+
+@pytest.mark.parametrize(
+    ("flavour", "known"),
+    [(Flavour.RRF, "XYZ"), (Flavour.UNKNOWN, "YZ"), (Flavour.MARLIN2, "YZ"), (Flavour.KLIPPER, "YZ")],
+)
+def test_what_m120_saves_m121_brings_back_or_nobody_knows(flavour, known):
+    rows = records_of("G28\nM83\nG1 F600\nM120\nG91\nM120\nM82\nG1 F9\nM121\nM121\nG1 X5 E2\nG1 X9 E2", flavour)
+    assert certain(rows[-1]) == known
+    if known == "XYZ":
+        assert (rows[-1]["x1"], rows[-1]["advance"], rows[-1]["feed"]) == (9, 2, 600)
+    same = records_of("G28\nM121\nM120\nG91\nG90\nM121\nG1 X5 E2", flavour)  # nothing to bring back
+    assert certain(same[-1]) == "XYZ"
+
+
+@pytest.mark.parametrize(
+    ("flavour", "words", "wanted"),
+    [(Flavour.RRF, "P2", 1), (Flavour.MARLIN2, "P2", 2), (Flavour.MARLIN1, "P1", 1), (Flavour.UNKNOWN, "P1", 0)],
+)
+def test_an_arcs_further_turns_are_the_firmwares_own(flavour, words, wanted):
+    assert records_of(f"G2 I5 {words}", flavour)[-1]["turns"] == wanted
 
 
 def test_homing_goes_to_the_printers_home_and_makes_the_place_certain():

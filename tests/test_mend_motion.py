@@ -12,7 +12,7 @@ from printmend.corruption import Corruption, Drive
 from printmend.corruption.transmission import Play
 from printmend.gcode.kernels import RECORD
 from printmend.gcode.machine import Flavour, initial_state
-from printmend.gcode.read import interpret_text
+from printmend.gcode.read import interpret_text, read_gcode, straightened
 from printmend.jit import record
 from printmend.plan import layout, lookup, start
 from printmend.plan.kernels import mend as mend_kernels
@@ -45,7 +45,20 @@ def right(judged: Judged, most_mm: float = 0.012) -> None:
 @MODELS
 @pytest.mark.parametrize("name", ARCS)
 def test_arcs(mechanism, name: str) -> None:
-    right(judge(START + ARCS[name] + b"G1 X62 Y50 E1\n", mechanism))
+    judged = judge(START + ARCS[name] + b"G1 X62 Y50 E1\n", mechanism)
+    right(judged)
+    places = np.array([end[:2] for move in judged.wanted if move.draws for end in (move.start, move.end)])
+    low, high = judged.prediction.printed_low_mm, judged.prediction.printed_high_mm
+    assert (*low, *high) == pytest.approx((*places.min(axis=0), *places.max(axis=0)), abs=0.01)
+
+
+@MODELS
+def test_all_turns_of_an_arc_are_drawn_once(mechanism) -> None:
+    text = START + b"G1 X80 Y60 E1 F1800\nG2 X80 Y60 I10 J3 P3 E6\n"
+    written, _ = mended(text, mechanism, Flavour.UNKNOWN)
+    drawn = [straightened(read_gcode(each, printer=ENDER3).moves, 0.002) for each in (text, written)]
+    lengths = [np.linalg.norm(each.end_mm - each.start_mm, axis=1)[each.extruding].sum() for each in drawn]
+    assert lengths[1] == pytest.approx(lengths[0], rel=0.05)
 
 
 @pytest.mark.parametrize("name", ARCS)

@@ -1,6 +1,7 @@
 """Every state of a machine that a rewriter must follow: modes, units, offsets, homing, and what makes it uncertain."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -253,6 +254,66 @@ def test_states_are_restored_on_mended_places(mechanism, name: str) -> None:
     assert judged.prediction.unknown == 0
     assert judged.prediction.anchors == (name == "macro")
     right(judged)
+
+
+def ends_of(written: bytes, flavour: Flavour) -> list[tuple[float, float]]:
+    rows = interpret_text(np.frombuffer(written, np.uint8), initial_state(ENDER3, flavour))
+    return [(row["x1"], row["y1"]) for row in rows if row["advance"] > 0]
+
+
+@pytest.mark.parametrize("line", [b"G10 L20 P1 X0 Y0", b"G10 L20 P2 X0 Y0 ; zero\nG55"])
+def test_a_work_zero_lies_where_the_file_has_it(line: bytes) -> None:
+    """G10 L20 counts from where the mended head is, as G92 does."""
+    moves = b"G1 X5 Y-9 E1\nG1 X-10 Y3 E1\n"
+    found, wanted = (
+        ends_of(mended(START + SURE + zero + b"\n" + moves, BENT, Flavour.RRF)[0], Flavour.RRF)
+        for zero in (line, b"G92 X0 Y0")
+    )
+    assert np.array(found) == pytest.approx(np.array(wanted), abs=0.0015)
+
+
+BLOCKS = {
+    "while": b"while iterations < 3\n  G1 X90 Y70 E2 F1800\n  G1 X60 Y90 E2\n",
+    "if": b"if global.purge\n\tG1 X90 Y20\n\tM120\n\tG91\n\tG1 Z1\n\tM121\nelif a\n    G92 E0\nelse\n  G28\n",
+    "inside": b"  if a\n    while true\n      G1 X80\n    G1 X70 E1\n",
+}
+
+
+@MODELS
+@pytest.mark.parametrize("name", BLOCKS)
+def test_a_block_stays_as_it_is(mechanism, name: str) -> None:
+    """Nobody knows how often it is obeyed: no line is put into it, and what it may have moved is found again."""
+    again = b"G90\nM83\nG0 X60 Y61 F6000\nG1 X80 Y75 E1 F1800\nG1 X60 Y60 E1\n"
+    text = START + SURE + BLOCKS[name] + b"G1 X62 E1\n" + again
+    written, prediction = mended(text, mechanism, Flavour.RRF)
+    assert BLOCKS[name] in written
+    assert prediction.unknown == len(re.findall(rb"G1.* E", BLOCKS[name])) + 1
+    assert prediction.after.rms_mm < 0.006
+    judged = judge(START + SURE + again, mechanism)
+    assert np.array(ends_of(written, Flavour.RRF)[-1]) == pytest.approx(judged.given[-1].end[:2], abs=0.02)
+
+
+def test_what_m120_saves_is_brought_back() -> None:
+    """Also the speed, which the mended file has at another value there."""
+    aside = b"M120\nG91\nG1 Z1 F600\nM121\n"
+    text = START + SURE + aside + b"G1 X60 Y70 E1\nG1 X64 Y60 E1\n"
+    written, prediction = mended(text, BENT, Flavour.RRF)
+    assert prediction.unknown == 0
+    plain, _ = mended(text.replace(aside, b""), BENT, Flavour.RRF)
+    rows = [
+        interpret_text(np.frombuffer(each, np.uint8), initial_state(ENDER3, Flavour.RRF)) for each in (written, plain)
+    ]
+    for name in ("x1", "y1", "feed"):
+        assert rows[0][name][-1] == pytest.approx(rows[1][name][-1])
+
+
+@pytest.mark.parametrize("letter", [b"A", b"B", b"C", b"U", b"V", b"W"])
+@pytest.mark.parametrize("mode", [b"G90", b"G91"])
+def test_a_further_axis_goes_as_far_as_the_file_says(letter: bytes, mode: bytes) -> None:
+    line = b"G1 X80 Y85 " + letter + b"3 E1\n"
+    written, prediction = mended(START + b"G1 X80 Y60 E1 F1800\n" + mode + b"\n" + line, BENT, Flavour.RRF)
+    assert prediction.commands > prediction.moves
+    assert written.count(letter + b"3") == 1
 
 
 def test_a_forgotten_zero_is_forgotten() -> None:

@@ -102,6 +102,15 @@ def test_line_numbers_and_checksums() -> None:
     assert judge(text, BENT).rms_mm <= 0.006
 
 
+def test_a_wrong_checksum_stays_wrong() -> None:
+    """The printer asks for the line again, as it would have."""
+    lines = [b"N%d %s" % (i, line) for i, line in enumerate(SQUARE.splitlines(), 1)]
+    for broken in range(len(lines)):
+        text = b"\n".join(line + b"*%d" % (checksum(line) ^ (i == broken)) for i, line in enumerate(lines)) + b"\n"
+        rows = [line.rsplit(b"*", 1) for line in mended(text, PLAY)[0].splitlines()]
+        assert sum(int(found) != checksum(body) for body, found in rows) == 1
+
+
 def checksum(line: bytes) -> int:
     total = 0
     for byte in line:
@@ -144,7 +153,6 @@ def test_only_lines_that_must_change_do() -> None:
     ("line", "filament"),
     [
         (b"G1 X80 Y80 E1.5e-01 F1800", 0.15),  # an exponent is written out
-        (b"G1 X8.0e+1 Y80 E1.5E-01 F1.8e+3", 0.15),
         (b"G1 X80 Y80 E9 E0.25", 0.25),  # of a word that comes twice the last one counts
     ],
 )
@@ -168,13 +176,21 @@ def test_garbled_moves_are_left_alone() -> None:
         (b"G1 X80 Y60 E.6foo", b"G1 X80 Y60 E.6foo"),  # two letters alike: both stay
         (b"G1 Xnan Y80 E1", b"G1 Xnan Y80 E1"),
         (b"G1 X8e1 Y60 E1", b"G1 X8e1 Y60 E1"),  # X8 on Marlin and Klipper
+        (b"G1 X8e+1 Y60 E1", b"G1 X8e+1 Y60 E1"),
+        (b"G1 X60,5 Y60 E1,5", b"G1 X60,5 Y60 E1,5"),  # decimal commas
+        (b"G1 X{x} Y60 E1", b"G1 X{x} Y60 E1"),
+        (b"\xef\xbc\xa71 X60 Y60 E1", b"\xef\xbc\xa71 X60 Y60 E1"),  # a full-width G
     ],
 )
-def test_malformed_words_keep_their_letters(line: bytes, left: bytes) -> None:
-    written, _ = mended(START + b"G1 X70 E1 F1800\n" + line + b"\nG0 X60 Y65\nG1 Y80 E1\n", PLAY)
-    assert b"\n" + left + b"\n" in written
-    rows = interpret_text(np.frombuffer(START + b"G1 X8e1 Y60", np.uint8), initial_state(ENDER3, Flavour.KLIPPER))
-    assert rows["x1"][-1] == 8.0
+def test_malformed_lines_stay_and_are_told(line: bytes, left: bytes) -> None:
+    """Nor is the next line believed to begin where they end."""
+    text = START + b"G1 X70 E1 F1800\n" + line + b"\n"
+    written, prediction = mended(text + b"G1 Y80 E1\nG0 X60 Y65 F6000\nG1 Y80 E1 F1800\n", PLAY)
+    assert b"\n" + left + b"\nG1 Y80 E1\n" in written
+    count = text.count(b"\n")
+    assert prediction.unknown_lines == (count, count + 1)
+    assert "does not say what all their words do" in mended(text, PLAY)[1].summary()
+    assert mended(text + b"/G1 X60 Y60 E1\n", PLAY)[1].unknown == 2
 
 
 def test_numbering_restarts_after_m110() -> None:

@@ -413,8 +413,8 @@ def _plane(plane, x, y, z):
 
 # Its many parameters are the clock's arrays, and the arc, whose ends are not those of its record.
 @inner
-def _add_arc(limits, clock, queue, times, r, x, y, z, c0, c1, advance_mm, feed):
-    """Queue an arc to (x, y, z) as the chords that a firmware makes of it."""
+def _add_arc(limits, clock, queue, times, r, turns, x, y, z, c0, c1, advance_mm, feed):
+    """Queue an arc to (x, y, z), with further full ``turns``, as the chords that a firmware makes of it."""
     a0, b0, h0 = _plane(r.plane, clock.at[0], clock.at[1], clock.at[2])
     a1, b1, h1 = _plane(r.plane, x, y, z)
     radius, radius1 = np.hypot(a0 - c0, b0 - c1), np.hypot(a1 - c0, b1 - c1)
@@ -423,7 +423,7 @@ def _add_arc(limits, clock, queue, times, r, x, y, z, c0, c1, advance_mm, feed):
     sweep = np.mod(way * (np.arctan2(b1 - c1, a1 - c0) - angle), 2.0 * np.pi)
     if sweep <= 1e-9:
         sweep = 2.0 * np.pi
-    sweep += 2.0 * np.pi * r.turns
+    sweep += 2.0 * np.pi * turns
     length = np.hypot(sweep * radius, h1 - h0)
     count = np.int64(min(max(length / limits.arc_mm, 1.0), MOST_CHORDS))
     if not length >= 0.0:  # its start is unknown
@@ -444,10 +444,10 @@ def _add_arc(limits, clock, queue, times, r, x, y, z, c0, c1, advance_mm, feed):
 
 
 @inner
-def _go(limits, clock, queue, times, r, is_arc, x, y, z, c0, c1, advance_mm, feed):
-    """Queue a move to (x, y, z)."""
-    if is_arc:
-        _add_arc(limits, clock, queue, times, r, x, y, z, c0, c1, advance_mm, feed)
+def _go(limits, clock, queue, times, r, turns, x, y, z, c0, c1, advance_mm, feed):
+    """Queue a move to (x, y, z): an arc with further full ``turns``, or a straight one where they are −1."""
+    if turns >= 0:
+        _add_arc(limits, clock, queue, times, r, turns, x, y, z, c0, c1, advance_mm, feed)
     else:
         _add(limits, clock, queue, times, x - clock.at[0], y - clock.at[1], z - clock.at[2], advance_mm, feed)
     clock.at[0], clock.at[1], clock.at[2] = x, y, z
@@ -557,8 +557,8 @@ def advance(limits, clock, queue, times, records, begin, end, notes, first, piec
             z = r.z1 if r.words & WORD_Z else at[2]
             if r.flags & FLAG_RELATIVE:
                 x, y, z = at[0] + r.x1 - r.x0, at[1] + r.y1 - r.y0, at[2] + r.z1 - r.z0
-            is_arc = r.kind != KIND_LINEAR
-            _go(limits, clock, queue, times, r, is_arc, x, y, z, r.c0, r.c1, r.advance, r.feed)
+            turns = np.int64(r.turns) if r.kind != KIND_LINEAR else -1
+            _go(limits, clock, queue, times, r, turns, x, y, z, r.c0, r.c1, r.advance, r.feed)
             continue
         for j in range(first[i], first[i + 1]):
             p = pieces[j]
@@ -569,7 +569,10 @@ def advance(limits, clock, queue, times, records, begin, end, notes, first, piec
                 limits.print_accel = p.accel
                 if (r.flags >> TELL_SHIFT) & TELL_MASK == TELL_S:
                     limits.travel_accel = p.accel
-            _go(limits, clock, queue, times, r, p.kind == PIECE_ARC, p.x, p.y, p.z, p.c0, p.c1, advance_mm, feed)
+            turns = -1
+            if p.kind == PIECE_ARC:
+                turns = np.int64(r.turns) if p.share == 1.0 else 0
+            _go(limits, clock, queue, times, r, turns, p.x, p.y, p.z, p.c0, p.c1, advance_mm, feed)
             limits.print_accel, limits.travel_accel = printing, travelling
     while n < len(notes) and end == len(records):
         _obey(limits, clock, queue, times, notes[n])

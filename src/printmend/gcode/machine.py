@@ -71,7 +71,7 @@ def initial_state(printer: Printer | None = None, flavour: Flavour = Flavour.UNK
     if printer is not None:
         numbers.home[:] = [axis.home_mm for axis in printer.axes]
     numbers.flow = 1.0
-    counts.offset_known = 7
+    counts.zero_known = counts.offset_known = 7
     counts.tool = -1
     counts.flavour = flavour
     counts.rule = flavour.g90_influences_e

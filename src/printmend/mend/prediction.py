@@ -65,10 +65,10 @@ class Prediction:
     where the engaged side had to be made certain again, ``coarse`` those beyond the tolerance. ``duration`` is how long
     both files take, None if not asked for.
 
-    Not corrected: ``unknown`` counts extruding moves left as they are, because their words cannot be read or the file
-    does not say where the head is (``unknown_lines`` are the lines of the first). ``splines`` counts such curves (G5).
-    ``geometry`` counts the commands that make the firmware scale, skew or lengthen its targets. ``warnings`` say where
-    the file was read otherwise than its firmware may read it.
+    Not corrected: ``unknown`` counts extruding moves left as they are, because the file does not say what all their
+    words do (``unread``), or where the head is; ``unknown_lines`` are the lines of the first. ``splines`` counts such
+    curves (G5). ``geometry`` counts the commands that make the firmware scale, skew or lengthen its targets.
+    ``warnings`` say where the file was read otherwise than its firmware may read it.
 
     Bed: printing moves end between ``low_mm`` and ``high_mm``. Everything printed, dots and the beginnings of moves
     included, lies between ``printed_low_mm`` and ``printed_high_mm``; ``on_bed`` says whether that is on the bed.
@@ -95,6 +95,7 @@ class Prediction:
     beyond_mm: float
     held_mm: float
     unknown: int
+    unread: int
     splines: int
     geometry: int
     extruding: int
@@ -211,7 +212,8 @@ class Prediction:
         if self.coarse:
             yield say("places-beyond-tolerance", self.coarse)
         if self.unknown:
-            yield say("moves-left-as-written", self.unknown, self.where_unknown)
+            why = "unread" if self.unread == self.unknown else "as-written" if self.unread else "unplaced"
+            yield say(f"moves-left-{why}", self.unknown, self.where_unknown)
         if self.splines:
             yield say("curves-not-corrected", self.splines)
         if self.geometry:
@@ -256,6 +258,7 @@ def prediction_of(planner: Planner) -> Prediction:
         beyond_mm=float(state.beyond),
         held_mm=float(state.held[int(counts.mark > 0)]),
         unknown=int(counts.unknown),
+        unread=int(counts.unread),
         splines=int(counts.splines),
         geometry=int(counts.geometry),
         extruding=int(counts.extruding),

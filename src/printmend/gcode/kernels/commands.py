@@ -171,6 +171,7 @@ _EXCLUDING = np.array(
 )  # fmt: skip
 _PAUSING = np.array([name_hash(name) for name in ("PAUSE", "RESUME", "CANCEL_PRINT")])
 _TOOLING = np.array([name_hash("ACTIVATE_EXTRUDER")])
+_BLOCKS = np.array([name_hash(name) for name in ("IF", "ELIF", "ELSE", "WHILE")])  # RepRapFirmware's
 _SKEWING = np.array([name_hash(name) for name in ("SKEW_PROFILE", "SET_SKEW")])
 _KEY_SKEWED = np.array([name_hash(name) for name in ("LOAD", "XY", "XZ", "YZ")])
 # Extended commands that neither move the carriage nor shift its coordinates.
@@ -184,14 +185,21 @@ _STILL = np.array(
         "TIMELAPSE_RENDER", "SET_SERVO", "SET_FILAMENT_SENSOR", "M117", "EXCLUDE_OBJECT_RESET", "SET_TMC_CURRENT",
         "BED_MESH_PROFILE", "BED_MESH_CLEAR", "BED_MESH_OFFSET", "SET_IDLE_TIMEOUT",
         "SET_EXTRUDER_ROTATION_DISTANCE", "SYNC_EXTRUDER_MOTION", "TUNING_TOWER", "SET_FAN",
+        "VAR", "GLOBAL", "SET", "ECHO", "BREAK", "CONTINUE", "SKIP", "ABORT",
     )]
 )  # fmt: skip
 
 
 @inner(error_model="python", _nrt=True)
-def long_command(r, buf, p, stop, numbers, counts):
-    """Obey a long name (Klipper): state, offsets, objects, pauses; any other is a macro. Return as `m_command`."""
+def long_command(r, buf, p, stop, column, numbers, counts):
+    """Obey a long name: Klipper's state, offsets, objects, pauses, and the beginnings of RepRapFirmware's blocks.
+
+    Any other is a macro. ``column`` is where it stands on its line. Return as `m_command`.
+    """
     name, p = word_hash(buf, p, stop)
+    if counts.flavour != FLAVOUR_KLIPPER and among(name, _BLOCKS):
+        counts.block = counts.block if counts.block else column + 1
+        return EVENT_MACRO
     if name != _SAVE and name != _RESTORE and name != _OFFSET:
         if among(name, _EXCLUDING):
             return EVENT_EXCLUDE
@@ -220,21 +228,25 @@ def long_command(r, buf, p, stop, numbers, counts):
             continue
         value, p, found = parse_number(buf, p + 1, stop, np.int64(SPACED | CAPITAL))
         move = move or (key == _KEY_MOVE and value == 1)
+        whole = p >= stop or is_blank(buf[p]) or buf[p] == SEMICOLON or buf[p] == STAR
+        value = value if found and whole and counts.block == 0 else np.nan
         for axis in range(3):
-            if found and key == _KEY_AXIS[axis]:
+            if key == _KEY_AXIS[axis]:
                 offsets[axis], given = value, given | 1 << axis
-            elif found and key == _KEY_ADJUST[axis]:
+            elif key == _KEY_ADJUST[axis]:
                 offsets[axis], adjusted = value, adjusted | 1 << axis
     if name == _SAVE:
-        r.axes = _save(numbers, counts, label)
+        r.axes = _save(numbers, counts, np.int64(label))
         return EVENT_SAVE
     r.flags = r.flags | FLAG_OPAQUE
     r.axes = NO_SLOT
     what = EVENT_RESTORE if move else EVENT_OFFSET
     if name == _RESTORE:
-        slot = _restore(numbers, counts, label, move)
+        slot = _restore(numbers, counts, np.int64(label), move) if counts.block == 0 else -1
         if slot < 0:
-            counts.offset_known = 0
+            lose_shifts(numbers, counts)
+            counts.unsure |= UNSURE_SAVED
+            numbers.feed = 0.0
             return what + ALL_LOST
         r.axes = slot
         return what
@@ -244,15 +256,24 @@ def long_command(r, buf, p, stop, numbers, counts):
             numbers.gcode_offset[axis] = offsets[axis]
         elif adjusted & (1 << axis):
             numbers.gcode_offset[axis] += offsets[axis]
-        if move:
+        if move and np.isnan(numbers.gcode_offset[axis] - old):
+            what += _LOST << axis
+        elif move:
             numbers.pos[axis] += numbers.gcode_offset[axis] - old
     return what
 
 
 @inner
-def _save(numbers, counts, label):
-    """SAVE_GCODE_STATE: into the slot of that name, a free one, or the first. Return which."""
-    key = np.int64(label)
+def lose_shifts(numbers, counts):
+    """Note that the shifts of all axes are unknown; of G92's a guess stays."""
+    counts.zero_known = 0
+    for axis in range(3):
+        numbers.gcode_offset[axis] = np.nan
+
+
+@inner
+def _save(numbers, counts, key):
+    """SAVE_GCODE_STATE: into the slot of that name's key, a free one, or the first. Return which."""
     slot = 0
     for k in range(SAVED_SLOTS - 1, -1, -1):
         if counts.saved[k].key == 0:
@@ -262,7 +283,7 @@ def _save(numbers, counts, label):
             slot = k
     c, f = counts.saved[slot], numbers.saved[slot]
     c.key, c.relative, c.m83 = key, counts.relative, counts.m83
-    c.known, c.offset_known = counts.known, counts.offset_known
+    c.known, c.zero_known, c.unsure = counts.known, counts.zero_known, counts.unsure
     for axis in range(3):
         f.pos[axis] = numbers.pos[axis]
         f.g92[axis] = numbers.g92[axis]
@@ -272,13 +293,13 @@ def _save(numbers, counts, label):
 
 
 @inner
-def _restore(numbers, counts, label, move):
-    """RESTORE_GCODE_STATE; return the slot, −1 when nothing was saved under that name."""
-    key = np.int64(label)
+def _restore(numbers, counts, key, move):
+    """RESTORE_GCODE_STATE; return the slot, −1 when nothing was saved under that name's key."""
     for slot in range(SAVED_SLOTS):
         c, f = counts.saved[slot], numbers.saved[slot]
         if c.key == key:
-            counts.relative, counts.m83, counts.offset_known = c.relative, c.m83, c.offset_known
+            counts.relative, counts.m83, counts.zero_known = c.relative, c.m83, c.zero_known
+            counts.unsure = counts.unsure & ~UNSURE_SAVED | c.unsure & UNSURE_SAVED
             for axis in range(3):
                 numbers.g92[axis] = f.g92[axis]
                 numbers.gcode_offset[axis] = f.gcode_offset[axis]
@@ -291,18 +312,98 @@ def _restore(numbers, counts, label, move):
     return -1
 
 
+@inner
+def _pull(numbers, counts):
+    """M121: the modes and the feed are again those of the last M120. Firmwares other than RepRapFirmware may ignore it:
+    there, and where it may be skipped, what it would change is unknown."""
+    counts.pushed -= 1
+    sure = counts.flavour == FLAVOUR_RRF and counts.block == 0
+    for slot in range(SAVED_SLOTS):
+        c, f = counts.saved[slot], numbers.saved[slot]
+        if c.key != -1 - counts.pushed:
+            continue
+        c.key = 0
+        if sure:
+            counts.unsure = counts.unsure & ~UNSURE_PUSHED | c.unsure & UNSURE_PUSHED
+            counts.relative, counts.m83, numbers.feed = c.relative, c.m83, f.feed
+            return
+        counts.unsure |= c.unsure & UNSURE_PUSHED
+        if counts.relative != c.relative:
+            counts.unsure |= UNSURE_AXES
+        if counts.m83 != c.m83:
+            counts.unsure |= UNSURE_E_MODE
+        if numbers.feed != f.feed:
+            counts.unsure |= UNSURE_FEED
+            numbers.feed = 0.0
+
+
 # ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
 
 
 @inner
 def add_offsets(numbers, counts):
-    """Sum the work, G92, gcode, home and tool offsets of each axis: machine − logical [mm]."""
+    """Sum the work, G92, gcode, home and tool offsets of each axis: machine − logical [mm]. An unknown sum stays."""
     tool = counts.tool
+    sure = counts.zero_known
     for axis in range(3):
         tools = numbers.tools[tool, axis] if 0 <= tool < TOOLS else 0.0
         work = numbers.work[counts.wcs, axis]
         shift = numbers.g92[axis] + numbers.gcode_offset[axis] - numbers.m206[axis]
-        numbers.offset[axis] = work + shift - tools
+        total = work + shift - tools
+        if not np.isnan(total):
+            numbers.offset[axis] = total
+        unsure = counts.unsure & UNSURE_WORK != 0 and _is_shifted(numbers.work, axis)
+        unsure = unsure or (counts.unsure & UNSURE_TOOL != 0 and _is_shifted(numbers.tools, axis))
+        if np.isnan(total) or unsure:
+            sure &= ~(1 << axis)
+    counts.offset_known = sure
+
+
+@inner
+def _is_shifted(offsets, axis):
+    """Say whether any tool, or any coordinate system, has an offset along an axis."""
+    for row in range(len(offsets)):  # noqa: SIM110 (numba compiles the loop, not the generator)
+        if offsets[row, axis] != 0.0:
+            return True
+    return False
+
+
+@inner
+def settle(counts, mode, same):
+    """Note that a command sets a mode. In a block it may be skipped: then the mode is known if it is the ``same``."""
+    if counts.block == 0:
+        counts.unsure &= ~mode
+    elif not same:
+        counts.unsure |= mode
+
+
+@inner
+def unsure_words(counts, letter, moves):
+    """Return the words whose meaning is unknown, for a statement with a command's letter that ``moves`` or does not."""
+    words = WORDS_ALL if letter == 0 and counts.unsure & UNSURE_MOTION else 0
+    if counts.unsure & UNSURE_UNIT:
+        words |= WORDS_MOVING | WORDS_IJK | WORD_R
+    if not moves:
+        return words
+    if counts.unsure & UNSURE_AXES:
+        words |= WORDS_XYZ | (WORD_E if counts.rule == E_EITHER else 0)
+    if counts.unsure & UNSURE_E_MODE:
+        words |= WORD_E
+    if counts.unsure & UNSURE_CENTRE:
+        words |= WORDS_IJK
+    if counts.unsure & UNSURE_PLANE:
+        words |= WORDS_IJK | WORD_R
+    return words
+
+
+@inner
+def lose_all(numbers, counts):
+    """Note that a command may have done anything but change the unit or the plane, which nobody does in the middle of a
+    print; return what `event` is to note."""
+    lose_shifts(numbers, counts)
+    counts.unsure |= UNSURE_SAVED | UNSURE_MOTION | UNSURE_WORK | UNSURE_TOOL
+    numbers.feed = 0.0
+    return EVENT_PLACEHOLDER + ALL_LOST
 
 
 @inner
@@ -379,28 +480,61 @@ def _goto(numbers, counts, words, unclear, values, unit, g53):
 
 
 @inner
+def _set_feed(numbers, counts, words, unclear, values, unit):
+    """Set the speed by an F word. A move at an unknown one cannot be written again: return whether it is known."""
+    if words & WORD_F:
+        numbers.feed = abs(values[VALUE_F]) * unit
+        counts.unsure &= ~UNSURE_FEED
+    elif unclear & WORD_F:
+        numbers.feed = 0.0
+        counts.unsure |= UNSURE_FEED
+    return counts.unsure & UNSURE_FEED == 0
+
+
+@inner
+def _set_e(r, numbers, counts, words, unclear, values, unit):
+    """Move E by its word; return whether it is known how far: an absolute number after an unknown one does not say."""
+    if unclear & WORD_E:
+        counts.unsure |= UNSURE_E
+        return False
+    if not words & WORD_E:
+        return True
+    value = values[VALUE_E] * unit
+    sure = True
+    if e_is_relative(counts):
+        numbers.e = r.e0 + value
+    else:
+        numbers.e = value
+        sure = counts.unsure & UNSURE_E == 0
+        counts.unsure &= ~UNSURE_E
+    return sure
+
+
+@inner
 def move(r, numbers, counts, words, unclear, values, motion):
     """G0 G1 G2 G3: the state moves on; the record learns the rest in `_close_move`."""
     unit = 25.4 if counts.inch else 1.0
     if motion == 0:
         r.flags = r.flags | FLAG_RAPID
-    if words & WORD_F:
-        numbers.feed = abs(values[VALUE_F]) * unit
     r.kind = KIND_LINEAR if motion < 2 else (KIND_CW if motion == 2 else KIND_CCW)
     _goto(numbers, counts, words, unclear, values, unit, np.int64(r.flags & FLAG_G53))
-    if words & WORD_E:
-        value = values[VALUE_E] * unit
-        numbers.e = r.e0 + value if e_is_relative(counts) else value
+    paced = _set_feed(numbers, counts, words, unclear, values, unit)
+    measured = _set_e(r, numbers, counts, words, unclear, values, unit)
+    if measured and words & WORD_E:
         advance = (numbers.e - r.e0) * numbers.flow
         r.advance = advance / numbers.area if numbers.area > 0 else advance
     moves = r.x0 != numbers.pos[0] or r.y0 != numbers.pos[1] or r.z0 != numbers.pos[2]
+    moves = moves or unclear & WORDS_XYZ != 0
     if motion >= 2:
         _centre(r, numbers, counts, words, values, unit, motion)
         moves = True
-        if words & WORD_P and values[VALUE_P] > 1 and values[VALUE_P] < 1000:
-            r.turns = np.int64(values[VALUE_P]) - 1
-    if moves and r.advance > 0:
+        if words & WORD_P and 1 <= values[VALUE_P] < 1000:  # Marlin counts the full circles, others all turns
+            further = counts.flavour in (FLAVOUR_MARLIN1, FLAVOUR_MARLIN2, FLAVOUR_PRUSA)
+            r.turns = np.int64(values[VALUE_P]) - (0 if further else 1)
+    if moves and (r.advance > 0 or not measured):
         r.flags = r.flags | FLAG_EXTRUDING
+    if not (paced and measured):
+        r.flags = r.flags | FLAG_OPAQUE
     if words & WORD_H and values[VALUE_H] > 0:  # RRF: towards an end stop, or of one motor
         r.flags = r.flags | FLAG_OPAQUE
         r.kind, r.event = KIND_EVENT, EVENT_UNKNOWN
@@ -459,31 +593,37 @@ def _home(r, numbers, counts, axes):
             numbers.pos[axis] = numbers.home[axis]
             numbers.g92[axis] = 0.0
             counts.known |= 1 << axis
-            counts.offset_known |= 1 << axis
+            counts.zero_known |= 1 << axis
 
 
 @inner
-def _set_position(r, numbers, counts, words, values, code):
+def _set_position(r, numbers, counts, words, unclear, values, code):
     """G92: the place stays, its coordinates change. Bare, Klipper sets all to zero; Marlin and RRF do nothing."""
     unit = 25.4 if counts.inch else 1.0
-    flavour = counts.flavour
-    bare = (words & (WORDS_XYZ | WORD_E)) == 0 and code == 920
-    zero = bare and flavour in (FLAVOUR_UNKNOWN, FLAVOUR_KLIPPER)
+    bare = ((words | unclear) & (WORDS_XYZ | WORD_E)) == 0 and code == 920
+    zero = bare and counts.flavour in (FLAVOUR_UNKNOWN, FLAVOUR_KLIPPER)
+    if unclear & WORD_ITSELF and (zero or code != 920):
+        unclear |= WORDS_XYZ | WORD_E
     r.kind = KIND_SET
     axes = 0
     for axis in range(3):
-        if code != 920:  # G92.1, G92.2: LinuxCNC forgets the shift
+        if unclear & (WORD_X << axis):
+            counts.zero_known &= ~(1 << axis)
+        elif code != 920:  # G92.1, G92.2: LinuxCNC forgets the shift
             numbers.g92[axis] = 0.0
-            counts.offset_known |= 1 << axis
+            counts.zero_known |= 1 << axis
             axes |= 16 | 1 << axis
         elif zero or words & (WORD_X << axis):
             value = 0.0 if zero else values[VALUE_X + axis] * unit
             numbers.g92[axis] += numbers.pos[axis] - value - numbers.offset[axis]
             axes |= 1 << axis
             if not counts.known & (1 << axis):
-                counts.offset_known &= ~(1 << axis)
-    if zero or (words & WORD_E and code == 920):
+                counts.zero_known &= ~(1 << axis)
+    if unclear & WORD_E:
+        counts.unsure |= UNSURE_E
+    elif zero or (words & WORD_E and code == 920):
         numbers.e = 0.0 if zero else values[VALUE_E] * unit
+        counts.unsure &= ~UNSURE_E
         axes |= 8
     r.axes = axes
 
@@ -492,20 +632,27 @@ def _set_position(r, numbers, counts, words, values, code):
 def set_mode(numbers, counts, code):
     """Obey a G word that only sets a mode; False if it is another kind. Codes are tenths: G92.1 is 921."""
     if code == 900 or code == 910:
-        counts.relative = code == 910
+        on = np.int64(code == 910)
+        settle(counts, UNSURE_AXES, counts.relative == on)
+        counts.relative = on
         if counts.rule == E_FOLLOWS:
-            counts.m83 = code == 910
+            set_e_mode(counts, on)
     elif code == 200 or code == 210:
-        counts.inch = code == 200
+        on = np.int64(code == 200)
+        settle(counts, UNSURE_UNIT, counts.inch == on)
+        counts.inch = on
     elif 170 <= code <= 190 and code % 10 == 0:
-        counts.plane = code // 10 - 17
+        plane = np.int64(code // 10 - 17)
+        settle(counts, UNSURE_PLANE, counts.plane == plane)
+        counts.plane = plane
     elif code == 901 or code == 911:
-        counts.arc_absolute = code == 901
-    elif 540 <= code <= 590 and code % 10 == 0:
-        counts.wcs = code // 10 - 54
-        add_offsets(numbers, counts)
-    elif 591 <= code <= 593:
-        counts.wcs = code - 585
+        on = np.int64(code == 901)
+        settle(counts, UNSURE_CENTRE, counts.arc_absolute == on)
+        counts.arc_absolute = on
+    elif (540 <= code <= 590 and code % 10 == 0) or 591 <= code <= 593:
+        wcs = np.int64(code - 585 if code > 590 else code // 10 - 54)
+        settle(counts, UNSURE_WORK, counts.wcs == wcs)
+        counts.wcs = wcs
         add_offsets(numbers, counts)
     elif not (code == 400 or code == 490 or code == 640 or 930 <= code <= 990 or code == 90):
         return False
@@ -513,21 +660,35 @@ def set_mode(numbers, counts, code):
 
 
 @inner
+def set_e_mode(counts, on):
+    """M82 or M83: E words are coordinates or increments."""
+    settle(counts, UNSURE_E_MODE, counts.m83 == on)
+    counts.m83 = on
+
+
+@inner
 def g_command(r, numbers, counts, words, bare, unclear, values, code):
     """Obey a G command other than G0–G3; return what it makes uncertain, for `event`, or 0."""
     if code == 280:
-        axes = ((words | bare | unclear) >> 23) & 7
+        axes = ((words | bare) >> VALUE_X) & 7
         flavour = counts.flavour
+        if unclear:  # which axes it homes is unknown
+            for axis in range(3):
+                if numbers.g92[axis] != 0.0:
+                    counts.zero_known &= ~(1 << axis)
+            return EVENT_PROBE + ALL_LOST
         if (words | bare) & WORD_O and flavour != FLAVOUR_KLIPPER and flavour != FLAVOUR_RRF:
             # Marlin then homes only axes with an unknown place, and leaves the others.
             return 0 if counts.known == 7 and flavour != FLAVOUR_UNKNOWN else EVENT_PROBE + ALL_LOST
         _home(r, numbers, counts, axes if axes else 7)
     elif code == 920 or code == 921 or code == 922:
-        _set_position(r, numbers, counts, words, values, code)
+        _set_position(r, numbers, counts, words, unclear | bare, values, code)
+        if unclear & WORD_ITSELF:
+            return EVENT_OFFSET
     elif code == 100 or code == 110:
-        return _g10(r, numbers, counts, words, values, code)
+        return _g10(r, numbers, counts, words, unclear | bare, values, code)
     elif code == 923:  # LinuxCNC remembers a shift that may be another file's
-        counts.offset_known = 0
+        counts.zero_known = 0
         return EVENT_OFFSET + ALL_LOST
     elif code == 40 or code == 430 or (code == 290 and words & WORD_S):
         pass  # dwell, tool length from the table, RRF's `G29 S1` (load a map)
@@ -543,10 +704,10 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
     elif code == 50 or code == 51:  # splines end where they say
         unit = 25.4 if counts.inch else 1.0
         _goto(numbers, counts, words, unclear, values, unit, np.int64(0))
-        if words & WORD_F:
-            numbers.feed = abs(values[VALUE_F]) * unit
-        if words & WORD_E:
-            numbers.e = r.e0 + values[VALUE_E] * unit if e_is_relative(counts) else values[VALUE_E] * unit
+        paced = _set_feed(numbers, counts, words, unclear, values, unit)
+        measured = _set_e(r, numbers, counts, words, unclear, values, unit)
+        if not (paced and measured):
+            r.flags = r.flags | FLAG_OPAQUE
         return EVENT_SPLINE
     elif code == 510 or code == 680:  # scaled or turned from here on
         return EVENT_GEOMETRY
@@ -557,32 +718,45 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
 
 
 @inner
-def _g10(r, numbers, counts, words, values, code):
+def _lose_offsets(offsets, row, axis):
+    """Note that an offset along an axis is unknown, of one row, or below 0 of all."""
+    for k in range(len(offsets)):
+        if row < 0 or k == row:
+            offsets[k, axis] = np.nan
+
+
+@inner
+def _g10(r, numbers, counts, words, unclear, values, code):
     """G10/G11: firmware retraction; with L or P and axes, work offsets (LinuxCNC) or tool offsets (RRF)."""
     has_p, has_l = words & WORD_P, words & WORD_L
-    if not has_p and not has_l:
+    if not has_p and not has_l and not unclear & (WORD_P | WORD_L):
         r.kind, r.axes = KIND_RETRACT, code == 100
         return 0
-    if not words & WORDS_XYZ:
+    if not (words | unclear) & WORDS_XYZ:
         return 0
+    if unclear & (WORD_P | WORD_L):  # of any tool, or any system
+        unclear |= words
     unit = 25.4 if counts.inch else 1.0
     index = np.int64(min(max(values[VALUE_P], -1.0), 99.0)) if has_p else -1
     level = np.int64(min(max(values[VALUE_L], 0.0), 99.0)) if has_l else 0
+    work = counts.wcs if index <= 0 else index - 1
     for axis in range(3):
-        if words & (WORD_X << axis):
+        if unclear & (WORD_X << axis):
+            if unclear & WORD_L or level == 2 or level == 20:
+                _lose_offsets(numbers.work, -1 if unclear & (WORD_P | WORD_L) else work, axis)
+            if unclear & WORD_L or not has_l:
+                _lose_offsets(numbers.tools, -1 if unclear & (WORD_P | WORD_L) else index, axis)
+        elif words & (WORD_X << axis):
             value = values[VALUE_X + axis] * unit
             if level == 2 or level == 20:
-                work = counts.wcs if index <= 0 else index - 1
-                if 0 <= work < 9:
-                    if level == 2:
-                        numbers.work[work, axis] = value
-                    elif work == counts.wcs:
-                        numbers.work[work, axis] += numbers.pos[axis] - value - numbers.offset[axis]
-                    if level == 20 and not counts.known & (1 << axis):
-                        counts.offset_known &= ~(1 << axis)
+                if 0 <= work < WORK_OFFSETS:
+                    if level == 20:  # the value is that of the place
+                        value = numbers.pos[axis] - value - (numbers.offset[axis] - numbers.work[counts.wcs, axis])
+                        value = value if counts.known & (1 << axis) else np.nan
+                    numbers.work[work, axis] = value
             elif 0 <= index < TOOLS:
                 numbers.tools[index, axis] = value
-    return EVENT_OFFSET
+    return EVENT_ZERO if level == 20 else EVENT_OFFSET
 
 
 @inner
@@ -590,14 +764,19 @@ def tool_change(numbers, counts, tool):
     """Obey T: its macro is taken to leave the head where the file thinks it is.
 
     Otherwise every extruding line after it would be lost. In increments, or if the tools' offsets differ, the place is
-    unknown. A file's first T0 names the tool at hand.
+    unknown. A file's first T0 names the tool at hand. Below 0 the tool is one that the file does not name.
     """
     old = counts.tool
     same = counts.relative == 0 or (old < 0 and tool == 0)
+    unsure = tool < 0 or counts.block != 0 or counts.unsure & UNSURE_TOOL != 0
     for axis in range(3):
         before = numbers.tools[old, axis] if 0 <= old < TOOLS else 0.0
         after = numbers.tools[tool, axis] if 0 <= tool < TOOLS else 0.0
-        same = same and before == after
+        same = same and before == after and not (unsure and _is_shifted(numbers.tools, axis))
+    if tool < 0:
+        counts.unsure |= UNSURE_TOOL
+    else:
+        settle(counts, UNSURE_TOOL, old == tool)
     counts.tool = tool
     return EVENT_TOOL if same else EVENT_TOOL + ALL_LOST
 
@@ -611,10 +790,17 @@ _M_MACRO = np.array([240, 320, 480, 980, 4280, 6050, 6220, 6230, 8080, 9700, 970
 
 
 @inner
-def m_command(numbers, counts, words, bare, values, code):
+def m_command(r, numbers, counts, words, bare, unclear, values, code):
     """Obey an M command (in tenths); return what it makes uncertain, for `event`, or 0."""
     if code == 820 or code == 830:
-        counts.m83 = code == 830
+        set_e_mode(counts, np.int64(code == 830))
+    elif code == 1200:
+        counts.pushed += 1
+        r.axes = _save(numbers, counts, -counts.pushed)
+        return EVENT_SAVE
+    elif code == 1210 and counts.pushed > 0:
+        _pull(numbers, counts)
+        return EVENT_OFFSET
     elif code == 2210:
         if words & WORD_S:
             numbers.flow = values[VALUE_S] / 100.0
@@ -625,22 +811,29 @@ def m_command(numbers, counts, words, bare, values, code):
             numbers.area = 0.0
     elif code == 2180 or code == 2060:
         tool = np.int64(min(max(values[VALUE_T], -1.0), 99.0)) if words & WORD_T else counts.tool
+        unclear |= bare
+        any_tool = unclear & WORD_T != 0 or (words & WORD_T == 0 and counts.unsure & UNSURE_TOOL != 0)
         for axis in range(3):
-            if words & (WORD_X << axis):
+            named = (words | unclear) & (WORD_X << axis)
+            if named and code == 2180 and (any_tool or unclear & named):
+                _lose_offsets(numbers.tools, -1 if any_tool else tool, axis)
+            elif unclear & (WORD_X << axis):
+                numbers.m206[axis] = np.nan
+            elif named:
                 value = values[VALUE_X + axis] * (25.4 if counts.inch else 1.0)
                 if code == 2060:
                     numbers.m206[axis] = value
                 elif 0 < tool < TOOLS:
                     numbers.tools[tool, axis] = value
-        if words & WORDS_XYZ:
+        if (words | unclear) & WORDS_XYZ:
             return EVENT_OFFSET
     elif code == 180 or code == 840:
-        named = words | bare
+        named = words | bare | unclear
         axes = (named >> VALUE_X) & 7
         if words & WORD_S == 0 and (axes or named & WORD_E == 0):
             return EVENT_MOTORS_OFF + (axes if axes else 7) * _LOST
     elif among(code, _M_GEOMETRY):
-        if words & (WORDS_XYZ | WORD_S | WORDS_IJK):
+        if (words | unclear) & (WORDS_XYZ | WORD_S | WORDS_IJK):
             return EVENT_GEOMETRY
     elif among(code, _M_PAUSE):
         return EVENT_PAUSE

@@ -25,6 +25,7 @@ from printmend.gcode.kernels.text import (
     SECOND,
     SEMICOLON,
     STAR,
+    TAB,
     ZERO,
     axis_end,
     axis_value,
@@ -77,6 +78,8 @@ def edit_statement(buf, r, piece, before, writer, out, at):
         drop = WORD_R
     elif r.flags & FLAG_CURVE:
         drop = WORDS_IJK | WORD_P | WORD_Q
+    if r.turns > 0 and before > 0:  # the pieces before have turned
+        drop |= WORD_P
     centre0, centre1 = np.int64(0), np.int64(0)
     if bent:
         centre0, centre1 = scaled_centre(r, piece, writer, FIRST), scaled_centre(r, piece, writer, SECOND)
@@ -240,6 +243,8 @@ def copy_tail(buf, r, gap, start, writer, out, at):
                 same = same and out[start + k] == buf[r.begin + k]
             if same:
                 return copy_bytes(buf, star + 1, r.end, out, at)
+        if not _is_right(buf, r.begin, star, r.end):  # what was wrong stays wrong: the printer is to ask again
+            return copy_bytes(buf, star + 1, r.end, out, at)
         out[at] = PLUS
         at += 1
         p = star + 1
@@ -247,6 +252,50 @@ def copy_tail(buf, r, gap, start, writer, out, at):
             p += 1
         gap = p
     return copy_bytes(buf, gap, r.end, out, at)
+
+
+@inner
+def _is_right(buf, p, star, end):
+    """Say whether the checksum behind a star is that of its line, which holds p."""
+    while p > 0 and buf[p - 1] != LF and buf[p - 1] != CR:
+        p -= 1
+    return checksum_of(buf, p, star) == _integer(buf, star + 1, end)[0]
+
+
+@inner
+def checksum_of(buf, p, star):
+    """Return the exclusive-or of a line's bytes from p on, without its leading blanks, to the star."""
+    total = np.int64(0)
+    while p < star and is_blank(buf[p]):
+        p += 1
+    while p < star:
+        total ^= np.int64(buf[p])
+        p += 1
+    return total
+
+
+@inner
+def put_zero(buf, r, writer, out, at):
+    """Write a G10 L20 so that its zero lies where the file has it: with the numbers of the mended place."""
+    start, gap, p = at, r.begin, r.begin
+    unit = 25.4 if r.flags & FLAG_INCH else 1.0
+    while p < r.end and buf[p] != SEMICOLON and buf[p] != STAR and buf[p] != OPEN:
+        letter = letter_of(buf[p], r)
+        p += 1
+        if not (LETTER_X <= letter <= LETTER_Z and r.words & (1 << (letter - LETTER_A))):
+            continue
+        axis = letter - LETTER_X
+        place0 = r.x0 if axis == 0 else (r.y0 if axis == 1 else r.z0)
+        off = writer.place[axis] - writer.shift[axis] - place0
+        q = p
+        while q < r.end and is_blank(buf[q]):
+            q += 1
+        value, q, found = parse_number(buf, q, r.end, np.int64(SPACED | CAPITAL))
+        if found and abs(off) > 1e-9:
+            at = copy_bytes(buf, gap, p, out, at)
+            at = put_fixed(out, at, to_fixed(value + off / unit, DECIMALS_7), DECIMALS_7)
+            gap = p = q
+    return copy_tail(buf, r, gap, start, writer, out, at)
 
 
 @inner
@@ -271,12 +320,13 @@ def add_axes(r, piece, writer, out, at):
 # ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
 
 
-PLAIN_WORDS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R | WORD_P | WORD_Q | WORD_G | WORD_N
+PLAIN_WORDS = WORDS_MOVING | WORDS_IJK | WORD_R | WORD_P | WORD_Q | WORD_G | WORD_N | WORDS_FURTHER
 
 
 @inner
 def put_extra(buf, r, out, at):
-    """Copy the words that are neither place, E nor feed (laser power, probing switches)."""
+    """Copy the words that are neither place, E nor feed (laser power, probing switches). Those of further axes go once,
+    with the statement itself."""
     if not r.words & ~np.uint32(PLAIN_WORDS):
         return at
     p = r.begin
@@ -364,9 +414,18 @@ def put_row(buf, r, piece, cumulated, before, last, writer, out, at):
     return put_eol(buf, r, writer, out, at)
 
 
+_MOST_INDENT = 64  # bytes of blanks before a line
+
+
 @inner
-def put_line_start(r, writer, out, at):
-    """Begin a line that the file did not have; G53 holds for one line only."""
+def put_line_start(buf, r, writer, out, at):
+    """Begin a line that the file did not have, with the blanks of its statement's: RepRapFirmware's blocks are made of
+    them. G53 holds for one line only."""
+    p = r.begin
+    while p > 0 and (buf[p - 1] == SPACE or buf[p - 1] == TAB) and r.begin - p < _MOST_INDENT:
+        p -= 1
+    if p == 0 or buf[p - 1] == LF or buf[p - 1] == CR:
+        at = copy_bytes(buf, p, r.begin, out, at)
     if writer.numbered and r.flags & FLAG_NUMBERED:
         out[at], out[at + 1], out[at + 2] = LETTER_N, PLUS, SPACE
         at += 3
@@ -379,7 +438,8 @@ def put_line_start(r, writer, out, at):
 # ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
 
 
-ROOM_BYTES = 224  # more than a generated line or an edit adds: eight words of at most 22 bytes, starts and ends
+# more than a generated line or an edit adds: eight words of at most 22 bytes, starts and ends
+ROOM_BYTES = 224 + _MOST_INDENT
 
 
 @inner
@@ -417,7 +477,7 @@ def _follow(r, writer):
                 writer.place[axis] += end - start
             else:
                 writer.place[axis] = end + (writer.shift[axis] if not r.flags & FLAG_G53 else 0.0)
-    if r.words & WORD_F or r.kind == KIND_EVENT:
+    if r.words & WORD_F or r.kind == KIND_EVENT or r.feed == 0.0:
         writer.feed = r.feed
 
 
@@ -468,7 +528,7 @@ def emit(buf, begin, records, n, first, pieces, writer, out):
                     out[at], out[at + 1] = STAR, PLUS
                     at += 2
                 at = put_eol(buf, r, writer, out, at)
-                at = put_line_start(r, writer, out, at)
+                at = put_line_start(buf, r, writer, out, at)
             if motion and r.flags & FLAG_MODAL and writer.modal >= 0 and writer.modal != own:
                 start = at
                 out[at], out[at + 1] = cased(LETTER_G, r), ZERO + own
@@ -477,6 +537,8 @@ def emit(buf, begin, records, n, first, pieces, writer, out):
                     out[at] = SPACE
                     at += 1
                 at = copy_tail(buf, r, r.begin, start, writer, out, at)
+            elif r.kind == KIND_EVENT and r.event == EVENT_ZERO:
+                at = put_zero(buf, r, writer, out, at)
             else:
                 at = copy_bytes(buf, r.begin, r.end, out, at)
             if motion and not r.flags & FLAG_CURVE:
@@ -495,7 +557,7 @@ def emit(buf, begin, records, n, first, pieces, writer, out):
                 at = put_eol(buf, r, writer, out, at)
             written = put_row(buf, r, pieces[j], cumulated, before, j == first[i + 1] - 1, writer, out, at)
             if written > at:
-                at = put_line_start(r, writer, out, written)
+                at = put_line_start(buf, r, writer, out, written)
         if edited == first[i + 1]:
             continue
         piece = pieces[first[i + 1] - 1]
@@ -559,7 +621,8 @@ def renumber(buf, begin, end, lines, out):
 
     ``lines`` int64 [2]: lines added since the last M110, and the last number written. `N+` becomes the next number,
     other N words are raised by the lines added; where a number or `*+` changed a line, its checksum, the exclusive-or
-    of the bytes before the star, is computed again. It stops before a line that may not fit into ``out``.
+    of the bytes before the star, is computed again; a wrong one stays wrong. It stops before a line that may not fit
+    into ``out``.
     """
     p, at = begin, begin * 0
     while p < end:
@@ -569,6 +632,7 @@ def renumber(buf, begin, end, lines, out):
         if at + (stop - p) + _ROOM_BYTES > len(out):
             break
 
+        line = p
         while p < stop and is_blank(buf[p]):
             out[at] = buf[p]
             at, p = at + 1, p + 1
@@ -619,14 +683,14 @@ def renumber(buf, begin, end, lines, out):
         if asked:
             digits = star + 2
         if star < stop and (asked or (changed and digits > star + 1)):
+            wrong = np.int64(0)
+            if not asked:
+                wrong = checksum_of(buf, line, star) ^ _integer(buf, star + 1, stop)[0]
             while p < star:
                 out[at] = buf[p]
                 at, p = at + 1, p + 1
-            total = 0
-            for k in range(first, at):
-                total ^= np.int64(out[k])
             out[at] = STAR
-            at = _put_integer(out, at + 1, total)
+            at = _put_integer(out, at + 1, checksum_of(out, first, at) ^ wrong)
             p = digits
         while p < stop:
             out[at] = buf[p]

@@ -12,12 +12,15 @@ from printmend.gcode.kernels.commands import (
     finish_record,
     g_command,
     long_command,
+    lose_all,
     m_command,
     most_records,
     move,
     put_chords,
     set_mode,
+    settle,
     tool_change,
+    unsure_words,
 )
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import *
@@ -45,11 +48,12 @@ STATEMENT = np.dtype(
         ("code", "i8"),  # its command's number in tenths: 921 is G92.1
         ("words", "i8"),  # bits of its words, as in a RECORD: those with a value,
         ("bare", "i8"),  # those without,
-        ("unclear", "i8"),  # those whose value someone else fills in,
+        ("unclear", "i8"),  # those whose value the file does not say,
         ("twice", "i8"),  # and those that come twice
         ("flags", "i8"),  # FLAG_* of its line so far
         ("spaced", "i8"),  # 1 where blanks were seen in its line
-        ("garbled", "i8"),  # 1 where firmwares may read it in different ways
+        ("garbled", "i8"),  # 1 where firmwares may read it in different ways: none of its words is believed
+        ("column", "i8"),  # where its line's text begins, by RepRapFirmware's count
         ("over", "i8"),  # 1 where reading stopped before the line's end
         ("again", "i8"),  # 1 where another statement of the same line follows
     ]
@@ -77,7 +81,7 @@ def read_statement(buf, p, stop, s, values, numbers, counts):
         elif byte in (OPEN, QUOTE):
             p = _after_remark(buf, p, stop)
         elif not LETTER_A <= byte <= LETTER_Z:
-            _sign(s, counts, byte)
+            _sign(buf, p, stop, s, counts, byte)
         else:
             p = _letter(buf, p, stop, s, values, numbers, counts, byte)
     return p
@@ -100,18 +104,34 @@ def _after_remark(buf, p, stop):
 
 
 @inner
-def _sign(s, counts, byte):
+def _sign(buf, p, stop, s, counts, byte):
     """End a statement at a character that is no letter: a checksum, a comment, a placeholder, or an unknown one."""
     s.over = 1
     if byte == STAR:
         s.flags |= FLAG_CHECKSUM
         counts.checksums += 1
-    elif _is_filled_in(byte) and s.letter != LETTER_M:
-        s.unclear |= WORDS_XYZ
+    elif _is_filled_in(byte):
+        s.unclear |= WORDS_ALL
         if s.letter == 0:
             s.letter = FILLED_IN
     elif byte != SEMICOLON:
         s.garbled = 1
+        s.unclear |= _letters(buf, p, stop)
+        if s.letter == 0 and s.unclear & (WORD_G | WORD_M | WORD_T):  # a command behind it: a line that may be skipped
+            s.letter = FILLED_IN
+
+
+@inner
+def _letters(buf, p, stop):
+    """Return the letters, as bits, that a number or a placeholder follows in what is left of a line."""
+    letters = 0
+    while p + 1 < stop and buf[p] != SEMICOLON:
+        behind = buf[p + 1]
+        number = is_digit(behind) or behind in (PLUS, MINUS, POINT) or _is_filled_in(behind)
+        if is_letter(buf[p]) and number:
+            letters |= 1 << (np.int64(upper(buf[p])) - LETTER_A)
+        p += 1
+    return letters
 
 
 @inner
@@ -216,7 +236,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
     """Obey the line at p and fill record n; return the start of the next line, or −1 if it is no plain move."""
     if p + 4 > end or buf[p] != LETTER_G or (buf[p + 1] != ONE and buf[p + 1] != ZERO) or buf[p + 2] != SPACE:
         return -1
-    if counts.inch != 0 or counts.e_is_a != 0:
+    if counts.inch != 0 or counts.e_is_a != 0 or counts.block != 0 or counts.unsure & UNSURE_PLAIN != 0:
         return -1
     start = p
     x = y = z = e = f = 0.0
@@ -387,6 +407,8 @@ _TIMES = (
     np.frombuffer(b"TIME_ELAPSED:", np.uint8),
     np.frombuffer(b"PRINT.TIME:", np.uint8),
     np.frombuffer(b"PRINT TIME:", np.uint8),
+    np.frombuffer(b"PRINTING_TIME:", np.uint8),
+    np.frombuffer(b"REMAINING_TIME:", np.uint8),
     np.frombuffer(b"BUILD TIME:", np.uint8),
     np.frombuffer(b"ESTIMATED PRINTING TIME", np.uint8),
     np.frombuffer(b"ESTIMATED FIRST LAYER PRINTING TIME", np.uint8),
@@ -420,7 +442,7 @@ def _put(notes, counts, record, begin, end, what):
 def note_comment(buf, start, p, stop, notes, counts, record):
     """Note a comment, whose text begins at p and whose line at ``start``, if it tells a printing time."""
     first = upper(buf[p])
-    if first not in (LETTER_T, LETTER_P, LETTER_B, LETTER_E, LETTER_M):
+    if first not in (LETTER_T, LETTER_P, LETTER_B, LETTER_E, LETTER_M, LETTER_R):
         return
     for text in _TIMES:
         if starts_with(buf, p, stop, text):
@@ -461,7 +483,10 @@ def note_statement(buf, s, stop, values, notes, numbers, counts, record):
             letter = (VALUE_P, VALUE_T, VALUE_R, VALUE_S)[k]
             if s.words & (1 << letter):
                 note.values[k] = values[letter] * unit
-        _keep_accel(note.values[0], note.values[1], note.values[3], numbers, counts)
+        if s.unclear:
+            numbers.accel = 0.0
+        else:
+            _keep_accel(note.values[0], note.values[1], note.values[3], numbers, counts)
 
 
 @inner
@@ -496,6 +521,8 @@ def _note_velocity_limit(buf, p, stop, notes, numbers, counts, record):
             for k in range(len(_LIMIT_KEYS)):
                 if found and key == _LIMIT_KEYS[k]:
                     note.values[k] = value
+            if not found and key == _LIMIT_KEYS[1]:
+                numbers.accel = 0.0
     if note.values[1] > 0.0:  # Klipper takes M204 S for the same
         numbers.accel, counts.tell = note.values[1], TELL_S
 
@@ -531,6 +558,7 @@ def _comment(buf, p, stop, counts):
 @inner(error_model="python", _nrt=True)
 def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
     """Obey one line, buf[p:stop], statement by statement; return the next free record. s is scratch, a STATEMENT."""
+    s.column = _column(buf, p, stop)
     p = _after_blanks(buf, p, stop)
     if p + 2 < stop and buf[p] == 0xEF and buf[p + 1] == 0xBB and buf[p + 2] == 0xBF:  # UTF-8's mark
         p += 3
@@ -544,6 +572,8 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
             if len(notes) > 0:
                 note_comment(buf, p, text, stop, notes, counts, n)
         return n
+    if s.column < counts.block:
+        counts.block = 0
     s.flags = s.spaced = 0
     if upper(buf[p]) == LETTER_N and p + 1 < stop and is_digit(buf[p + 1]):
         p = _after_number(buf, p + 1, stop)
@@ -554,6 +584,7 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
         p = read_statement(buf, p, stop, s, values, numbers, counts)
         if s.spaced:
             s.flags |= FLAG_SPACED
+        _doubt(s, counts)
         # F0 asks for no speed: firmwares keep the one that they have, or stop with an error.
         if s.letter in (LETTER_G, 0) and s.words & WORD_F & ~(s.bare | s.twice) and values[VALUE_F] == 0.0:
             s.words ^= WORD_F
@@ -563,7 +594,8 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
         if s.twice:
             r.flags = r.flags | FLAG_TWICE
         # Nobody knows what a firmware makes of these, or there is no room to write them again.
-        if s.garbled or s.words & s.bare or s.twice & (WORDS_IJK | WORD_R) or p - s.start > MAX_CODE_BYTES:
+        doubtful = s.garbled or s.unclear & WORD_ITSELF or s.words & s.bare or s.twice & (WORDS_IJK | WORD_R)
+        if doubtful or p - s.start > MAX_CODE_BYTES:
             r.flags = r.flags | FLAG_OPAQUE
         if len(notes) > 0:
             note_statement(buf, s, p if s.again else stop, values, notes, numbers, counts, n)
@@ -585,6 +617,32 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
             break
         s.flags = s.flags & FLAG_NUMBERED | FLAG_MIXED
     return n
+
+
+@inner
+def _doubt(s, counts):
+    """Take the words for unclear that say nothing certain: all of a statement that is garbled, or that may be skipped
+    because it stands in a block; those whose mode is unknown; and those that come without a value, too."""
+    known = s.words | s.bare
+    if counts.block:
+        s.unclear |= known | WORD_ITSELF
+    elif s.garbled:
+        s.unclear |= known
+    elif counts.unsure:
+        moves = s.letter == 0 or (s.letter == LETTER_G and (s.code <= LAST_MOVE or s.code in (50, 51)))
+        s.unclear |= known & unsure_words(counts, s.letter, moves)
+    s.words &= ~s.unclear
+    s.bare &= ~s.unclear
+
+
+@inner
+def _column(buf, p, stop):
+    """Return the column of a line's first character that is not blank; a tabulator goes to the next multiple of 4."""
+    column = 0
+    while p < stop and is_blank(buf[p]):
+        column = column // 4 * 4 + 4 if buf[p] == TAB else column + 1
+        p += 1
+    return column
 
 
 @inner
@@ -611,23 +669,27 @@ def _obey(buf, stop, s, r, values, numbers, counts):
     if s.letter == LETTER_G or s.letter == 0:
         named = (s.words | s.unclear) & (WORDS_XYZ | WORD_E | WORD_F)
         if s.letter == LETTER_G:
+            settle(counts, UNSURE_MOTION, counts.modal == s.code // 10)
             counts.modal = s.code // 10
-        elif not (1 << max(s.lead - LETTER_A, 0)) & _MODAL_LEADS and named:  # `O1 X5`: another command, or a modal move
+        elif named and not (s.garbled or (1 << max(s.lead - LETTER_A, 0)) & _MODAL_LEADS):  # `O1 X5`: another command
             r.flags = r.flags | FLAG_OPAQUE
             return EVENT_UNKNOWN + ALL_LOST
         else:
             r.flags = r.flags | FLAG_MODAL
-        if counts.modal >= 0 and (s.letter == LETTER_G or named):
+        if (counts.modal >= 0 or counts.unsure & UNSURE_MOTION) and (s.letter == LETTER_G or named):
             move(r, numbers, counts, s.words, s.unclear, values, counts.modal)
         return 0
     if s.letter == LETTER_M:
-        return m_command(numbers, counts, s.words, s.bare, values, s.code)
+        return m_command(r, numbers, counts, s.words, s.bare, s.unclear, values, s.code)
     if s.letter == LETTER_T:
-        return tool_change(numbers, counts, s.code // 10) if s.code // 10 != counts.tool else 0
+        same = s.code // 10 == counts.tool and (s.code < 0 or not counts.unsure & UNSURE_TOOL)
+        return 0 if same else tool_change(numbers, counts, s.code // 10)
     if s.letter == EXTENDED:
-        return long_command(r, buf, s.start, stop, numbers, counts)
+        return long_command(r, buf, s.start, stop, s.column, numbers, counts)
     r.flags = r.flags | FLAG_OPAQUE
-    return EVENT_PLACEHOLDER + ALL_LOST
+    if s.garbled and s.unclear & WORD_E and s.unclear & WORDS_XYZ:
+        r.flags = r.flags | FLAG_EXTRUDING
+    return lose_all(numbers, counts)
 
 
 @entry(error_model="numpy")

@@ -21,7 +21,7 @@ RECORD = np.dtype(
         ("e0", "f8"),  # logical E before [mm, or mm³ after M200]
         ("e1", "f8"),  # logical E after
         ("advance", "f8"),  # filament advance [mm]: (e1 − e0) × M221 ÷ filament area of M200
-        ("feed", "f8"),  # modal F after this statement [mm/min], 0 before the first F
+        ("feed", "f8"),  # modal F after this statement [mm/min], 0 before the first F and where unknown
         ("accel", "f8"),  # of printing moves, the last one set [mm/s²], 0 where unknown
         ("ox", "f8"),  # machine = logical × unit + offset [mm]
         ("oy", "f8"),
@@ -53,6 +53,7 @@ EVENT_RESTORE = 9  # RESTORE_GCODE_STATE MOVE=1, SET_GCODE_OFFSET MOVE=1: the ca
 EVENT_OFFSET = 10  # offsets changed; the carriage has not moved
 EVENT_SAVE = 11  # SAVE_GCODE_STATE: nothing is uncertain, but a restore comes back to here
 EVENT_GEOMETRY = 12  # M92, M425, G68, SET_SKEW and the like: from here on the firmware changes commanded positions
+EVENT_ZERO = 14  # G10 L20: the head's place gets new coordinates; the carriage has not moved
 EVENT_SPLINE = 13  # a G5 or G5.1 that is not cut into chords: followed to its end, on a way that is not
 
 FLAG_RELATIVE = 1 << 0  # X Y Z words are increments
@@ -96,9 +97,9 @@ NO_SLOT = 255  # stands in a record for none of them
 _MODAL_NUMBERS = [
     ("pos", "f8", 3),  # machine place [mm]
     ("g92", "f8", 3),  # shift by G92 [mm]
-    ("gcode_offset", "f8", 3),  # Klipper's SET_GCODE_OFFSET [mm]
+    ("gcode_offset", "f8", 3),  # Klipper's SET_GCODE_OFFSET [mm], NaN where unknown, as all shifts but G92's
     ("e", "f8"),  # logical E [mm, or mm³ after M200]
-    ("feed", "f8"),  # modal F [mm/min]
+    ("feed", "f8"),  # modal F [mm/min], 0 where unknown
     ("flow", "f8"),  # of M221, 1 for 100 %
 ]
 # The numbers and whole numbers of a machine's state.
@@ -120,16 +121,20 @@ _MODAL_COUNTS = [
     ("relative", "i8"),  # 1 after G91
     ("m83", "i8"),  # 1 after M83
     ("known", "i8"),  # bits: the place of X, Y, Z is certain
-    ("offset_known", "i8"),  # bits: the offset of X, Y, Z is certain
+    ("zero_known", "i8"),  # bits: the shift of X, Y, Z by G92 is certain
+    ("unsure", "i8"),  # UNSURE_*
 ]
 COUNTS = np.dtype(
     [
         *_MODAL_COUNTS,
+        ("offset_known", "i8"),  # bits: the sum of all shifts of X, Y, Z is certain
         ("line", "i8"),  # of the file, from 0
         ("inch", "i8"),  # 1 after G20
         ("plane", "i8"),  # 0 XY, 1 ZX, 2 YZ
         ("modal", "i8"),  # the motion in force: G0 to G3, −1 for none
         ("tool", "i8"),  # −1 before the first T
+        ("block", "i8"),  # inside `if` and `while` (RepRapFirmware): the outer one's column, from 1; else 0
+        ("pushed", "i8"),  # how often M120 stands without its M121
         ("wcs", "i8"),  # row of ``work``
         ("layer", "i8"),  # layer comments seen
         ("role", "i8"),  # ROLE_* by the last comment that says it
@@ -145,6 +150,14 @@ COUNTS = np.dtype(
     ],
     align=True,
 )
+# What is unknown beside places and shifts: the file does not say it, or only where it may not be obeyed.
+UNSURE_AXES, UNSURE_E_MODE, UNSURE_UNIT = 1, 2, 4  # G90 or G91, M82 or M83, G20 or G21
+UNSURE_PLANE, UNSURE_CENTRE, UNSURE_MOTION = 8, 16, 32  # G17 to G19, G90.1 or G91.1, the motion in force
+UNSURE_FEED, UNSURE_E = 64, 128  # the modal F, and the number that E stands at
+UNSURE_WORK, UNSURE_TOOL = 256, 512  # G54 to G59.3, and the tool
+UNSURE_PLAIN = UNSURE_AXES | UNSURE_E_MODE | UNSURE_UNIT | UNSURE_MOTION | UNSURE_FEED | UNSURE_E  # of `G1 X… E…`
+UNSURE_PUSHED = UNSURE_AXES | UNSURE_E_MODE | UNSURE_FEED  # of what M120 keeps
+UNSURE_SAVED = UNSURE_PUSHED | UNSURE_E  # of what SAVE_GCODE_STATE keeps
 # What is said beside the motion: no record, for nothing stands between two moves because of it.
 NOTE_VALUES = 5
 NOTE = np.dtype(
@@ -172,15 +185,21 @@ MAX_CODE_BYTES = 512  # of a statement without its comment
 
 # Where a word's value stands among the 26 that a statement may have, and its bit among a record's words: its letter's
 # place in the alphabet.
+VALUE_A, VALUE_B, VALUE_C, VALUE_U, VALUE_V, VALUE_W = 0, 1, 2, 20, 21, 22
 VALUE_D, VALUE_E, VALUE_F, VALUE_G, VALUE_H, VALUE_I, VALUE_J, VALUE_K, VALUE_L = 3, 4, 5, 6, 7, 8, 9, 10, 11
-VALUE_N, VALUE_O, VALUE_P, VALUE_Q, VALUE_R, VALUE_S, VALUE_T = 13, 14, 15, 16, 17, 18, 19
+VALUE_M, VALUE_N, VALUE_O, VALUE_P, VALUE_Q, VALUE_R, VALUE_S, VALUE_T = 12, 13, 14, 15, 16, 17, 18, 19
 VALUE_X, VALUE_Y, VALUE_Z = 23, 24, 25
 WORD_D, WORD_E, WORD_F, WORD_G, WORD_H = 1 << VALUE_D, 1 << VALUE_E, 1 << VALUE_F, 1 << VALUE_G, 1 << VALUE_H
-WORD_I, WORD_J, WORD_K, WORD_L, WORD_N = 1 << VALUE_I, 1 << VALUE_J, 1 << VALUE_K, 1 << VALUE_L, 1 << VALUE_N
+WORD_I, WORD_J, WORD_K, WORD_L = 1 << VALUE_I, 1 << VALUE_J, 1 << VALUE_K, 1 << VALUE_L
+WORD_M, WORD_N = 1 << VALUE_M, 1 << VALUE_N
 WORD_O, WORD_P, WORD_Q, WORD_R, WORD_S = 1 << VALUE_O, 1 << VALUE_P, 1 << VALUE_Q, 1 << VALUE_R, 1 << VALUE_S
 WORD_T, WORD_X, WORD_Y, WORD_Z = 1 << VALUE_T, 1 << VALUE_X, 1 << VALUE_Y, 1 << VALUE_Z
 WORDS_XYZ, WORDS_IJK = WORD_X | WORD_Y | WORD_Z, WORD_I | WORD_J | WORD_K
+# of further axes
+WORDS_FURTHER = 1 << VALUE_A | 1 << VALUE_B | 1 << VALUE_C | 1 << VALUE_U | 1 << VALUE_V | 1 << VALUE_W
 WORDS_MOVING = WORDS_XYZ | WORD_E | WORD_F
+WORDS_ALL = (1 << 26) - 1
+WORD_ITSELF = 1 << 26  # stands among unclear words for the command: whether it is obeyed is unknown
 
 # One piece of what replaces a statement's motion, in order of motion; a statement without pieces stays as it is.
 PIECE = np.dtype(

@@ -8,13 +8,13 @@ import numpy as np
 from printmend.gcode.kernels.layout import *
 from printmend.jit import inner
 
-LF, CR, SPACE = 10, 13, 32
+TAB, LF, CR, SPACE = 9, 10, 13, 32
 QUOTE, HASH, OPEN, CLOSE, STAR, PLUS, MINUS, POINT = 34, 35, 40, 41, 42, 43, 45, 46
 ZERO, ONE, THREE, FOUR, FIVE, NINE = 48, 49, 51, 52, 53, 57
 COLON, SEMICOLON, EQUALS, BRACKET, BRACKET_END, UNDERSCORE, BRACE, BRACE_END = 58, 59, 61, 91, 93, 95, 123, 125
 LETTER_A, LETTER_B, LETTER_C, LETTER_E, LETTER_F = (np.int64(ord(letter)) for letter in "ABCEF")
 LETTER_G, LETTER_I, LETTER_L, LETTER_M = (np.int64(ord(letter)) for letter in "GILM")
-LETTER_N, LETTER_P, LETTER_S, LETTER_T = (np.int64(ord(letter)) for letter in "NPST")
+LETTER_N, LETTER_P, LETTER_R, LETTER_S, LETTER_T = (np.int64(ord(letter)) for letter in "NPRST")
 LETTER_X, LETTER_Y, LETTER_Z = (np.int64(ord(letter)) for letter in "XYZ")
 SMALL_A, SMALL_E, SMALL_Z = 97, 101, 122
 TO_SMALL = SMALL_A - 65  # from a capital letter to the small one
@@ -68,7 +68,7 @@ def parse_number(buf, p, stop, style):
     """Read a number at p: (value, next, found). Found is 0 for none, which leaves next at p, and 2 with an exponent.
 
     ``style`` (SPACED, CAPITAL) says how the line is written, which tells an exponent (`Y2.4e-15`, `X1.0E-4`) from an
-    E word that follows without a blank (`X1E-4` in `G1X1E-4`). Without a sign it is none: firmwares read `X8e1` as X8.
+    E word that follows without a blank (`X1E-4` in `G1X1E-4`). Without a minus it is none: firmwares read `X8e1` as X8.
     """
     start = p
     negative = False
@@ -127,7 +127,7 @@ def _parse_long(buf, p, stop, style):
             break
         p += 1
     if p + 1 < stop and (buf[p] == SMALL_E or buf[p] == LETTER_E):
-        signed = buf[p + 1] == PLUS or buf[p + 1] == MINUS
+        signed = buf[p + 1] == MINUS
         q = p + 2 if signed else p + 1
         first, exponent = q, 0
         while q < stop and is_digit(buf[q]) and q < first + 4:
@@ -135,7 +135,7 @@ def _parse_long(buf, p, stop, style):
             q += 1
         closed = q == stop or is_blank(buf[q]) or buf[q] == SEMICOLON or buf[q] == STAR or buf[q] == OPEN
         if q > first and closed and signed and ((buf[p] == SMALL_E and style & CAPITAL) or style & SPACED):
-            power += -exponent if buf[p + 1] == MINUS else exponent
+            power -= exponent
             p, found = q, 2
     if power >= 0:
         value = float(whole) * (POWERS[power] if power <= 22 else 10.0 ** float(min(power, 300)))

@@ -9,6 +9,7 @@ from printmend.gcode.kernels.layout import (
     EVENT_RESTORE,
     EVENT_SAVE,
     EVENT_SPLINE,
+    EVENT_ZERO,
     FLAG_KNOWN_X1,
     FLAG_KNOWN_Y1,
     FLAG_RELATIVE,
@@ -64,7 +65,7 @@ def event(model, state, counts, r):
             open_interval(model, state.raw)
     elif r.kind == KIND_EVENT and r.event == EVENT_GEOMETRY:
         counts.geometry += 1
-    elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET:
+    elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET and r.event != EVENT_ZERO:
         counts.splines += r.event == EVENT_SPLINE
         if r.x0 != r.x1 or r.y0 != r.y1:
             known = False  # the firmware went back to a place of the mended file

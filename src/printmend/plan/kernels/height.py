@@ -10,6 +10,7 @@ from printmend.gcode.kernels.layout import (
     EVENT_OFFSET,
     EVENT_RESTORE,
     EVENT_SAVE,
+    EVENT_ZERO,
     FLAG_KNOWN_Z1,
     FLAG_RELATIVE,
     KIND_EVENT,
@@ -137,7 +138,7 @@ def height_event(model, state, counts, r):
             lift_raw(model, state, counts, r.z1)
         else:
             counts.height = 0
-    elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET:
+    elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET and r.event != EVENT_ZERO:
         # the firmware went to a height of the mended file, so that of the file as it is is another
         counts.height = counts.height and known and r.z0 == r.z1
         if counts.height:

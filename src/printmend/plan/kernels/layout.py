@@ -74,6 +74,7 @@ COUNTS = np.dtype(
         # sums for the prediction
         *((name, "i8") for name in ("moves", "pieces", "takeups", "anchors", "clamped", "clamped_extruding")),
         *((name, "i8") for name in ("unknown", "copied", "extruding", "splines", "geometry", "stops", "coarse")),
+        ("unread", "i8"),  # of those that `unknown` counts, the ones whose words do not say all
         ("hurried", "i8"),  # pieces that have an acceleration of their own
         ("roles", "i8"),  # bits: roles of which there are lines
         ("unknown_at", "i8", UNKNOWN_LINES),  # lines of the file, from 1

@@ -278,6 +278,16 @@ def _extend(low, high, x, y):
 
 
 @inner
+def _extend_along(low, high, curve):
+    """Move the corners of a rectangle so that the outermost places of an arc lie in it."""
+    for quarter in range(4):
+        angle = (0.5 * np.pi * quarter - curve.phi) * np.sign(curve.sweep) % (2.0 * np.pi)
+        if angle < abs(curve.sweep):
+            x, y, _ = place(curve, angle / abs(curve.sweep))
+            _extend(low, high, x, y)
+
+
+@inner
 def _from_home(model, record, m0, m1):
     """Return how far a straight command to motors (m0, m1) may stray from its line [mm] if its start is unknown.
 
@@ -302,6 +312,7 @@ def _count_left(counts, record, extruding):
     if extruding and counts.unknown < UNKNOWN_LINES:
         counts.unknown_at[counts.unknown] = record.line + 1
     counts.unknown += extruding
+    counts.unread += extruding and record.flags & FLAG_OPAQUE != 0
 
 
 # Long because each kind of record leaves the loop by its own exit, in the order in which the kinds must be checked.
@@ -331,6 +342,7 @@ def mend(
         arc = r.kind == KIND_CW or r.kind == KIND_CCW
         if not arc and r.kind != KIND_LINEAR:
             event(model, state, counts, r)
+            _count_left(counts, r, r.flags & FLAG_EXTRUDING != 0)
             if moved is not None:
                 height_event(model, state, counts, r)
             continue
@@ -364,6 +376,8 @@ def mend(
                 n = _name_place_again(model, state, pieces, n, r, quantum)
             continue
         trace(curve, r)
+        if arc and extruding and known and r.flags & FLAG_KNOWN_X0 and r.flags & FLAG_KNOWN_Y0:
+            _extend_along(state.print_low, state.print_high, curve)
         left = not known or r.flags & FLAG_OPAQUE != 0 or not stays_near(model, curve)
         if moved is not None:
             left = left or is_too_long(model, curve)
