@@ -46,6 +46,8 @@ def test_where_mending_takes_no_time_no_byte_changes(line: bytes) -> None:
         (b"m73 q30", b"m73 q25"),
         (b";TIME:100", b";TIME:240"),
         (b";TIME_ELAPSED:30.50", b";TIME_ELAPSED:61.00"),
+        (b";PRINTING_TIME: 10", b";PRINTING_TIME: 24"),
+        (b";REMAINING_TIME: 70", b";REMAINING_TIME: 180"),
         (b"; estimated printing time (normal mode) = 1h 40m 0s", b"; estimated printing time (normal mode) = 4h 0m 0s"),
         (b"; estimated printing time (normal mode) = 1m 40s", b"; estimated printing time (normal mode) = 4m 0s"),
         (b"; estimated printing time = 50m 0s", b"; estimated printing time = 120m 0s"),
@@ -128,7 +130,7 @@ def test_the_mended_seconds_are_those_of_the_written_file(tmp_path: Path) -> Non
 
 def test_a_file_that_is_held_against_its_source_is_timed_itself(tmp_path: Path) -> None:
     source, output = tmp_path / "part.gcode", tmp_path / "out.gcode"
-    source.write_bytes(timed_part())
+    source.write_bytes(timed_part() + b"G2 I5 P3 E4\n")  # three circles
     prediction = mend_gcode(source, exactly(BENT), output).prediction
     found = judged(prediction, str(source), str(output), BENT).duration
     assert found is not None

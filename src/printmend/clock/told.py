@@ -65,7 +65,8 @@ def told_anew(text: bytes, moment: Moment) -> bytes:
         return head + colon + _SPAN.sub(lambda found: _span(found[0], moment), value)
     if value.strip() == _NOT_FILLED_IN:
         return text
-    change = moment.gone if b"ELAPSED" in head.upper() else moment.whole
+    name = head.upper()
+    change = moment.gone if b"ELAPSED" in name else (moment.left if b"REMAINING" in name else moment.whole)
     return head + colon + _NUMBER.sub(lambda found: _like(found[0], change(float(found[0]))), value, count=1)
 
 
