@@ -10,6 +10,7 @@ import pytest
 from printmend.corruption import HEALTHY, Corruption, Drive, WrongRadius
 from printmend.corruption.transmission import EccentricBore, Play, Ripple
 from printmend.effects.effect import STROKES, strokes_of
+from printmend.errors import GcodeError
 from printmend.mend import mend_gcode
 from printmend.mend.against import judged
 from printmend.model import exact_model
@@ -253,6 +254,14 @@ def test_what_is_reported_is_what_the_files_do(family: str, tmp_path: Path) -> N
         # Where a corner is cut the path is nearer than the line that is being drawn.
         least_mm = 0.003 if name == "max_mm" else 0.001
         assert after == pytest.approx(getattr(found.after, name), rel=0.1, abs=least_mm), name
+
+
+def test_a_file_with_other_filament_is_not_the_mended_one(tmp_path: Path) -> None:
+    source, output = tmp_path / "part.gcode", tmp_path / "out.gcode"
+    source.write_bytes(SQUARE)
+    output.write_bytes(SQUARE.replace(b"E1\n", b"E1.1\n"))
+    with pytest.raises(GcodeError, match="filament"):
+        judged(mended(SQUARE, PLAY)[1], str(source), str(output), PLAY)
 
 
 def test_places_of_a_line_along_one_axis_know_which_way_the_other_went_last():

@@ -67,7 +67,7 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
             came=f"{given.layer.max(initial=-1) + 1}", todo=say("give-file-made-from-it"),
         )  # fmt: skip
     used, got = _advance(wanted).sum(), _advance(given).sum()
-    if not same and abs(got - used) > _FILAMENT_SHARE * used:
+    if abs(got - used) > _FILAMENT_SHARE * used:
         raise GcodeError(
             output, wanted=say("filament-of-file", f"{used:.1f}", source), came=say("mm-2", f"{got:.1f}"),
             todo=say("give-file-made-from-it"),
