@@ -1,6 +1,7 @@
 """Whole files: plain, .bgcode, .gcode.3mf; the mark; the corpus."""
 
 import hashlib
+import re
 import zipfile
 from pathlib import Path
 
@@ -103,6 +104,18 @@ def test_a_purge_line_at_the_edge_may_be_held_back(tmp_path: Path, comment: byte
     assert done.prediction.clamped_extruding > 0
     assert "held back" in done.prediction.summary()
     assert max(read_gcode(output, printer=ENDER3).moves.end_mm[:, 0]) <= 220
+
+
+def test_a_print_moved_as_far_as_is_said_is_on_the_bed(tmp_path: Path) -> None:
+    def square(x: float) -> bytes:
+        return START + b"".join(
+            b"G1 X%.2f Y%d E1 F1800\n" % (x - a, y) for a, y in ((0, 60), (0, 80), (9, 80), (9, 60))
+        )
+
+    with pytest.raises(RefusedError, match=r"extruding commands 10\.\d+ mm beyond the edge") as refused:
+        mend_gcode(plain(tmp_path, square(230.0)), exactly(PLAY), tmp_path / "out.gcode")
+    away = float(re.search(r"([\d.]+) mm beyond", str(refused.value))[1])
+    assert mend_gcode(plain(tmp_path, square(230.0 - away)), exactly(PLAY), tmp_path / "out.gcode").prediction.on_bed
 
 
 def test_refuses_another_printers_file(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from printmend.gcode.read import MachineState, e_warning, guessed_e_rule, starti
 from printmend.gcode.sliced import Corners, Described, described, find_mark, find_test_print, lost_mark, marked, sliced
 from printmend.gcode.write import Plan, TimePlace, follow, rewrite
 from printmend.mend.prediction import Prediction, prediction_of, with_doubt
-from printmend.messages import say, together
+from printmend.messages import say, say_count, together
 from printmend.model.model import PHASE_TODO, REFITTED, SavedModel, refusals, said_of
 from printmend.plan import Fineness, Planner, is_identity, start
 from printmend.printer import Printer
@@ -229,6 +229,13 @@ def _other_printer(said: Described, printer: Printer) -> str | None:
 def _bed_mm(printer: Printer) -> Corners:
     """Return the corners of a printer's bed."""
     return (printer.x.min_mm, printer.y.min_mm), (printer.x.max_mm, printer.y.max_mm)
+
+
+def _beyond_bed_mm(prediction: Prediction, printer: Printer) -> float:
+    """Return how far the file itself prints beyond the edge of the bed."""
+    low, high = np.array(_bed_mm(printer))
+    over = np.concatenate([low - prediction.printed_low_mm, prediction.printed_high_mm - high])
+    return max(float(over.max()), 0.0)
 
 
 def _bed_words(bed_mm: Corners) -> str:
@@ -445,15 +452,18 @@ def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Predict
         )  # fmt: skip
     if prediction.length_mm == 0:
         raise RefusedError(
-            file.name, wanted=say("extruding-moves-known-place"), came=say("place-unknown", prediction.unknown),
+            file.name, wanted=say("extruding-moves-known-place"),
+            came=together("", [say("place-unknown", prediction.unknown), prediction.where_unknown]),
             todo=say("home-g28-before-printing"),
         )  # fmt: skip
     if prediction.held_mm > _MOST_HELD_SHARE * prediction.length_mm:
         raise RefusedError(
             file.name,
             wanted=say("print-printer-can-reach"),
-            came=say(
-                "extruding-commands-mm-beyond-edge-bed", prediction.clamped_extruding, f"{prediction.beyond_mm:.2f}"
+            came=say_count(
+                "extruding-commands-mm-beyond-edge-bed",
+                prediction.clamped_extruding,
+                f"{prediction.beyond_mm + _beyond_bed_mm(prediction, model.printer):.2f}",
             ),
             todo=say("move-object-much-away-give-scale"),
         )
