@@ -9,7 +9,7 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.effects import EFFECTS, Scene, places_of, scene_of
 from printmend.effects.uneven import Uneven
 from printmend.infer.fit import Fit, fitted
-from printmend.infer.machine import DRAWS, Part
+from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
 from printmend.infer.posterior import Posterior, posterior_of
 from printmend.infer.update import Renewed, both_seen, directions, rebased, renewed, turned
 from printmend.path import Trace
@@ -60,6 +60,23 @@ def test_the_same_machine_is_known_better(old: tuple[Fit, Posterior]) -> None:
         assert sd < before
         assert abs(mean - play_mm) < 4 * sd
         assert acts == pytest.approx(mean, abs=sd)
+
+
+def test_a_cause_of_two_possible_shapes_stays_one_as_large() -> None:
+    """Each drawn machine has either; the shape that acts may be one that few of them have."""
+    scene, rng = scene_of(printed(machine(), 400, 0, 6.0, 214.0), ENDER3, (40.0, 40.0)), np.random.default_rng(2)
+    narrow, sizes_mm = np.arange(DRAWS) % 5 < 3, 0.2 + 0.003 * rng.standard_normal((1, DRAWS))
+    parts = (
+        Part("splice", 0, (90.0, 4.0), np.array([0.0]), sizes_mm * narrow),
+        Part("splice", 0, (90.0, 5.0), np.array([0.2]), sizes_mm * ~narrow),
+    )
+    mechanism, _ = machine_of(scene, those_acting(parts))
+    way = stairs(300, 60.0, 130.0)
+    trace = Trace(way, Twin(mechanism).follow(way) + rng.normal(0, NOISE_MM, way.shape), homed=True)
+    found = renewed(parts, mechanism, trace, both_seen(scene, scene_of(trace, ENDER3, (40.0, 40.0))), rng)
+    joints = [part for part in found.now.parts if part.effect == "splice"]
+    assert sum(part.acts_mm[0] for part in joints) == pytest.approx(0.2, abs=0.02)
+    assert np.abs(sum(part.draws_mm[0] for part in joints) - 0.2).max() < 0.03
 
 
 def test_what_wears_is_known_less_after_a_year(old: tuple[Fit, Posterior]) -> None:

@@ -203,6 +203,9 @@ def test_what_is_certain_and_does_not_act_is_named_and_no_motor_is_healthy() -> 
         assert fault.value == pytest.approx(acting.value, rel=0.05)
         assert "(not corrected)" in diagnose([left], scene).summary
         assert "not surely help" in advise(fault_of(fault.row)).software
+    joint, near = (part("splice", 0, [0.5], (at, 4.0)) for at in (120.0, 120.5))
+    drawn = [replace(joint, draws_mm=0 * joint.draws_mm), replace(near, acts_mm=0 * near.acts_mm)]
+    assert [fault.is_mended for fault in faults_of(drawn, scene)] == [True]  # no machine has the very shape that acts
     play = part("play", 0, [0.3], there=usual)
     left = diagnose([replace(play, acts_mm=0 * play.acts_mm)], scene).summary
     assert "A healthy" not in left

@@ -365,10 +365,10 @@ def unseen(scene: Scene) -> list[Misfit]:
 
 
 def gathered(parts: Sequence[Part]) -> list[Found]:
-    """Return the effects that any drawn machine has, near shapes of one put together; those that act first, as they
-    come."""
+    """Return the effects that act or that any drawn machine has, near shapes of one put together; those that act first,
+    as they come."""
     left = sorted(parts, key=lambda part: (not part.acts_mm.any(), -part.chance))
-    left = [part for part in left if part.draws_mm.any() and part.effect in EFFECTS]
+    left = [part for part in left if (part.acts_mm.any() or part.draws_mm.any()) and part.effect in EFFECTS]
     found: list[Found] = []
     while left:
         first, *left = left
@@ -378,7 +378,7 @@ def gathered(parts: Sequence[Part]) -> list[Found]:
             there, draws = there | free, draws + part.draws_mm * free
             at = next(number for number, each in enumerate(left) if each is part)
             left[at] = replace(part, draws_mm=part.draws_mm * ~free)
-        left = [part for part in left if part.draws_mm.any()]
+        left = [part for part in left if part.acts_mm.any() or part.draws_mm.any()]
         acts, is_wave = bool(first.acts_mm.any()), hasattr(EFFECTS[first.effect], "waves_mm")
         alone = draws is first.draws_mm and not is_wave  # else near shapes, or the next homings, share what acts
         sizes = (first.acts_mm if alone else draws.mean(axis=1)) if acts else draws[:, there].mean(axis=1)

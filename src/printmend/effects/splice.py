@@ -5,12 +5,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Term, Usual, about, about_factor, onto_bed
-from printmend.effects.prior import alternatives, number_of
+from printmend.effects.prior import alternatives, numbers_of
 from printmend.effects.words import Care, Fault, Found, Numbers, amount, motor_name, where_seen
 from printmend.messages import say
 
 STEP_MM = 5.0  # distance of the places that are tried
-WIDTHS_APART = 1.4  # of the logarithms of two widths
+WIDTHS_APART = 1.1  # of the logarithms of two widths
 
 
 class AtOnePlace(Usual):
@@ -48,8 +48,8 @@ class Splice(AtOnePlace):
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
-            width = number_of(self.name, "width")  # others are looked for about it
-            shapes = [(float(at), width) for at in np.arange(low + STEP_MM, high, STEP_MM)]
+            widths = numbers_of(self.name, "widths")  # others are looked for between them
+            shapes = [(float(at), width) for at in np.arange(low + STEP_MM, high, STEP_MM) for width in widths]
             yield from alternatives(self.name, motor, shapes)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
@@ -59,7 +59,7 @@ class Splice(AtOnePlace):
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         at, width = shape
-        for place in about(at, STEP_MM, round_):
-            yield place, width
-        for wider in about_factor(width, WIDTHS_APART, round_):
-            yield at, wider
+        for place in (at, *about(at, STEP_MM, round_)):
+            for wider in (width, *about_factor(width, WIDTHS_APART, round_)):
+                if (place, wider) != shape:
+                    yield place, wider

@@ -36,6 +36,7 @@ from printmend.infer.search import (
     State,
     alone,
     doubted,
+    rivals_of,
     search_of,
     searched,
 )
@@ -379,20 +380,23 @@ def with_blocks(dictionary: Dictionary, more: Sequence[Block], places: Places, r
 def _finer(
     search: Search, state: State, places: Places, rows: Rows, scene: Scene, weight: np.ndarray
 ) -> tuple[Search, State]:
-    """Return the search and the set with the shapes of its members looked for between the neighbours of each.
+    """Return the search and the set with the shapes of its members, and of what may be in their place, looked for
+    between the neighbours of each.
 
     They are looked for among themselves; then every block may take the place of another again.
     """
-    members = [b for b, _ in state.members]
-    among, first = search.narrowed([search.dictionary.blocks[b] for b in members]), len(state.columns)
-    own, sigma_mm = alone(state.members), state.sigma_mm
+    members = list(dict.fromkeys(b for b, _ in (*state.members, *rivals_of(search, state))))
+    among = search.narrowed([search.dictionary.blocks[b] for b in members])
+    first, own, sigma_mm = len(among.gram.slope), alone(state.members), state.sigma_mm
+    sought: Set = tuple((at, 0) for at in range(len(members)))
     for round_ in range(FINER_ROUNDS):
-        dictionary = with_finer(among.dictionary, own, round_, places, rows, scene)
+        dictionary = with_finer(among.dictionary, sought, round_, places, rows, scene)
         if dictionary is among.dictionary:
             break
         among = search_of(dictionary, rows, weight)
         found = searched(among, own, sigma_mm)
         own, sigma_mm = found.members, found.sigma_mm
+        sought = (*own, *rivals_of(among, found))
     shared, blocks = among.dictionary.blocks[: len(members)], among.dictionary.blocks[len(members) :]
     if not blocks:
         return search, state

@@ -527,6 +527,17 @@ def _climbed(search: Search, state: State, without: int | None = None) -> State:
     return state
 
 
+def rivals_of(search: Search, state: State) -> Set:
+    """Return what of another slot would stand best in the place of each member of a state, with the others as they
+    are: a measurement may be as wrong as the machine looks."""
+    found, beside = [], search.beside(state)
+    for at, member in enumerate(state.members):
+        offered = search.offered((*state.members[:at], *state.members[at + 1 :]))
+        rival, _ = beside.without(member).gains(offered[~search.alike(offered, member[0])], -np.inf).best()
+        found += [rival] * (rival[0] >= 0)
+    return tuple(dict.fromkeys(found))
+
+
 def by_growing(search: Search, start: Set, sigma_mm: float) -> State:
     """Return the set that is reached from ``start`` by adding blocks alone: quicker than `searched`, and good enough to
     compare stories."""

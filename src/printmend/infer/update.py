@@ -6,6 +6,7 @@ are weighed: a pulley turned on its shaft, a motor got other parts, all of it is
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -547,12 +548,13 @@ def _now(at: _Pass, before: tuple[Part, ...], contacts: Contacts, scene: Scene, 
     likely_mm = found.likely.laid_out_mm(at.sums.own)[:, None]
     draws, acts = at.left.drawn_mm(changes, rng), at.left.sizes_mm(likely_mm)[:, 0]
     kept = {part.key: part for part in at.story.parts}
-    # What nothing sees stays as it was drawn.
+    # What nothing sees stays as it was drawn, and shapes of which a machine has one or the other.
+    alike = Counter(part.key[:2] for part in at.like)
     parts = {key: part for key, part in kept.items() if key not in where}
     for part, own in zip(at.like, slices(len(part.acts_mm) for part in at.like), strict=True):
         if part.key not in kept:
             continue
-        if not part.is_likely:
+        if not part.is_likely or alike[part.key[:2]] > 1:
             parts[part.key] = kept[part.key]
         else:
             does = EFFECTS[part.effect].acts is not Acts.NOT
