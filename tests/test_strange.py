@@ -108,6 +108,21 @@ def test_a_border_moves_no_end_stop(
     assert (found["kind"], found["severity"]) == (kind, "warning")
 
 
+def test_a_sheet_that_turns_about_its_clip_is_one_cause() -> None:
+    printer, rng = read_printer("ender3"), np.random.default_rng(5)
+    path = walk(450, rng, printer.home_mm)
+    x, y = (path - 20.0).T
+    turned_mm = np.deg2rad(0.15) * np.stack([-y, x], axis=1)
+    turned_mm[: len(path) // 2] = 0.0
+    measured_mm = path + turned_mm + rng.normal(0, NOISE_MM, path.shape)
+    model = learn_model(Trace(path, measured_mm, homed=True), printer)
+    assert not model.document["diagnosis"]
+    found, *beside = model.document["misfit"]["found"]
+    assert found["kind"] == "sheet"
+    assert "+0.15°" in found["words"]
+    assert {each["kind"] for each in beside} <= {"left-out"}  # the point at that moment may be on either side
+
+
 @pytest.mark.parametrize("preset", ["ender3", "prusa-mk4s"])
 def test_a_skipped_tooth_is_no_lost_turn_of_the_motor(preset: str) -> None:
     """Its 2 mm are a whole number of electrical turns of no motor, or nearly: the pulley did not turn with the belt."""

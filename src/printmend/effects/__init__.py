@@ -36,6 +36,7 @@ from printmend.effects.rail import Rail
 from printmend.effects.resized import Resized
 from printmend.effects.rub import Rub
 from printmend.effects.scale import Scale
+from printmend.effects.sheet import Sheet
 from printmend.effects.shift import Shift
 from printmend.effects.shrinkage import Shrinkage
 from printmend.effects.skew import Skew
@@ -63,9 +64,9 @@ from printmend.plugins import load_plugin, plugin_names
 _ALL: tuple[Effect, ...] = (
     Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Bump(), Rub(),
     Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Crooked(), Joint(), Distortion(), Racking(), Tilt(), Lag(),
-    LagWear(), Loose(), SoftPlay(), Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Skip(), Warmth(),
-    Wear(), Wander(), Wobble(), Layer(), Origin(), Shift(), Turn(), Stretch(), Resized(), Carriage(), CarriageWave(),
-    Halves(), Bead(), Shrinkage(),
+    LagWear(), Loose(), SoftPlay(), Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Sheet(), Skip(),
+    Warmth(), Wear(), Wander(), Wobble(), Layer(), Origin(), Shift(), Turn(), Stretch(), Resized(), Carriage(),
+    CarriageWave(), Halves(), Bead(), Shrinkage(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")
 

@@ -1,0 +1,32 @@
+"""A sheet or a plate that came loose: it moves and turns as one, at one moment of the print."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from printmend.effects.effect import GONE, SCALE_MM, Places, Scene, Term, along_both
+from printmend.effects.prior import alternatives
+from printmend.effects.step import AtOneMoment
+from printmend.effects.words import Found, Numbers, Told
+from printmend.messages import say
+
+
+class Sheet(AtOneMoment):
+    """A shift along both axes and a turn about the middle of the bed, in mm per 100 mm, from one moment on."""
+
+    name = "sheet"
+    fate = GONE  # once it is clipped
+    keys = Numbers(("x_mm", "y_mm", "angle_deg"), ("at_share",))
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        yield from alternatives(self.name, 0, self.breaks(scene))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        x, y = scene.off_middle(places.bed_mm).T
+        shift, turn = along_both(np.ones((len(places), 1))), np.stack([-y, x], axis=1)[:, :, None]
+        return np.concatenate([shift, turn], axis=2) * (places.done > shape[0])[:, None, None]
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        x_mm, y_mm, turn = found.sizes_mm
+        turned = f"{np.degrees(np.arctan(turn / SCALE_MM)):+.2f}"
+        yield Told("sheet", say("sheet-moved", f"{x_mm:+.2f}", f"{y_mm:+.2f}", turned, f"{100 * found.shape[0]:.0f}"))
