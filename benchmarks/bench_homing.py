@@ -6,8 +6,7 @@ Of each printer of printmend's twin a model is learned from the dots of `printme
 a homing of its own. A part is mended and printed after each of some further homings: the end stops scatter by
 ``--scatter`` mm, and in a share ``--wake-ups`` of homings a motor stands four full steps aside. With ``--refit`` the
 belts are put back on any tooth before, and the model learns that from a scan of `printmend probe --phase`. Errors are
-RMS distances from the wanted path [mm] in coordinates that count from home; with ``--shape`` the part's place is taken
-off, which the ripple at home moves.
+RMS distances from the wanted path [mm], the part's place taken off.
 """
 
 import argparse
@@ -122,7 +121,6 @@ def main() -> None:
     parser.add_argument("--family", choices=("pulleys", "ripple", "realistic"), default="pulleys")
     parser.add_argument("--switch", default="unknown")
     parser.add_argument("--refit", action="store_true")
-    parser.add_argument("--shape", action="store_true")
     parser.add_argument("--csv", type=Path, help="write every printer's figures there")
     given = parser.parse_args()
     printer = replace(read_printer("ender3"), homing=Homing(given.switch))
@@ -152,7 +150,7 @@ def main() -> None:
                 by = homing_mm(printer, rng, scatter_mm=given.scatter, turn_share=given.wake_ups)
                 now = homed_again(true, by)
                 before, after = (
-                    error_mm(source, made, now, of_shape=given.shape)
+                    error_mm(source, made, now, of_shape=True)
                     for made in (source, output if output.exists() else source)
                 )
                 own.append((before, after, promise.rms_low_mm, promise.rms_high_mm))

@@ -3,6 +3,7 @@
     .venv/bin/python benchmarks/bench_promise.py --seed 1 --cases 2 [--figure docs/figures/promise.png]
 
 The printer is benchmarks/outside.py, with the faults of outside_faults.py on top; neither shares code with printmend.
+Prints are judged by their shape, as promised: each homing puts all of one elsewhere.
 Measured are the dots of the test print, some 600, and not the ways between them. Kinds: faults that its models have,
 faults that none has, healthy printers, scans (a stretch of its own, neither place nor turn on the bed: in shape only),
 settled scans (of a worse scanner, the plate scanned twice, turned by about a quarter, and one distance taken with
@@ -33,7 +34,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 import outside
 import outside_faults
-from bench_outside import FAMILIES, PRESETS, contour_error_mm, part_gcode, walk_of
+from bench_outside import FAMILIES, PRESETS, part_gcode, walk_of
 from bench_outside_scan import placed_error_mm
 from printmend.errors import RefusedError
 from printmend.infer import gram
@@ -114,11 +115,9 @@ def by_callipers(number: int, preset: str, printed: Callable, rng: np.random.Gen
     return model_by_hand(distances, across_mm, printer)
 
 
-def across_mm(
-    ideal: list, made: list, ways: list[np.ndarray], *, placed: bool, turned: bool = False
-) -> tuple[float, float]:
+def across_mm(ideal: list, made: list, ways: list[np.ndarray], *, turned: bool = False) -> tuple[float, float]:
     """Return the RMS distance of printed lines straight across the wanted ones, each by its length, as printmend has
-    it, and the largest; where nothing was ``placed``, all of it shifted so that it fits best, and ``turned``, too.
+    it, and the largest; all of it is shifted so that it fits best, and ``turned``, too.
 
     Which line is meant tells the filament that was used up: of lines that lie closely, the nearest is often another.
     """
@@ -134,11 +133,10 @@ def across_mm(
     points = np.concatenate(mine)
     error = ((points - start[at]) * normal).sum(axis=1)
     weight = np.repeat([np.hypot(*_along(move)) / count for move, count in zip(drawn, counts, strict=True)], counts)
-    if not placed:
-        arm = points - points.mean(axis=0)
-        turn = normal[:, [1]] * arm[:, [0]] - normal[:, [0]] * arm[:, [1]]
-        table, root = np.hstack([normal, turn] if turned else [normal]), np.sqrt(weight)
-        error = error - table @ np.linalg.lstsq(table * root[:, None], error * root, rcond=None)[0]
+    arm = points - points.mean(axis=0)
+    turn = normal[:, [1]] * arm[:, [0]] - normal[:, [0]] * arm[:, [1]]
+    table, root = np.hstack([normal, turn] if turned else [normal]), np.sqrt(weight)
+    error = error - table @ np.linalg.lstsq(table * root[:, None], error * root, rcond=None)[0]
     return float(np.sqrt(np.average(error**2, weights=weight))), float(np.abs(error).max())
 
 
@@ -222,14 +220,11 @@ def judge(
         if commands is ideal:
             turn = np.arctan2(matrix[1, 0], matrix[0, 0])  # no scan tells it: x keeps its direction
             back = np.eye(2) if placed else np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-            as_it_is_mm = across_mm(ideal, ideal, [each @ back for each in way], placed=placed)[0]
-        if by_hand:  # errors are large here: another line is often the nearest
-            rms_mm, most_mm = across_mm(ideal, commands, way, placed=False, turned=corexy)
-        elif not placed:
-            rms_mm, _, _, most_mm = placed_error_mm(ideal, commands, way)
+            as_it_is_mm = across_mm(ideal, ideal, [each @ back for each in way])[0]
+        if placed or by_hand:  # by hand errors are large: another line is often the nearest
+            rms_mm, most_mm = across_mm(ideal, commands, way, turned=by_hand and corexy)
         else:
-            off_mm = contour_error_mm(ideal, commands, way)
-            rms_mm, most_mm = float(np.sqrt(np.mean(off_mm**2))), float(off_mm.max())
+            rms_mm, _, _, most_mm = placed_error_mm(ideal, commands, way)
         true.append(rms_mm)
     promise = said.after if output.exists() else said.before
     return {

@@ -1,6 +1,7 @@
 """From one homing to the next: what a shift of the motors does to effects, to what acts, to a promise, to an update."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +18,11 @@ from printmend.errors import ConfigError
 from printmend.infer.fit import fitted
 from printmend.infer.posterior import Posterior, posterior_of
 from printmend.infer.update import both_seen, renewed
+from printmend.learn.learned import learn_model
 from printmend.machine import Mechanism, healthy_mechanism, homed_again
-from printmend.model import saved_model
+from printmend.mend import check_gcode
+from printmend.mend.verify import KEPT, verify
+from printmend.model import SavedModel, saved_model
 from printmend.path import Trace
 from printmend.printer import Homing, Printer, read_printer
 from printmend.printer.convert import printer_text
@@ -29,8 +33,10 @@ from printmend.promise.predict import after_homing
 from printmend.twin import Twin
 from tests.believed import SCENES
 from tests.once import remembered
+from tests.promised import CIRCLE
 from tests.test_greybox_learning import stairs
 from tests.test_printer_convert import KLIPPER
+from tests.test_verify import checked
 
 ENDER3 = read_printer("ender3")
 WAVY = [(name, shape) for name, shape in (
@@ -215,3 +221,51 @@ def test_nonsense_about_homing_is_refused(lines: str, wanted: str) -> None:
 )  # fmt: skip
 def test_klippers_file_says_how_it_homes(old: str, new: str, switch: str) -> None:
     assert parse_klipper(KLIPPER.replace(old, new, 1), name="mine", subject="mine").homing.switch == switch
+
+
+LOOSE = Corruption((Drive(), Drive(belt=Play(0.2))))
+
+
+@remembered
+def learned_at(homed_mm: tuple[float, float], switch: str = "unknown") -> SavedModel:
+    way = stairs(400)
+    noise_mm = np.random.default_rng(3).normal(homed_mm, 0.03, way.shape)
+    return learn_model(Trace(way, Twin.of(LOOSE, ENDER3).follow(way) + noise_mm, homed=True), of_switch(switch))
+
+
+def test_a_shift_within_what_homings_do_is_no_fault_and_is_not_mended() -> None:
+    model = learned_at((0.03, -0.02))
+    assert [row["kind"] for row in model.document["diagnosis"]] == ["play"]
+    assert "X healthy" in model.findings[0]
+    assert not model.document["misfit"]["found"]
+    belief = parse_belief(model)
+    assert belief is not None
+    assert not any(part.acts_mm.any() for part in belief.of("place", 0))
+    assert sum(abs(part.acts_mm[0]) for part in belief.of("place", 1)) < 0.01  # that a belt rests in its play may last
+
+
+def test_a_shift_beyond_them_is_told_the_end_stop_first() -> None:
+    (found,) = learned_at((0.6, 0.0)).document["misfit"]["found"]
+    assert found["kind"] == "moved"
+    assert "(+0.6" in found["words"]
+    assert "from the home position: an end stop switched elsewhere, the plate" in found["words"]
+
+
+def test_the_next_homing_moves_a_prints_place_and_not_its_shape(tmp_path: Path) -> None:
+    (tmp_path / "part.gcode").write_text(CIRCLE)
+    fine, coarse = (
+        check_gcode(tmp_path / "part.gcode", learned_at((0.0, 0.0), switch)).after for switch in ("phase", "sensorless")
+    )
+    assert coarse.place_mm > 5 * fine.place_mm
+    assert coarse.rms_mm == pytest.approx(fine.rms_mm, rel=0.1)
+    assert coarse.rms_high_mm == pytest.approx(fine.rms_high_mm, rel=0.1)
+
+
+@pytest.mark.parametrize(("homed_mm", "words"), [((-0.05, 0.06), ": kept ("), ((0.6, 0.0), "an end stop switched")])
+def test_a_check_print_that_homed_elsewhere_keeps_its_promise(homed_mm: tuple[float, float], words: str) -> None:
+    model = learned_at((0.03, -0.02))
+    trace = checked(model, LOOSE, 0.03, is_stated=True)
+    verdict = verify(model, replace(trace, measured_mm=trace.measured_mm + homed_mm))
+    assert verdict.result == KEPT
+    assert words in verdict.words
+    assert bool(verdict.changed) == (homed_mm[0] > 0.5)

@@ -100,7 +100,7 @@ def test_a_tenth_more_play_breaks_a_promise_where_it_can_be_seen(
         assert "Mend again with the model" in verdict.words
         wanted = stairs(300)
         printed = Twin.of(machine(play_mm), ENDER3).follow(mended_mm(bent, wanted))
-        true_mm = float(np.sqrt(np.mean(np.sum((printed - wanted) ** 2, axis=1))))
+        true_mm = float(np.linalg.norm((printed - wanted).std(axis=0)))  # each homing shifts all of a print
         assert 0.95 * verdict.now_low_mm < true_mm < 1.05 * verdict.now_high_mm
     if result == UNSURE:
         assert verdict.shows_from_mm > verdict.now_high_mm > 2 * verdict.promised_high_mm
@@ -110,7 +110,7 @@ def test_a_tenth_more_play_breaks_a_promise_where_it_can_be_seen(
 
 def test_dots_whose_sides_are_not_known_keep_no_promise(bent: SavedModel) -> None:
     """A table without the ways between its dots: more play scatters them, and nobody can say whose that is."""
-    trace = checked(bent, machine(0.44, 0.34), 0.05, points=600)
+    trace = checked(bent, machine(0.5, 0.4), 0.05, points=600)
     order = np.random.default_rng(4).permutation(len(trace))
     verdict = verify(bent, Trace(trace.commanded_mm[order], trace.measured_mm[order]))
     assert verdict.result == UNSURE
@@ -243,7 +243,7 @@ def test_the_command_notes_the_verdict(bent: SavedModel, tmp_path: Path) -> None
     assert [each["result"] for each in history] == [KEPT, BROKEN, UNSURE]
     wanted = stairs(300)
     raw_mm = Twin.of(BENT, ENDER3).follow(wanted) - wanted
-    assert history[0]["before_mm"] == pytest.approx(np.sqrt((raw_mm**2).sum(axis=1).mean()), rel=0.02)
+    assert history[0]["before_mm"] == pytest.approx(np.linalg.norm(raw_mm.std(axis=0)), rel=0.02)
     assert history[0]["now_mm"] < 0.03
     assert history[1]["now_mm"] > 0.1
     assert rows_of(read_history(model))[-1][2].endswith("cannot tell")

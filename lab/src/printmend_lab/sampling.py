@@ -375,9 +375,8 @@ def _offered(name: str, scene: Scene) -> list[tuple[list[Term], np.ndarray]]:
     by_place: dict[int, list[Term]] = {}
     for term in EFFECTS[name].terms(scene):
         by_place.setdefault(term.where, []).append(term)
-    return [
-        (terms, np.exp(np.minimum([term.log_odds for term in terms], MOST_LOG_ODDS))) for terms in by_place.values()
-    ]
+    log_odds = [(terms, np.array([term.log_odds for term in terms])) for terms in by_place.values()]
+    return [(terms, np.exp(own - max(own.max() - MOST_LOG_ODDS, 0.0))) for terms, own in log_odds]
 
 
 def _is_possible(parts: Sequence[Sized], scene: Scene) -> bool:

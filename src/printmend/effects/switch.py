@@ -52,12 +52,13 @@ def scatter_of(printer: Printer, seen_mm: tuple[tuple[float, float], ...] = ()) 
     return Scatter(weight / weight.sum(), scatter.sd_mm, scatter.turn)
 
 
-def drawn_shifts_mm(scene: Scene, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw each motor's shift [2, D] from the homing of the measured print to the next one."""
+def drawn_shifts_mm(scene: Scene, count: int, rng: np.random.Generator, homings: int = 2) -> np.ndarray:
+    """Draw each motor's shift [2, D] from the homing of the measured print to the next one; with one of ``homings``
+    that from where the end stops switch in the mean."""
     printer = scene.printer
     scatter = scatter_of(printer, scene.homed_again_mm)
     which = rng.choice(len(scatter.weight), count, p=scatter.weight)
-    axes_mm = math.sqrt(2) * scatter.sd_mm[which] * rng.standard_normal((2, count))
+    axes_mm = math.sqrt(homings) * scatter.sd_mm[which] * rng.standard_normal((2, count))
     aside = rng.choice((-1.0, 1.0), (2, count)) * (rng.uniform(size=(2, count)) < scatter.turn[which])
     return np.asarray(printer.to_motor(axes_mm.T).T + _turns_mm(printer)[:, None] * aside)
 

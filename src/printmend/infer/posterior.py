@@ -297,7 +297,8 @@ def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
     """Yield the parts; one acts no longer where the drawn machines' expected square error is smaller without it, or
     where too many of these machines would gain nothing with it.
 
-    Errors count over the measured places. Parts that may act are taken in and left out one by one, those that help most
+    Errors count over the measured places, but where all of a print lies counts by its mean: the next homing puts it
+    elsewhere. Parts that may act are taken in and left out one by one, those that help most
     first. They begin once with all and once with none, for some help only beside others. Then the one without which
     most machines gain is left out. Wear of the measured print acts beside parts of the machine alone: where a belt with
     new play rests at home, nobody knows.
@@ -309,6 +310,9 @@ def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
             columns = seen_at(part, places, scene)
             acts[:, at] = columns @ part.acts_mm
             drawn += columns @ part.draws_mm
+    if scene.placed:
+        shift = drawn.reshape(len(places), 2, DRAWS).mean(axis=0)
+        drawn -= np.tile(shift - shift.mean(axis=1, keepdims=True), (len(places), 1))
     products, pull = acts.T @ acts, acts.T @ drawn
     mine = machine & np.array([part.acts_mm.any() for part in parts], bool)
 

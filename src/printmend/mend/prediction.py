@@ -77,7 +77,7 @@ class Prediction:
     file is left out where layer comments mark it: purge lines lie at the edge and need not be right.
 
     Shift: ``shift_mm`` is the known shift of the whole unmended print. If the errors are ``of_shape``, they leave it
-    out, because the measurement did not show where on the bed a print lies; otherwise they contain it.
+    out, because each homing puts a print elsewhere; those of a model without drawn machines contain it.
     """
 
     length_mm: float
@@ -155,8 +155,10 @@ class Prediction:
         x_mm, y_mm = self.shift_mm
         if math.hypot(x_mm, y_mm) < _SHIFT_MM or self.is_untouched:
             return ""
-        message = "print-shifted-left-out" if self.of_shape else "print-shifted-included"
-        return say(message, f"{math.hypot(x_mm, y_mm):.2f}", f"{x_mm:+.2f}", f"{y_mm:+.2f}")
+        shift = f"{math.hypot(x_mm, y_mm):.2f}", f"{x_mm:+.2f}", f"{y_mm:+.2f}"
+        if not self.of_shape:
+            return say("print-shifted-included", *shift)
+        return say("print-shifted-left-out", *shift, f"{max(self.after.place_mm, _SHIFT_MM):.2f}")
 
     def json(self) -> dict[str, Any]:
         """Return plain values for a report."""
@@ -292,12 +294,12 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     if outlook is None:
         return prediction
     layers = []
-    shape2 = {} if belief.placed else _square_shape_errors(prediction.path)
+    shape2 = _square_shape_errors(prediction.path)
     for row in prediction.layers:
         more = dict(row)
         for name, whole in (("before", outlook.before), ("after", outlook.after)):
             own_mm = row[f"{name}_rms_mm"]
-            if name == "before" and shape2:  # the file's error excludes the shift, but the layers' errors contain it
+            if name == "before":  # the file's error excludes the shift, but the layers' errors contain it
                 own_mm = math.sqrt(shape2.get(row["z_mm"], shape2[None]))
             more[f"{name}_rms_mm"] = math.hypot(own_mm, doubt_mm(whole))
             more[f"{name}_max_mm"] = max(min(row[f"{name}_max_mm"], whole.max_mm), more[f"{name}_rms_mm"])
@@ -309,7 +311,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
             *advice_of(model, outlook.after),
         ),
         most_worse_share=_MOST_WORSE_SHARE_BY_HAND if belief.by_hand else MOST_WORSE_SHARE,
-        of_shape=not belief.placed,
+        of_shape=True,
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 The check print is any probe's G-code, mended with the model and printed. Its plan has the wanted places of the marks.
 Their measured errors, with the noise of the measurement subtracted, are compared with the promise for these places.
+Where all of a print lies is no part of it: each homing puts that elsewhere.
 """
 
 from dataclasses import asdict, dataclass, replace
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from printmend.diagnosis.named import misfits_of
 from printmend.effects import EFFECTS, Of, columns_of
 from printmend.effects.effect import SCALE_MM, at_places, strokes_of
 from printmend.errors import TraceError
@@ -51,11 +53,10 @@ class Verdict:
 
     ``before_mm`` is the unmended print's error, by the model. By this measurement, the error is now between
     ``now_low_mm`` and ``now_high_mm``. The promise has a 90 % range. ``unlike_mm`` is the distance from where the model
-    puts the marks of an unmended print. If ``placed``, the distances contain the print's place on the bed. Otherwise a
-    common shift is subtracted, and ``stretch_percent`` of scale that may be the instrument's own. ``stated``: the
-    measurement states its own noise. ``wanders_mm`` is how far place and scale may be off because the instrument
-    drifts. ``changed`` lists the sure changes of the machine. ``ways_known``: way-points between the marks show from
-    which side each was reached.
+    puts the marks of an unmended print. A common shift is subtracted, and ``stretch_percent`` of scale that may be the
+    instrument's own. ``stated``: the measurement states its own noise. ``wanders_mm`` is how far place and scale may
+    be off because the instrument drifts. ``changed`` lists the sure changes of the machine, and a shift that no usual
+    homing makes. ``ways_known``: way-points between the marks show from which side each was reached.
     """
 
     marks: int
@@ -67,7 +68,6 @@ class Verdict:
     promised_low_mm: float
     promised_high_mm: float
     unlike_mm: float
-    placed: bool
     stretch_percent: float = 0.0
     stated: bool = True
     wanders_mm: float = 0.0
@@ -141,7 +141,6 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
             say("check-print"), wanted=say("least-measured-marks", LEAST_MARKS), came=f"{len(known)}",
             todo=say("measure-more"),
         )  # fmt: skip
-    placed = trace.placed and belief.placed
     outlook, off = _outlook_at_marks(model, belief, trace)
     commanded, wanted_mm = made(model, trace)
     found = measured_again(model, belief, commanded, np.random.default_rng(0), stories=False)
@@ -151,7 +150,7 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     own_mm = float(np.sqrt(np.mean(stated**2))) if len(stated) else model.noise_mm
     # scatter beyond the instrument's noise may or may not come from the printer
     beyond_mm = PLANE_FACTOR * float(np.sqrt(max(noise_mm**2 - ((1 + 2 * _NOISE_SD_SHARE) * own_mm) ** 2, 0.0)))
-    surely_mm, wanders_mm = _errors_mm(found, wanted_mm, placed=placed)
+    surely_mm, wanders_mm = _errors_mm(found, wanted_mm)
     rounding_mm = PLANE_FACTOR * outlook.after.made_of.get("rounding", 0.0)  # scatters the marks as noise does
     whole_mm = np.sqrt(surely_mm**2 + wanders_mm**2 + rounding_mm**2)
     now = float(np.median(whole_mm))
@@ -160,19 +159,17 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     high = float(np.sqrt(np.quantile(whole_mm, HIGH) ** 2 + beyond_mm**2 + _unseen_mm(found) ** 2))
     after = outlook.after
     error = (trace.measured_mm - trace.commanded_mm)[known]
-    unlike = error - off
-    if not placed:
-        unlike, off = unlike - unlike.mean(axis=0), off - off.mean(axis=0)
+    unlike, off = (each - each.mean(axis=0) for each in (error - off, off))
     return Verdict(
         len(known), float(np.sqrt(np.mean(np.sum(off**2, axis=1)))), now, float(np.sqrt(max(low2, 0.0))), high,
         PLANE_FACTOR * after.rms_mm, PLANE_FACTOR * after.rms_low_mm, PLANE_FACTOR * after.rms_high_mm,
-        float(np.sqrt(max(np.mean(np.sum(unlike**2, axis=1)) - (PLANE_FACTOR * noise_mm) ** 2, 0.0))), placed,
+        float(np.sqrt(max(np.mean(np.sum(unlike**2, axis=1)) - (PLANE_FACTOR * noise_mm) ** 2, 0.0))),
         _stretch_percent(found), bool(len(stated)), float(np.median(wanders_mm)),
-        tuple(change.words for change in changes_of(found)), len(known) < len(trace) - 1,
+        (*(change.words for change in changes_of(found)), *_moved_words(found)), len(known) < len(trace) - 1,
     )  # fmt: skip
 
 
-def _errors_mm(found: Renewed, wanted_mm: np.ndarray, *, placed: bool) -> tuple[np.ndarray, np.ndarray]:
+def _errors_mm(found: Renewed, wanted_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return each drawn machine's RMS distance [DRAWS] of the marks from their wanted places, of which each row has one
     [N, 2], and how much of it is drift, which may be the printer's or the instrument's."""
     fit, scene = found.fit, found.now.scene
@@ -186,11 +183,16 @@ def _errors_mm(found: Renewed, wanted_mm: np.ndarray, *, placed: bool) -> tuple[
         if of.is_printers:
             columns = seen(part.key, fit.places, fit.rows, scene)
             sums[wanders and of is Of.SESSION] += columns @ part.draws_mm
-    if not placed:  # the plate's place is unknown
-        along = fit.rows.along
-        sums = {key: each - along @ np.linalg.lstsq(along, each, rcond=None)[0] for key, each in sums.items()}
+    along = fit.rows.along
+    sums = {key: each - along @ np.linalg.lstsq(along, each, rcond=None)[0] for key, each in sums.items()}
     surely_mm, wanders_mm = (PLANE_FACTOR * np.sqrt(np.mean(sums[key] ** 2, axis=0)) for key in (False, True))
     return surely_mm, wanders_mm
+
+
+def _moved_words(found: Renewed) -> list[str]:
+    """Return what tells that the whole print lies elsewhere than its home says."""
+    told = misfits_of(found.now.parts, found.now.scene) if found.now.scene.homed else []
+    return [one.words for one in told if one.kind == "moved"]
 
 
 def _is_beyond(found: Renewed) -> bool:
@@ -237,7 +239,7 @@ def expectation(model: SavedModel, trace: Trace) -> Promise | None:
         return None
     after = _outlook_at_marks(model, belief, trace)[0].after
     made = {name: PLANE_FACTOR * share for name, share in after.made_of.items()}
-    sizes = ("rms_mm", "p95_mm", "max_mm", "rms_low_mm", "rms_high_mm", "shape_rms_mm", "planning_rms_mm")
+    sizes = ("rms_mm", "p95_mm", "max_mm", "rms_low_mm", "rms_high_mm", "planning_rms_mm")
     return replace(after, made_of=made, **{name: PLANE_FACTOR * getattr(after, name) for name in sizes})
 
 

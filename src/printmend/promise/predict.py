@@ -102,13 +102,11 @@ class Errors:
 class Promise:
     """The expected distance of a print from the wanted path [mm].
 
-    ``rms_mm`` with its 90 % range, ``p95_mm`` and ``max_mm`` are of the shape at its place where the measurement says
-    where that is, else of the shape alone. In 19 of 20 cases 95 % of the path lies within ``p95_mm``, and no place of
-    the print is off by more than ``max_mm``.
-    ``shape_rms_mm`` is the shape's, ``place_mm`` by how much all of it is shifted. ``planning_rms_mm`` is what the
-    model itself says, of the shape alone where that is all that counts. ``made_of`` are the standard uncertainties by
-    cause: roots of mean squares over the drawn machines, in which a rare and large error counts more than in the median
-    ``rms_mm``.
+    ``rms_mm`` with its 90 % range, ``p95_mm`` and ``max_mm`` are of the shape: each homing puts all of a print
+    elsewhere, by ``place_mm`` in the median. In 19 of 20 cases 95 % of the path lies within ``p95_mm``, and no place of
+    the print is off by more than ``max_mm``. ``planning_rms_mm`` is what the model itself says. ``made_of`` are the
+    standard uncertainties by cause: roots of mean squares over the drawn machines, in which a rare and large error
+    counts more than in the median ``rms_mm``.
     """
 
     rms_mm: float
@@ -116,7 +114,6 @@ class Promise:
     max_mm: float
     rms_low_mm: float
     rms_high_mm: float
-    shape_rms_mm: float
     place_mm: float
     planning_rms_mm: float
     made_of: Mapping[str, float] = field(default_factory=dict)
@@ -130,16 +127,16 @@ class Promise:
 def without_doubt(errors: Errors) -> Promise:
     """Return what a model that says nothing of its own doubt can say."""
     rms = errors.rms_mm
-    return Promise(rms, errors.p95_mm, errors.max_mm, rms, rms, rms, 0.0, rms, {"planning": rms})
+    return Promise(rms, errors.p95_mm, errors.max_mm, rms, rms, 0.0, rms, {"planning": rms})
 
 
 @dataclass(frozen=True, eq=False)
 class Outlook:
     """What to expect of a file as it is (``before``) and mended (``after``).
 
-    ``gain_mm`` [DRAWS] is by how much mending lowers the RMS error of each drawn machine: that of the shape, and of the
-    place, too, where the measurement knows it. It is estimated with caution: an unexplained pattern may be larger for
-    the mended moves, and counts as independent of the errors that are known.
+    ``gain_mm`` [DRAWS] is by how much mending lowers the RMS error of each drawn machine: that of the shape, and the
+    known shift, too, where the measurement has a place. It is estimated with caution: an unexplained pattern may be
+    larger for the mended moves, and counts as independent of the errors that are known.
     """
 
     before: Promise
@@ -158,7 +155,7 @@ def promised(
     if not len(path.weight) or path.weight.sum() <= 0:
         return None
     with threadpool_limits(1, user_api="blas"):  # the products are small: a second thread would only be waited for
-        return _outlook(mechanism, belief, _thinned(path, belief.placed), (before, after), at_rest)
+        return _outlook(mechanism, belief, _thinned(path), (before, after), at_rest)
 
 
 def _outlook(
@@ -170,15 +167,17 @@ def _outlook(
     paces = np.ones(DRAWS) if at_rest else _paces()
     both, homed = _places(mechanism, path, belief.scene, at_rest), after_homing(belief).parts
     sides = [_parts(belief, homed, path, places, fates, paces) for places in both]
+    homes_mm = drawn_shifts_mm(belief.scene, DRAWS, np.random.default_rng(SEED), homings=1)
     if not belief.placed:
-        rests = _homing(mechanism, path, rng)
+        homes_mm = homes_mm + _rests_mm(mechanism, rng)
         sides = [{name: _unturned(cause, path) for name, cause in each.items()} for each in sides]
-        sides = [{**each, "homing": each["homing"].beside(rests) if "homing" in each else rests} for each in sides]
+    at_mm = mechanism.printer.from_motor(homes_mm.T).T
     raw = _Side(path, path.off_mm, sides[0], local, errors[0], signed=True)
     mended = _Side(path, np.zeros_like(path.off_mm), sides[1], local, errors[1], signed=False)
     along = rng.uniform(-1.0, 1.0, DRAWS)
-    (before, raw_mm), (after, mended_mm) = (_summed_up(each, belief.placed, along, rng) for each in (raw, mended))
-    # a shift of all that is printed does the same to both files
+    (before, raw_mm), (after, mended_mm) = (
+        _summed_up(each, at_mm, along, rng, placed=belief.placed) for each in (raw, mended)
+    )  # fmt: skip
     strange = {"scatter", *(name for name in after.made_of if name in EFFECTS)}
     strange2 = number_of("next", "otherwise") ** 2 * sum(after.made_of[name] ** 2 for name in strange)
     return Outlook(before, after, raw_mm - np.sqrt(mended_mm**2 + strange2))
@@ -201,8 +200,8 @@ class _Side:
     signed: bool
 
 
-def _thinned(path: PathPlaces, placed: bool) -> PathPlaces:
-    """Return `MOST_PLACES` of a path's places, their predicted errors scaled to the RMS of those of all places."""
+def _thinned(path: PathPlaces) -> PathPlaces:
+    """Return `MOST_PLACES` of a path's places, their predicted errors scaled to the RMS of the shape's."""
     count = len(path.weight)
     if count <= MOST_PLACES:
         return path
@@ -211,7 +210,7 @@ def _thinned(path: PathPlaces, placed: bool) -> PathPlaces:
     weight = np.add.reduceat(path.weight, edges[:-1])
     others = (None if each is None else each[at] for each in (path.z_mm, path.gone_mm, path.ways, path.strokes_mm))
     few = PathPlaces(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight, *others)
-    whole_mm, seen_mm = (each.off_mm if placed else shape_of(each) for each in (path, few))
+    whole_mm, seen_mm = (shape_of(each) for each in (path, few))
     whole2, seen2 = np.average(whole_mm**2, weights=path.weight), np.average(seen_mm**2, weights=weight)
     return replace(few, off_mm=few.off_mm * np.sqrt(whole2 / seen2)) if seen2 > NO_ERROR_MM2 else few
 
@@ -274,12 +273,9 @@ def _across(mechanism: Mechanism, path: PathPlaces) -> np.ndarray:
     return np.asarray(_normals(path.tangent) @ mechanism.printer.from_motor(np.eye(2)).T)
 
 
-def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) -> DrawnCause:
-    """Return the errors across the path of N places and `DRAWS` machines that homing leaves.
-
-    Where the measurement does not show where a belt rested in its play at home, half of the drawn machines have it
-    engaged, and the others anywhere in its play.
-    """
+def _rests_mm(mechanism: Mechanism, rng: np.random.Generator) -> np.ndarray:
+    """Return how far each belt [2, DRAWS] rests within its play at home, where the measurement does not show that: half
+    of the drawn machines have it engaged, and the others anywhere in its play."""
     printer = mechanism.printer
     at_home = printer.to_motor(np.array(printer.home_mm))
     shift = np.zeros((2, DRAWS))
@@ -287,7 +283,7 @@ def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) ->
         lower, upper = (float(each[0]) for each in table.branches_mm(at_home[[motor]]))
         resting = rng.uniform(0, 1, DRAWS) * (rng.uniform(0, 1, DRAWS) < number_of("next", "loose"))
         shift[motor] = -printer.motor_home_direction(motor) * max(upper - lower, 0.0) * resting
-    return DrawnCause(_across(mechanism, path), shift)
+    return shift
 
 
 def _paces() -> np.ndarray:
@@ -374,9 +370,12 @@ def unshown_mm(chance: np.ndarray, motion: Motion | None) -> np.ndarray:
     return np.asarray(np.interp(chance, weight / weight[-1], found_mm))
 
 
-def _summed_up(side: _Side, placed: bool, along: np.ndarray, rng: np.random.Generator) -> tuple[Promise, np.ndarray]:
+def _summed_up(
+    side: _Side, at_mm: np.ndarray, along: np.ndarray, rng: np.random.Generator, *, placed: bool
+) -> tuple[Promise, np.ndarray]:
     """Return the promise, and the RMS errors [DRAWS] that mending is judged by: unexplained errors are independent of
-    the predicted ones there, and no fault of a session shifts the whole print, which it would do to both files.
+    the predicted ones there, and where a print is ``placed``, its known shift counts. The next homing puts all of it
+    ``at_mm`` [2, DRAWS].
 
     All of them are quadratic forms of the drawn numbers, so the products of the columns are summed along the path once.
     In a file as it is, the unexplained errors (`LASTING`) may add to the predicted ones or cancel them: ``along``
@@ -397,35 +396,29 @@ def _summed_up(side: _Side, placed: bool, along: np.ndarray, rng: np.random.Gene
     known2 = 0.0 if side.signed else side.known.rms_mm**2
     places2 = {name: weight @ each.columns @ each.drawn for name, each in side.local.items()}
     beside2 = known2 + sum(places2.values())
-    whole = np.sqrt(_square(products[2:, 2:], drawn) + beside2)
-    without_shift = np.sqrt(_square(shape[2:, 2:], drawn) + beside2)
-    free_mm = whole if placed else without_shift
-    rms_mm = free_mm
+    rms_mm = free_mm = np.sqrt(_square(shape[2:, 2:], drawn) + beside2)
     if side.signed:
         lasting2 = np.sum([places2[name] for name in LASTING if name in places2], axis=0)
         other2 = np.maximum(free_mm**2 - lasting2, 0.0)
         rms_mm = np.sqrt(np.maximum(free_mm**2 + 2 * along * np.sqrt(lasting2 * other2), 0.0))
-    rms = _median(rms_mm)
-    counted = products if placed else shape
-    known_share = (max(float(counted[2, 2]), 0.0) if side.signed else 0.0) + known2
+    known_share = (max(float(shape[2, 2]), 0.0) if side.signed else 0.0) + known2
     shares = {"planning": known_share}
     first = 3
     for name, each in side.doubt.items():
         own = slice(first, first := first + len(each.drawn))
-        shares[name] = float(np.mean(_square(counted[own, own], each.drawn)))
+        shares[name] = float(np.mean(_square(shape[own, own], each.drawn)))
     shares |= {name: float(np.mean(each)) for name, each in places2.items()}
-    p95, most = _extremes(side, columns, drawn, None if placed else shift, rng)
+    p95, most = _extremes(side, columns, drawn, shift, rng)
     low, high = np.quantile(rms_mm, (LOW, HIGH))
     promise = Promise(
-        rms, p95, most, float(low), float(high), _median(without_shift),
-        _median(np.hypot(*shift)), float(np.sqrt(known_share)),
+        _median(rms_mm), p95, most, float(low), float(high), _median(np.hypot(*(shift + at_mm))),
+        float(np.sqrt(known_share)),
         {name: math.sqrt(share) for name, share in shares.items()},
     )  # fmt: skip
     if not placed:
         return promise, free_mm
-    once = [name in EFFECTS and EFFECTS[name].of is Of.SESSION for name in side.doubt]
-    is_once = np.repeat([False, *once], [3, *(len(each.drawn) for each in side.doubt.values())])
-    return promise, np.sqrt(_square(_unshifted(products, away * is_once)[2:, 2:], drawn) + beside2)
+    doubtful = np.arange(len(products)) > 2
+    return promise, np.sqrt(_square(_unshifted(products, away * doubtful)[2:, 2:], drawn) + beside2)
 
 
 def _unshifted(products: np.ndarray, away: np.ndarray) -> np.ndarray:
@@ -440,31 +433,25 @@ def _square(products: np.ndarray, drawn: np.ndarray) -> np.ndarray:
 
 
 def _extremes(
-    side: _Side, columns: np.ndarray, drawn: np.ndarray, shift: np.ndarray | None, rng: np.random.Generator
+    side: _Side, columns: np.ndarray, drawn: np.ndarray, shift: np.ndarray, rng: np.random.Generator
 ) -> tuple[float, float]:
     """Return within what 95 % of the path lies, and the error that no place exceeds, each in `HIGH` of some drawn
     machines.
 
-    Where only the shape counts, ``shift`` is taken off first: the best shift of the whole part. A place stands for as
-    many independent errors as its length holds `CELL_MM`.
+    ``shift``, the best one of the whole part, is taken off first. A place stands for as many independent errors as its
+    length holds `CELL_MM`.
     """
-    error = columns[:, 2:] @ drawn
+    error = columns[:, 2:] @ drawn - columns[:, :2] @ shift
     sd2 = sum(each.columns @ each.drawn for each in side.local.values())
     if not side.signed:
         sd2 = sd2 + side.known.rms_mm**2
-    if shift is not None:
-        error -= columns[:, :2] @ shift
     sd = np.sqrt(sd2)
     found = np.abs(error + sd * rng.standard_normal(error.shape))
     p95 = float(np.quantile(_weighted_p95(found.T, side.path.weight), HIGH))
     cells = side.path.weight[:, None] / CELL_MM
     above, below = (sd * _largest_of(cells, rng.uniform(size=error.shape)) for _ in range(2))
     most = float(np.quantile(np.maximum(above + error, below - error).max(axis=0), HIGH))
-    if not side.signed:
-        return p95, max(most, side.known.max_mm)
-    # the samples miss corners that the whole path has
-    missed = side.known.max_mm - float(np.abs(side.off_mm).max()) if shift is None else 0.0
-    return p95, most + max(missed, 0.0)
+    return p95, most if side.signed else max(most, side.known.max_mm)
 
 
 def _largest_of(count: np.ndarray, uniform: np.ndarray) -> np.ndarray:

@@ -220,11 +220,10 @@ def _draw(job: Job, path: Path, model: Any) -> tuple[Any, Any]:
 
 
 def _is_of_shape(model: Any) -> bool:
-    """Return whether to draw a part at its best fit, because its place is unknown; the prediction does the same."""
+    """Return whether to draw a part at its best fit, as the prediction judges it."""
     from printmend.promise.belief import parse_belief
 
-    known = parse_belief(model)
-    return known is not None and not known.placed
+    return parse_belief(model) is not None
 
 
 def _paces(path: Path, scene: Any, duration: Any) -> dict[str, Any]:
