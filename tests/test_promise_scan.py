@@ -263,7 +263,7 @@ def test_a_trace_keeps_what_its_instrument_cannot_tell(tmp_path: Path) -> None:
 def test_a_length_that_was_given_is_not_asked_for_again() -> None:
     """One distance settles the scale along it: a second scan, turned, what is left across it."""
     stretched = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.0027, y_scale=1.0008))
-    doubt = Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.05, 0.0, 0.001, {"planning": 0.001, "instrument": 0.049})
+    doubt = Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.0, 0.001, {"planning": 0.001, "instrument": 0.049})
     both = settled(0.0, 0.0, 140.0, instrument_on_bed(FLATBED, np.eye(2), settled=True))[1]
     whole = learn_model(scanned(measured(stretched, 0.01, 4), np.zeros((2, 2)), both), ENDER3)
     left_open = ("most of the remaining error is the scale, as far as the callipers left it open",)
