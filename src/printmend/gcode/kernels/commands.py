@@ -190,6 +190,7 @@ _STILL = np.array(
 )  # fmt: skip
 
 
+# Long because the keys of three commands are read in one pass, and each command takes its own of them.
 @inner(error_model="python", _nrt=True)
 def long_command(r, buf, p, stop, column, numbers, counts):
     """Obey a long name: Klipper's state, offsets, objects, pauses, and the beginnings of RepRapFirmware's blocks.

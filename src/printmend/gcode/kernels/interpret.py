@@ -554,7 +554,8 @@ def _comment(buf, p, stop, counts):
         counts.layer += 1
 
 
-# Its many parameters are the interpreter's state and arrays, and the line in hand.
+# Long because the statements of a line hand on what they share; its many parameters are the interpreter's state and
+# arrays, and the line in hand.
 @inner(error_model="python", _nrt=True)
 def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
     """Obey one line, buf[p:stop], statement by statement; return the next free record. s is scratch, a STATEMENT."""
