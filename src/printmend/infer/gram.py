@@ -2,8 +2,8 @@
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -73,7 +73,14 @@ class Rows:
 
     def some(self, which: slice) -> "Rows":
         """Return some of the rows."""
-        return Rows(*(value[which] for value in vars(self).values()))
+        return Rows(*(getattr(self, each.name)[which] for each in fields(self)))
+
+    @cached_property
+    def by_axis(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], np.ndarray]:
+        """The rows that were measured along X and the places that they are of, the same of Y, and all other rows."""
+        x, y = (np.flatnonzero((self.along == axis).all(axis=1)) for axis in np.eye(2))
+        others = np.setdiff1d(np.arange(len(self.mark)), np.concatenate([x, y]))
+        return (x, self.mark[x]), (y, self.mark[y]), others
 
     def at_places(self, sizes_mm: np.ndarray, count: int) -> np.ndarray:
         """Return numbers [M], one for each row, as vectors at ``count`` places [count, 2]: of a wall along its normal
@@ -87,7 +94,12 @@ def seen(key: Key, places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     """Return the rows' columns [M, P] of an effect at one place with one shape."""
     name, where, shape = key
     columns = columns_of(name, places, where, shape, scene)
-    return np.asarray(np.einsum("mc,mcp->mp", rows.along, columns[rows.mark]))
+    (x, of_x), (y, of_y), others = rows.by_axis
+    found = np.empty((len(rows.mark), columns.shape[2]))
+    found[x], found[y] = columns[of_x, 0], columns[of_y, 1]
+    if len(others):
+        found[others] = np.einsum("mc,mcp->mp", rows.along[others], columns[rows.mark[others]])
+    return found
 
 
 def side_by_side(keys: Iterable[Key], places: Places, rows: Rows, scene: Scene) -> np.ndarray:

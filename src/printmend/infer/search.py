@@ -162,6 +162,17 @@ class Search:
             for variant in range(len(block.log_odds))
         )
 
+    @cached_property
+    def linear_choices(self) -> list[Set]:
+        """The sets of linear effects that a set may have, each of them at most once at a place."""
+        slots = {b: self._slot_of[b] for b, _ in self.linear}
+        return [
+            choice
+            for count in range(MOST_LINEAR + 1)
+            for choice in itertools.combinations(self.linear, count)
+            if len({slots[b] for b, _ in choice}) == count
+        ]
+
     def without_linear(self, members: Set) -> Set:
         """Return the members of a set that are not linear effects."""
         return tuple(member for member in members if member not in self.linear)
@@ -477,12 +488,7 @@ def likely_linear(search: Search, state: State) -> tuple[list[Set], np.ndarray]:
     them are weighed at once.
     """
     others = search.posterior(search.without_linear(state.members), state.sigma_mm, rounds=0)
-    choices = [
-        choice
-        for count in range(MOST_LINEAR + 1)
-        for choice in itertools.combinations(search.linear, count)
-        if len({search.dictionary.blocks[b].slot for b, _ in choice}) == count
-    ]
+    choices = search.linear_choices
     scores = others.score + search.beside(others).together(choices)
     likely = np.flatnonzero(scores > scores.max() + LEAST_LOG_WEIGHT)
     return [choices[at] for at in likely.tolist()], scores[likely]
