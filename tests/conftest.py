@@ -1,5 +1,6 @@
 """Fixtures shared by all tests."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -11,7 +12,14 @@ import pytest
 
 from printmend.printer import Printer, read_printer
 
+gc.disable()  # until all tests are collected: that makes no garbage, and looking for some took a third of its time
+
 CORPUS = Path(__file__).resolve().parents[1].parent / "shared" / "corpus"
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session")
