@@ -173,7 +173,7 @@ def test_whole_turns_show_one_angle_only() -> None:
 
 def test_a_tower_completes_a_planar_model(bent: SavedModel) -> None:
     flat = body(1)
-    planar = learned(measured(SCREW, np.concatenate([flat, flat[::-1]]), heights=False))
+    planar = learned(measured(SCREW, np.concatenate([flat, flat[::-1]] * 3), heights=False))
     assert planar.mechanism.screw is None
     done = update(planar, measured(SCREW, tower(), seed=2), rng=np.random.default_rng(0))
     heights, push = errors_mm(done.model, SCREW)

@@ -106,11 +106,11 @@ def test_the_list_is_short_and_fits_the_callipers(case):
 def test_a_fault_is_found_and_told(case):
     printer, distances = case
     values = {
-        item.name: item for item in estimates_by_hand(distances, read_off(distances, broken(printer, scale=0.01)))
+        item.name: item for item in estimates_by_hand(distances, read_off(distances, broken(printer, scale=0.02)))
     }
     for motor in printer.motors:
         scale = values[f"{motor.upper()} scale error (+: prints too large)"]
-        assert abs(scale.value - 1.0) < 3 * scale.sd
+        assert abs(scale.value - 2.0) < 3 * scale.sd
         assert scale.supported
         assert scale.corrected
         assert not values[f"{motor.upper()} belt's play"].corrected
@@ -195,7 +195,7 @@ def test_machines_hold_the_truth_as_often_as_they_say():
     printer, distances = case_of("ender3")
     rng = np.random.default_rng(8)
     held = []
-    for seed in range(12):
+    for seed in range(8):
         scale, play = rng.normal(0, 0.02), abs(rng.normal(0, 0.5)) * (rng.uniform() < 0.5)
         readings = read_off(distances, broken(printer, scale=scale, play=play), rng)
         readings[6:] = np.nan
@@ -282,6 +282,7 @@ def test_what_callipers_left_open_is_no_change_when_a_scan_tells_it(fault, now, 
     model = model_by_hand(distances, read_off(distances, broken(printer, **fault), rng), printer)
     plan = distances.plan
     marks = Twin(broken(printer, **now).homed()).follow(plan.waypoints_mm)[plan.rows]
+    marks[np.arange(len(marks)) % 3 > 0] = np.nan  # a third of them shows it as well
     found = update(model, plan.trace(marks + rng.normal(0, 0.006, marks.shape)), rng=np.random.default_rng(0))
     assert bool(found.changes or found.anew) == changed
 

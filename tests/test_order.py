@@ -80,7 +80,7 @@ def test_what_no_order_explains_is_left_as_it_came(
 
 @pytest.mark.parametrize(("of", "said_of"), [(COREXY, CARTESIAN), (COREXY, COREXY)])
 def test_a_table_of_other_kinematics_is_asked_whose_it_is(of: Printer, said_of: Printer) -> None:
-    found = learn(table(of, rows=400), said_of).saved.document["misfit"]["found"]
+    found = learn(table(of), said_of).saved.document["misfit"]["found"]
     assert ("printer" in {each["kind"] for each in found}) == (of is not said_of)
 
 

@@ -93,9 +93,9 @@ def test_the_promise_is_kept_and_says_what_it_is_made_of(bent: SavedModel, part:
     assert after["rms_mm"] < after["p95_mm"] < after["max_mm"] < 0.12
     assert after["rms_high_mm"] < after["max_mm"]
     true_mm = shape_mm(part, BENT)
-    others = (learn_model(measured(BENT, 0.05, seed), ENDER3) for seed in range(2, 7))
+    others = (learn_model(measured(BENT, 0.05, seed), ENDER3) for seed in range(2, 5))
     before = [done.prediction.before, *(check_gcode(part, model).before for model in others)]
-    assert sum(each.rms_low_mm < true_mm < each.rms_high_mm for each in before) >= 5  # of six 90 % ranges
+    assert sum(each.rms_low_mm < true_mm < each.rms_high_mm for each in before) >= 3  # of four 90 % ranges
     said = done.prediction.summary()
     assert "90 % of prints" in said
     assert re.search(r"causes of the mean square error after mending: .*what the test print left open \d+ %", said)
@@ -189,7 +189,7 @@ def test_what_builds_up_is_promised_by_how_far_a_part_goes_between_its_turns(tmp
     """Of two squares, the small one turns round before the lag has built up."""
     twin = Twin.of(HEALTHY, ENDER3).with_effects([Sized("soft_play", m, (8.0,), np.array([0.3])) for m in (0, 1)])
     rng, expected = np.random.default_rng(2), []
-    way = np.concatenate([[[0.0, 0.0]], 110 + np.cumsum(rng.uniform(-12, 12, (600, 2)), axis=0) / 3])
+    way = np.concatenate([[[0.0, 0.0]], 110 + np.cumsum(rng.uniform(-12, 12, (400, 2)), axis=0) / 3])
     model = learn_model(Trace(way, twin.follow(way) + rng.normal(0, 0.03, way.shape), homed=True), ENDER3)
     for side_mm in (3.0, 60.0):
         corners = 110 + side_mm * np.array([(0, 0), *((1, 0), (1, 1), (0, 1), (0, 0)) * 8])
@@ -242,7 +242,7 @@ def test_a_motor_that_rounding_moves_stands_still(rng: np.random.Generator) -> N
     """Lines at 45° on a CoreXY move one motor; that their ends are rounded does not turn the other one round."""
     printer = read_printer("corexy")
     belief = parse_belief(
-        learn_model(measured(Corruption((Drive(), Drive(belt=Play(0.3)))), 0.02, 4, 700, printer), printer)
+        learn_model(measured(Corruption((Drive(), Drive(belt=Play(0.3)))), 0.02, 4, 300, printer), printer)
     )
     assert belief is not None
     side = np.repeat(np.where(np.arange(40) % 2, 1.0, -1.0), 10)
@@ -528,12 +528,13 @@ def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel
     assert "`printmend mend` mends the files" in str(refused.value)
 
 
-def test_a_shift_that_learning_took_off_is_told_beside_that_of_the_print(part: Path) -> None:
-    trace = measured(BENT, 0.02, 1)
-    for aside_mm in (0.0, 1.0):
-        done = check_gcode(part, learn_model(replace(trace, measured_mm=trace.measured_mm + aside_mm), ENDER3))
+def test_a_shift_that_learning_took_off_is_told_beside_that_of_the_print(bent: SavedModel, part: Path) -> None:
+    trace = measured(BENT, 0.05, 1)
+    aside = learn_model(replace(trace, measured_mm=trace.measured_mm + 1.0), ENDER3)
+    for model in (bent, aside):
+        done = check_gcode(part, model)
         assert done.shift_words
-        assert any("the test print showed is no part" in each for each in done.advice) == (aside_mm > 0)
+        assert any("the test print showed is no part" in each for each in done.advice) == (model is aside)
 
 
 def test_most_of_a_doubt_is_told_before_printing(bent: SavedModel) -> None:

@@ -46,8 +46,9 @@ KNOWN_SCALE = Instrument(scale_sd=0.0003, axes_sd=0.001, lean_sd=0.0005)
 def learned_again_once() -> Iterator[None]:
     """What a check print says of a machine is learned once, whether tests or commands ask for it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("printmend.mend.verify.measured_again", remembered(measured_again))
-        patch.setattr("printmend.mend.update.measured_again", remembered(measured_again))
+        asked = remembered(measured_again)
+        patch.setattr("printmend.mend.verify.measured_again", asked)
+        patch.setattr("printmend.mend.update.measured_again", asked)
         yield
 
 
@@ -71,7 +72,7 @@ def mended_mm(model: SavedModel, wanted: np.ndarray) -> np.ndarray:
 
 def checked(
     model: SavedModel, corruption: Corruption, noise_mm: float, seed: int = 9, *, is_stated: bool = False,
-    is_mended: bool = True, points: int = 300,
+    is_mended: bool = True, points: int = 200,
 ) -> Trace:  # fmt: skip
     """Return the check print of a machine."""
     wanted = stairs(points)
@@ -98,7 +99,7 @@ def test_a_tenth_more_play_breaks_a_promise_where_it_can_be_seen(
     assert bool(verdict.changed) == (result == BROKEN)
     if result == BROKEN:
         assert "Mend again with the model" in verdict.words
-        wanted = stairs(300)
+        wanted = stairs(200)
         printed = Twin.of(machine(play_mm), ENDER3).follow(mended_mm(bent, wanted))
         true_mm = float(np.linalg.norm((printed - wanted).std(axis=0)))  # each homing shifts all of a print
         assert 0.95 * verdict.now_low_mm < true_mm < 1.05 * verdict.now_high_mm
@@ -241,7 +242,7 @@ def test_the_command_notes_the_verdict(bent: SavedModel, tmp_path: Path) -> None
         assert read_model(new).document["update"]["from"] == bent.digest
     history = [json.loads(line) for line in (tmp_path / "printer.mend.history.jsonl").read_text().splitlines()]
     assert [each["result"] for each in history] == [KEPT, BROKEN, UNSURE]
-    wanted = stairs(300)
+    wanted = stairs(200)
     raw_mm = Twin.of(BENT, ENDER3).follow(wanted) - wanted
     assert history[0]["before_mm"] == pytest.approx(np.linalg.norm(raw_mm.std(axis=0)), rel=0.02)
     assert history[0]["now_mm"] < 0.03
@@ -258,7 +259,7 @@ def test_what_is_no_check_print_is_refused(bent: SavedModel) -> None:
 
 
 def test_marks_are_expected_as_they_turn_out(bent: SavedModel) -> None:
-    promise = expectation(bent, Trace(stairs(300), stairs(300), homed=True))
+    promise = expectation(bent, Trace(stairs(200), stairs(200), homed=True))
     assert promise is not None
     verdict = verify(bent, checked(bent, BENT, 0.02))
     assert promise.rms_high_mm == pytest.approx(verdict.promised_high_mm)
