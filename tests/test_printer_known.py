@@ -7,7 +7,7 @@ import pytest
 
 from printmend.errors import ModelError
 from printmend.gcode.sliced import Described
-from printmend.mend.mend import refuse_contradiction
+from printmend.mend.mend import other_printer_words, refuse_contradiction
 from printmend.printer import preset_names, read_printer
 from printmend.printer.printer import bare_name, printers_named
 from printmend.printer.toml import preset_text
@@ -97,6 +97,14 @@ def test_a_name_that_says_nothing_is_not(preset):
 @pytest.mark.parametrize("preset", OWN)
 def test_a_printer_is_itself_by_all_its_names(preset):
     assert [name for name in OWN[preset] if is_refused(preset, name)] == []
+
+
+def test_a_printer_with_a_name_of_its_own_is_known_by_its_numbers():
+    cellar = replace(read_printer("ender3"), name="Cellar")
+    longer = replace(cellar, x=replace(cellar.x, max_mm=cellar.x.max_mm + 100))
+    assert "names ENDER5; if that is not Cellar" in other_printer_words(Described(("ENDER5",), None), cellar)
+    for name, printer in (("Creality Ender-3", cellar), ("something else", cellar), ("ENDER5", longer)):
+        assert other_printer_words(Described((name,), None), printer) is None
 
 
 def test_presets_are_other_printers_but_for_upgrades_of_the_same_bed_and_belts():

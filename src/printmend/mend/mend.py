@@ -26,6 +26,7 @@ from printmend.model.model import PHASE_TODO, REFITTED, SavedModel, refusals, sa
 from printmend.plan import Fineness, Planner, is_identity, start
 from printmend.printer import Printer
 from printmend.printer.printer import printers_named
+from printmend.printer.toml import printers_like
 from printmend.promise.words import in_words
 from printmend.provenance import sealed
 
@@ -212,15 +213,19 @@ def other_printer_words(said: Described, printer: Printer) -> str | None:
         refuse_contradiction("", said, printer)
     except ModelError as error:
         return say("seems-for-other-printer", error.wanted, error.came)
-    return small_bed_words(said, printer)
+    if words := small_bed_words(said, printer):
+        return words
+    other = _other_printer(said, printer, is_called=True)
+    return say("file-names-printer", other, printer.name) if other else None
 
 
-def _other_printer(said: Described, printer: Printer) -> str | None:
+def _other_printer(said: Described, printer: Printer, *, is_called: bool = False) -> str | None:
     """Return the printer that a file names, if it is surely not the model's. Empty: the name is unknown. None: the file
-    names the model's printer, or none."""
+    names the model's printer, or none. A printer that ``is_called`` by its owner is known by its numbers."""
     if not said.names:
         return None
     mine, theirs = printers_named(printer.name), [printers_named(each) for each in said.names]
+    mine = printers_like(printer) if is_called and not mine else mine
     if not (mine and theirs) or any(mine & each for each in theirs):
         return None
     return next((each for each, printers in zip(said.names, theirs, strict=True) if printers), "")

@@ -4,7 +4,7 @@ import difflib
 import os
 import re
 import tomllib
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,17 @@ from printmend.errors import ConfigError, InputError
 from printmend.files import read_text
 from printmend.messages import say
 from printmend.printer.klipper import is_klipper
-from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, SWITCHES, Axis, Homing, MotionLimits, Printer, bare_name
+from printmend.printer.printer import (
+    KLIPPER_PAUSE,
+    PAUSE,
+    SWITCHES,
+    Axis,
+    Homing,
+    MotionLimits,
+    Printer,
+    bare_name,
+    printers_named,
+)
 from printmend.printer.slicer import is_slicer_profile
 
 _NUMBERS = ("min_mm", "max_mm", "mm_per_turn", "home_mm")
@@ -48,6 +58,13 @@ def check_preset(name: str) -> None:
 def preset_of(name: str) -> str | None:
     """Return the preset with this name, whose capitals, spaces and hyphens do not matter; None for another name."""
     return next((preset for preset in preset_names() if bare_name(preset) == bare_name(name)), None)
+
+
+def printers_like(printer: Printer) -> frozenset[str]:
+    """Return the printers that one with a name of its own may be: those of the presets that have its numbers."""
+    presets = (parse_printer(preset_text(name), subject=name) for name in preset_names())
+    alike = (preset.name for preset in presets if replace(preset, name=printer.name) == printer)
+    return frozenset[str]().union(*map(printers_named, alike))
 
 
 def preset_text(name: str) -> str:
