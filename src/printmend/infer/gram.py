@@ -111,6 +111,8 @@ def side_by_side(keys: Iterable[Key], places: Places, rows: Rows, scene: Scene) 
 def narrowed(places: Places, rows: Rows) -> tuple[Places, Rows]:
     """Return the places that the rows are of, and the rows of these: the search looks at few of a long trace."""
     marks, numbers = np.unique(rows.mark, return_inverse=True)
+    if len(marks) == len(places):
+        return places, rows
     return places.at(marks), replace(rows, mark=numbers)
 
 

@@ -13,6 +13,7 @@ import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -147,9 +148,17 @@ class Search:
 
     def prior_of(self, members: Set) -> tuple[np.ndarray, np.ndarray]:
         """Return the numbers of a set's columns [A] and the standard deviations of their sizes [A]."""
-        blocks = self.dictionary.blocks
-        columns = columns_at(blocks[b] for b, _ in members)
-        return columns, np.concatenate([np.zeros(0), *(blocks[b].sds_mm[v] for b, v in members)])
+        blocks, columns = self.dictionary.blocks, self._columns
+        for b, _ in members:
+            if b not in columns:
+                columns[b] = np.arange(blocks[b].at.start, blocks[b].at.stop)
+        own = np.concatenate([np.zeros(0, np.int64), *(columns[b] for b, _ in members)])
+        return own, np.concatenate([np.zeros(0), *(blocks[b].sds_mm[v] for b, v in members)])
+
+    @cached_property
+    def _columns(self) -> dict[int, np.ndarray]:
+        """The numbers of the columns of each block that was asked for."""
+        return {}
 
     @cached_property
     def linear(self) -> Set:
@@ -220,16 +229,17 @@ class Search:
         chosen[blocks] = True
         if not len(blocks):
             return
-        grouped, at = self._grouped
+        grouped, at, starts = self._grouped
         chosen = chosen[grouped]
-        for number in np.flatnonzero(np.logical_or.reduceat(chosen, [one.start for one in at])).tolist():
+        for number in np.flatnonzero(np.logical_or.reduceat(chosen, starts)).tolist():
             yield number, chosen[at[number]]
 
     @cached_property
-    def _grouped(self) -> tuple[np.ndarray, list[slice]]:
-        """The numbers of the blocks, group by group, and which of these are each group's."""
+    def _grouped(self) -> tuple[np.ndarray, list[slice], list[int]]:
+        """The numbers of the blocks, group by group, which of these are each group's, and where each begins."""
         which = [group.blocks for group in self.groups]
-        return np.concatenate(which), list(slices(map(len, which)))
+        at = list(slices(map(len, which)))
+        return np.concatenate(which), at, [one.start for one in at]
 
     def offered(self, members: Set, without: int | None = None) -> np.ndarray:
         """Return the blocks that a set may take in, but none of the slot of the block ``without``."""
@@ -333,7 +343,9 @@ class Beside:
         told = self.told([number for number, _ in chosen])
         return _gathered(
             [
-                (self.search.groups[number].keys[mine].reshape(-1, 2), gains[mine].ravel())
+                (self.search.groups[number].keys.reshape(-1, 2), gains.ravel())
+                if mine.all()
+                else (self.search.groups[number].keys[mine].reshape(-1, 2), gains[mine].ravel())
                 for (number, mine), gains in zip(chosen, told, strict=True)
             ]
         )
@@ -439,8 +451,7 @@ class _Group:
         return np.stack(np.broadcast_arrays(self.blocks[:, None], np.arange(self.sds_mm.shape[1])), axis=2)
 
 
-@dataclass(frozen=True, eq=False)
-class _Asked:
+class _Asked(NamedTuple):
     """Blocks of a group [B]: their ``information`` [B, P, P], how they ``pull`` [B, P], their sizes [B, V, P] and log
     odds [B, V], and ``which`` [B, V] of their alternatives are asked for, all without."""
 
