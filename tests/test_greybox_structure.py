@@ -118,7 +118,7 @@ def test_what_a_trace_cannot_tell_is_switched_off_and_said(way: str) -> None:
     there = np.linspace((10.0, 10.0), (200.0, 200.0), 100)
     path_mm = np.concatenate([np.zeros((1, 2)), there] + [there[::-1]] * (way == "there and back"))
     printed = twin.follow(path_mm)
-    trace = Trace(path_mm, printed + rng.normal(0, 0.05, printed.shape), homed=True)
+    trace = Trace(path_mm, printed + rng.normal(0, 0.02, printed.shape), homed=True)
     model = Greybox().fit(trace, ENDER3, rng=rng)
     gaps = " ".join(learn(trace, ENDER3).saved.findings[1:])
     assert ("play is unknown" in gaps) == (way == "one way")

@@ -73,7 +73,7 @@ ODD: dict[str, Callable[[], tuple[Printer, Trace]]] = {
     "stated unsure": lambda: (ENDER3, stated(5.0, 5.0)),
     "a long bed": lambda: (p := shaped(ENDER3, max_mm=1000.0), measured(drawn("ripple"), p, stairs(120, 6.0, 994.0))),
     "screws": screw_driven,
-    "a large frame": lambda: (COREXY, enlarged(measured(drawn("frame"), COREXY, stairs(120)), 1.5)),
+    "a large frame": lambda: (COREXY, enlarged(measured(drawn("frame"), COREXY, stairs(60)), 1.5)),
     "a scan and a name": lambda: (
         named(),
         replace(measured(BENT, named(), stairs(80)), placed=False, instrument=FLATBED),
