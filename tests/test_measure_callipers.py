@@ -296,7 +296,7 @@ def test_the_play_of_a_corexy_motor_is_no_axis_of_marlins():
 def test_what_distances_leave_open_is_a_scans_to_tell(sound):
     """Neither `learn` nor a scanner was asked: nothing of theirs is advised."""
     for cause in ("play", "instrument", "parameters"):
-        (advice,) = advice_of(sound, Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.05, 0.0, 0.001, {cause: 0.049}))
+        (advice,) = advice_of(sound, Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.0, 0.001, {cause: 0.049}))
         assert "whole `printmend probe`" in advice
     assert any(words.endswith("none found") for words in sound.findings)
     assert Estimate("X", 0.074, 0.046, "mm", supported=True, corrected=False, absent=False).words.endswith(

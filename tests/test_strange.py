@@ -38,7 +38,7 @@ def mended(law: Law) -> tuple[float, Promise]:
     left_mm = (printed_mm - mended.measured_mm)[mended.measured_rows][1:]  # from where they are wanted, but for home
     promise = expectation(model, fresh)
     assert promise is not None
-    return float(np.sqrt(np.mean(np.square(left_mm).sum(axis=1)))), promise
+    return float(np.linalg.norm(left_mm.std(axis=0))), promise  # each homing puts all of a print elsewhere
 
 
 def missing_tooth(path: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -380,12 +380,13 @@ def with_blocks(dictionary: Dictionary, more: Sequence[Block], places: Places, r
 def _finer(
     search: Search, state: State, places: Places, rows: Rows, scene: Scene, weight: np.ndarray
 ) -> tuple[Search, State]:
-    """Return the search and the set with the shapes of its members, and of what may be in their place, looked for
-    between the neighbours of each.
+    """Return the search and the set with the shapes of its members, and of what of the machine may be in the place of
+    an error of the measurement, looked for between the neighbours of each. Scans are left as they are: they do err.
 
     They are looked for among themselves; then every block may take the place of another again.
     """
-    members = list(dict.fromkeys(b for b, _ in (*state.members, *rivals_of(search, state))))
+    rivals = rivals_of if scene.placed else lambda *_: ()
+    members = list(dict.fromkeys(b for b, _ in (*state.members, *rivals(search, state))))
     among = search.narrowed([search.dictionary.blocks[b] for b in members])
     first, own, sigma_mm = len(among.gram.slope), alone(state.members), state.sigma_mm
     sought: Set = tuple((at, 0) for at in range(len(members)))
@@ -396,7 +397,7 @@ def _finer(
         among = search_of(dictionary, rows, weight)
         found = searched(among, own, sigma_mm)
         own, sigma_mm = found.members, found.sigma_mm
-        sought = (*own, *rivals_of(among, found))
+        sought = (*own, *rivals(among, found))
     shared, blocks = among.dictionary.blocks[: len(members)], among.dictionary.blocks[len(members) :]
     if not blocks:
         return search, state

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from printmend.effects import EFFECTS
+from printmend.effects import EFFECTS, Of
 from printmend.effects.effect import LINEAR
 from printmend.infer import kernels
 from printmend.infer.gram import Block, Dictionary, Gram, Rows, gram_of, laid_side_by_side, products, slices
@@ -545,13 +545,16 @@ def _climbed(search: Search, state: State, without: int | None = None) -> State:
 
 
 def rivals_of(search: Search, state: State) -> Set:
-    """Return what of another slot would stand best in the place of each member of a state, with the others as they
-    are: a measurement may be as wrong as the machine looks."""
-    found, beside = [], search.beside(state)
+    """Return what of the machine would stand best in the place of each error of the measurement that a state has, with
+    the others as they are. Errors that every measurement has are left out."""
+    blocks, found, beside = search.dictionary.blocks, [], search.beside(state)
+    machine = np.array([EFFECTS[block.effect].of is Of.MACHINE for block in blocks], bool)
     for at, member in enumerate(state.members):
-        offered = search.offered((*state.members[:at], *state.members[at + 1 :]))
-        rival, _ = beside.without(member).gains(offered[~search.alike(offered, member[0])], -np.inf).best()
-        found += [rival] * (rival[0] >= 0)
+        block = blocks[member[0]]
+        if EFFECTS[block.effect].of is Of.INSTRUMENT and block.log_odds[0] < 0:
+            offered = search.offered((*state.members[:at], *state.members[at + 1 :]))
+            rival, _ = beside.without(member).gains(offered[machine[offered]], -np.inf).best()
+            found += [rival] * (rival[0] >= 0)
     return tuple(dict.fromkeys(found))
 
 
