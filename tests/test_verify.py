@@ -187,7 +187,7 @@ def test_a_broken_promise_says_what_may_be_wrong(
 
 def test_what_measures_may_wander_and_breaks_no_promise(bent: SavedModel) -> None:
     trace = checked(bent, BENT, 0.02)
-    walk = np.cumsum(np.random.default_rng(9).normal(0, 0.01, trace.commanded_mm.shape), axis=0)
+    walk = np.cumsum(np.random.default_rng(9).normal(0, 0.015, trace.commanded_mm.shape), axis=0)
     verdict = verify(bent, replace(trace, measured_mm=trace.measured_mm + walk))
     assert verdict.now_mm > verdict.promised_high_mm
     assert verdict.result == UNSURE, verdict.words
