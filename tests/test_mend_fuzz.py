@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from printmend.errors import PrintmendError
@@ -61,6 +61,7 @@ def test_mutations(text: bytes, mechanism) -> None:
 
 @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.one_of(damaged(), st.binary(max_size=200), st.just(b"GCDE").map(lambda head: head + BASE)))
+@example(BASE.replace(b"M83\n", b"").replace(b"G1 X60 Y60 E1\n", b"\xffG1 X60 Y60 E1\n", 1))  # E is unknown by one rule
 def test_files(content: bytes) -> None:
     model = exactly(BENT)
     with tempfile.TemporaryDirectory() as name:

@@ -168,7 +168,7 @@ def settle_e(text: np.ndarray, state: MachineState) -> None:
         state.counts.rule, state.counts.m83 = said
         return
     default = int(state.counts.rule), int(state.counts.m83)
-    own, length_mm = _pushed(text, state, *default)
+    begins, own, length_mm = _pushed(text, state, *default)
     everywhere = np.ones(len(own), bool)
     alike = b"G91" not in text.tobytes() and _implausible_share(own, length_mm, everywhere) <= _IMPLAUSIBLE_SHARE
     if alike or _says_e_first(text.tobytes()):
@@ -177,7 +177,10 @@ def settle_e(text: np.ndarray, state: MachineState) -> None:
     unsure = 0
     for m83 in (default[1], 1 - default[1]):
         for rule in (k.E_EITHER, k.E_FOLLOWS, k.E_APART):
-            pushed, _ = _pushed(text, state, rule, m83)
+            others, theirs, _ = _pushed(text, state, rule, m83)
+            _, mine, its = np.intersect1d(begins, others, assume_unique=True, return_indices=True)
+            pushed = own.copy()  # what one rule leaves unknown shows no difference
+            pushed[mine] = theirs[its]
             apart = np.abs(pushed - own) > _SAME_MM
             share, other = _implausible_share(own, length_mm, apart), _implausible_share(pushed, length_mm, apart)
             if m83 == default[1] and other <= max(_IMPLAUSIBLE_SHARE, 4 * share):
@@ -234,8 +237,9 @@ def e_warning(state: MachineState) -> str | None:
     return None
 
 
-def _pushed(text: np.ndarray, state: MachineState, rule: int, m83: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the filament that each move with an E pushes under a rule, and the move's length [mm]."""
+def _pushed(text: np.ndarray, state: MachineState, rule: int, m83: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return where each move with an E that is known under a rule begins, the filament that it pushes, and its length
+    [mm]."""
     trial = state.copy()
     trial.counts.rule, trial.counts.m83 = rule, m83
     records = np.empty(RECORDS, k.RECORD)
@@ -243,7 +247,8 @@ def _pushed(text: np.ndarray, state: MachineState, rule: int, m83: int) -> tuple
     rows = records[:count]
     rows = rows[(rows["kind"] <= k.KIND_CCW) & (rows["words"] & k.WORD_E > 0) & (rows["words"] & k.WORDS_XYZ > 0)]
     length_mm = np.hypot(rows["x1"] - rows["x0"], rows["y1"] - rows["y0"]) + np.abs(rows["z1"] - rows["z0"])
-    return rows["advance"][length_mm > 0], length_mm[length_mm > 0]
+    goes = length_mm > 0
+    return rows["begin"][goes], rows["advance"][goes], length_mm[goes]
 
 
 def _implausible_share(pushed_mm: np.ndarray, length_mm: np.ndarray, among: np.ndarray) -> float:
