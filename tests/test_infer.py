@@ -216,12 +216,10 @@ def test_finer_shapes_share_the_odds_of_the_grids_own(rng: np.random.Generator) 
     fit = fitted(measured(path, dots, scene, parts, NOISE_MM, rng), scene)
     finer = {each.slot for each in fit.dictionary.blocks if each.coarse is not None}
     assert finer == {("idler", 0), ("splice", 1), ("step", 0)}
-    for slot in finer:
-        first, then = (
-            sum(float(np.exp(each.log_odds).sum()) for each in blocks if each.slot == slot)
-            for blocks in (blocks_of(fit.scene), fit.search.apart().dictionary.blocks)
-        )
-        assert then == pytest.approx(first, rel=1e-6)
+    for blocks in (blocks_of(fit.scene), fit.search.apart().dictionary.blocks):
+        odds = {slot: sum(float(np.exp(each.log_odds).sum()) for each in blocks if each.slot == slot) for slot in finer}
+        for (effect, _), whole in odds.items():
+            assert whole / (1 + whole) == pytest.approx(share_of(effect), rel=1e-6)
 
 
 @pytest.mark.parametrize("at_mm", [99.0, 101.0])

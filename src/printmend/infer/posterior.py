@@ -298,10 +298,10 @@ def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
     where too many of these machines would gain nothing with it.
 
     Errors count over the measured places, but where all of a print lies counts by its mean: the next homing puts it
-    elsewhere. Parts that may act are taken in and left out one by one, those that help most
-    first. They begin once with all and once with none, for some help only beside others. Then the one without which
-    most machines gain is left out. Wear of the measured print acts beside parts of the machine alone: where a belt with
-    new play rests at home, nobody knows.
+    elsewhere. Parts that may act are taken in and left out one by one, those that help most first. They begin once with
+    all and once with none, for some help only beside others. Then the one without which most machines gain is left out.
+    Wear of the measured print acts beside parts of the machine alone: where a belt with new play rests at home, nobody
+    knows.
     """
     places, machine = drawn_places(scene), np.array([EFFECTS[part.effect].of is Of.MACHINE for part in parts], bool)
     acts, drawn = np.zeros((2 * len(places), len(parts))), np.zeros((2 * len(places), DRAWS))
