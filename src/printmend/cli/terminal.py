@@ -4,7 +4,6 @@ The language is that of --lang, or of the user's locale. Click's own messages ex
 """
 
 import contextlib
-import difflib
 import json
 import math
 import os
@@ -135,7 +134,7 @@ def spoken(message: str) -> str:
 
 
 def echo(message: str, *, err: bool = False) -> None:
-    """Print a message in the user's language."""
+    """Print a message in the user's language, its lines with a capital at their beginning."""
     click.echo(as_lines(message, language()), err=err)
 
 
@@ -240,8 +239,10 @@ def _wrong(error: click.ClickException) -> str:
         return _with_guess(say("usage-no-option", error.option_name), error.possibilities)
     name, ctx = getattr(error, "command_name", None), getattr(error, "ctx", None)
     if name is not None and ctx is not None:
+        from difflib import get_close_matches  # which no right command needs
+
         names = ctx.command.list_commands(ctx)  # click asks a group of loaded commands
-        return _with_guess(say("usage-no-command", name), difflib.get_close_matches(name, names))
+        return _with_guess(say("usage-no-command", name), get_close_matches(name, names))
     if isinstance(error, click.BadParameter) and error.param is not None:
         hint = error.param.get_error_hint(error.ctx) if error.param_hint is None else str(error.param_hint)
         hint = hint.replace("'", "")
@@ -255,10 +256,8 @@ def _wrong(error: click.ClickException) -> str:
     return error.message if isinstance(error.message, Said) else " ".join(error.format_message().rstrip(".").split())
 
 
-def _with_guess(words: str, possibilities: object) -> str:
-    if not isinstance(possibilities, list | tuple) or not possibilities:
-        return words
-    return say("usage-guess", words, together(", ", possibilities))
+def _with_guess(words: str, possibilities: list[str] | None) -> str:
+    return say("usage-guess", words, together(", ", possibilities)) if possibilities else words
 
 
 # Protect inputs from being overwritten, show progress bars, and report the outcome of each file.

@@ -4,9 +4,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, SCALE_MM, Places, Scene, Term, along_both
+from printmend.effects.effect import GONE, Places, Scene, Term, along_both
 from printmend.effects.prior import alternatives
 from printmend.effects.step import AtOneMoment
+from printmend.effects.turn import about_middle, degrees_of
 from printmend.effects.words import Found, Numbers, Told
 from printmend.messages import say
 
@@ -22,11 +23,10 @@ class Sheet(AtOneMoment):
         yield from alternatives(self.name, 0, self.breaks(scene))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        x, y = scene.off_middle(places.bed_mm).T
-        shift, turn = along_both(np.ones((len(places), 1))), np.stack([-y, x], axis=1)[:, :, None]
-        return np.concatenate([shift, turn], axis=2) * (places.done > shape[0])[:, None, None]
+        moved = np.concatenate([along_both(np.ones((len(places), 1))), about_middle(places, scene)], axis=2)
+        return np.asarray(moved * (places.done > shape[0])[:, None, None])
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         x_mm, y_mm, turn = found.sizes_mm
-        turned = f"{np.degrees(np.arctan(turn / SCALE_MM)):+.2f}"
-        yield Told("sheet", say("sheet-moved", f"{x_mm:+.2f}", f"{y_mm:+.2f}", turned, f"{100 * found.shape[0]:.0f}"))
+        moved = f"{x_mm:+.2f}", f"{y_mm:+.2f}", degrees_of(turn)
+        yield Told("sheet", say("sheet-moved", *moved, f"{100 * found.shape[0]:.0f}"))

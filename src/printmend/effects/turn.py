@@ -10,6 +10,17 @@ from printmend.effects.words import Found, Numbers, Told
 from printmend.messages import say
 
 
+def about_middle(places: Places, scene: Scene) -> np.ndarray:
+    """Return how a turn about the middle of the bed, of 1 mm per 100 mm, moves places [N, 2, 1] mm."""
+    x, y = scene.off_middle(places.bed_mm).T
+    return np.stack([-y, x], axis=1)[:, :, None]
+
+
+def degrees_of(turn_mm: float) -> str:
+    """Write a turn in mm per 100 mm as degrees."""
+    return f"{np.degrees(np.arctan(turn_mm / SCALE_MM)):+.2f}"
+
+
 class Turn(Usual):
     """A turn, in mm per 100 mm."""
 
@@ -25,11 +36,10 @@ class Turn(Usual):
             yield Term(self.name, 0, (), (FAR_MM,), ALWAYS)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        x, y = scene.off_middle(places.bed_mm).T
-        return np.stack([-y, x], axis=1)[:, :, None]
+        return about_middle(places, scene)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         if scene.placed:  # otherwise the turn of the sheet is unknown
-            turned = f"{np.degrees(np.arctan(found.sizes_mm[0] / SCALE_MM)):+.2f}"
+            turned = degrees_of(found.sizes_mm[0])
             why = "only-frame-skewed" if scene.corexy else "plate-camera-lay"
             yield Told("turned", say(f"everything-turned-printer-{why}", turned), is_harmless=True)

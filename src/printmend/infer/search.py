@@ -174,12 +174,11 @@ class Search:
     @cached_property
     def linear_choices(self) -> list[Set]:
         """The sets of linear effects that a set may have, each of them at most once at a place."""
-        slots = {b: self._slot_of[b] for b, _ in self.linear}
         return [
             choice
             for count in range(MOST_LINEAR + 1)
             for choice in itertools.combinations(self.linear, count)
-            if len({slots[b] for b, _ in choice}) == count
+            if len({self._slot_of[b] for b, _ in choice}) == count
         ]
 
     def without_linear(self, members: Set) -> Set:

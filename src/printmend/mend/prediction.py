@@ -111,7 +111,6 @@ class Prediction:
     warnings: tuple[str, ...] = ()
     duration: Duration | None = None
     shift_mm: tuple[float, float] = (0.0, 0.0)
-    of_shape: bool = False
     path: PathPlaces | None = field(default=None, repr=False)
     gain_mm: np.ndarray | None = field(default=None, repr=False)
     most_worse_share: float = field(default=MOST_WORSE_SHARE, repr=False)
@@ -160,13 +159,19 @@ class Prediction:
             return say("print-shifted-included", *shift)
         return say("print-shifted-left-out", *shift, f"{max(self.after.place_mm, _SHIFT_MM):.2f}")
 
+    @property
+    def of_shape(self) -> bool:
+        """Tell whether the errors leave the print's shift out: those of a model with drawn machines do."""
+        return self.gain_mm is not None
+
     def json(self) -> dict[str, Any]:
         """Return plain values for a report."""
         plain = asdict(replace(self, path=None, gain_mm=None, duration=None))
         plain["duration"] = None if self.duration is None else self.duration.json()
         del plain["path"], plain["gain_mm"], plain["most_worse_share"]
         plain["layers"] = list(self.layers)
-        plain |= {"planning_rms_mm": self.after.planning_rms_mm, "made_of": dict(self.after.made_of)}
+        plain |= {"of_shape": self.of_shape, "planning_rms_mm": self.after.planning_rms_mm}
+        plain["made_of"] = dict(self.after.made_of)
         if not self.extruding:
             plain["low_mm"] = plain["high_mm"] = None
         if self.printed_low_mm[0] > self.printed_high_mm[0]:  # nothing printed, not even a dot
@@ -311,7 +316,6 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
             *advice_of(model, outlook.after),
         ),
         most_worse_share=_MOST_WORSE_SHARE_BY_HAND if belief.by_hand else MOST_WORSE_SHARE,
-        of_shape=True,
     )  # fmt: skip
 
 

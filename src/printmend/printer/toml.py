@@ -5,6 +5,7 @@ import os
 import re
 import tomllib
 from dataclasses import asdict, replace
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -57,9 +58,15 @@ def check_preset(name: str) -> None:
 
 def preset_of(name: str) -> str | None:
     """Return the preset with this name, whose capitals, spaces and hyphens do not matter; None for another name."""
-    return next((preset for preset in preset_names() if bare_name(preset) == bare_name(name)), None)
+    return _presets().get(bare_name(name))
 
 
+def _presets() -> dict[str, str]:
+    """Return the presets by their bare names."""
+    return {bare_name(preset): preset for preset in preset_names()}
+
+
+@cache
 def printers_like(printer: Printer) -> frozenset[str]:
     """Return the printers that one with a name of its own may be: those of the presets that have its numbers."""
     presets = (parse_printer(preset_text(name), subject=name) for name in preset_names())
@@ -74,7 +81,7 @@ def preset_text(name: str) -> str:
 
 def _meant(name: str) -> str | None:
     """Return the preset that a name most likely means, despite a maker's name before it or a typing error."""
-    presets, given = {bare_name(preset): preset for preset in preset_names()}, bare_name(name)
+    presets, given = _presets(), bare_name(name)
     ends = [each for each in presets if given.endswith(each)]
     alike = [max(ends, key=len)] if ends else difflib.get_close_matches(given, presets, 1)
     return presets[alike[0]] if alike else None
