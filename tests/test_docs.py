@@ -97,3 +97,15 @@ def test_every_file_that_a_document_names_is_there() -> None:
     assert len(named) > 20
     for page, path in sorted(named):
         assert any(ROOT.glob(path.rstrip("/"))), f"{page.relative_to(ROOT)} names {path}, which is not there"
+
+
+def test_every_figure_of_the_readme_is_in_the_results() -> None:
+    """Errors in mm, which have three decimals or more, and how many prints stayed within their ranges."""
+    results = (ROOT / "docs/results.md").read_text(encoding="utf-8")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    how_exact = readme.split("## How exact")[1].split("\n## ")[0]
+    rows = re.findall(r"^\|.*", how_exact, re.MULTILINE)
+    figures = {figure for row in rows for figure in re.findall(r"\d+\.\d{3,}", row.split("`")[0])}
+    figures |= set(re.findall(r"Of (\d+) simulated prints, (\d+) stayed", how_exact)[0])
+    assert len(figures) > 7
+    assert not {figure for figure in figures if figure not in results}
