@@ -6,6 +6,7 @@
 takes these along (`messages_of`) and looks the id up (`translated`). `together` puts texts together and remembers them.
 """
 
+import json
 import re
 import string
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -13,14 +14,13 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
-import polib
-
 ENGLISH, GERMAN = "en", "de"
 Tell = Callable[[str], str]  # puts a message into the reader's language
 _DEEPEST = 8  # messages within messages
 # Numbers that a German reader gets with a comma: no version of a program among them.
 _NUMBERS = re.compile(r"(?!.*\d\.\d+\.)[\s\d.±+–−-]*\d\.\d[\s\d.±+–−-]*( ?[%°a-z]+)?")
 _NEGATIVE = re.compile(r"^-(?=\d+(\.\d+)?( ?[%°±]|$| mm))")
+_LINE = re.compile(r'^(msg\S+) "(.*)"$', re.MULTILINE)  # of an entry of a .po file
 _AFTER_SEMICOLON = re.compile(r"; (Der|Die|Das|Ein|Eine|Es|Alle|Jede)\b")
 PAGE = "/page"  # ends the id of a message that a page words differently: the terminal's names a command or an option
 HELP = "help"  # the context of what --help says
@@ -190,23 +190,34 @@ def page_messages() -> dict[str, dict[str, str]]:
 @cache
 def help_words() -> dict[str, str]:
     """Return the German of what --help says, by its English: those texts stand in the commands, and need no id."""
-    return {entry.msgid: entry.msgstr for entry in _entries() if entry.msgctxt == HELP}
+    return {entry["msgid"]: entry["msgstr"] for entry in _entries() if entry["msgctxt"] == HELP}
 
 
 @cache
 def catalogue() -> dict[str, tuple[str, str]]:
     """Return every message's English and German by its id."""
     found = {}
-    for entry in (each for each in _entries() if each.msgctxt != HELP):
-        found[entry.msgctxt] = entry.msgid, entry.msgstr or entry.msgstr_plural[0]
-        if entry.msgid_plural:
-            found[entry.msgctxt + MANY] = entry.msgid_plural, entry.msgstr_plural[1]
+    for entry in _entries():
+        name = entry["msgctxt"]
+        if "msgid_plural" in entry:
+            found[name] = entry["msgid"], entry["msgstr[0]"]
+            found[name + MANY] = entry["msgid_plural"], entry["msgstr[1]"]
+        elif name != HELP:
+            found[name] = entry["msgid"], entry["msgstr"]
     return found
 
 
 @cache
-def _entries() -> polib.POFile:
-    return polib.pofile(resources.files(__name__).joinpath("de.po").read_text(encoding="utf-8"))
+def _entries() -> list[dict[str, str]]:
+    """Return the catalogue's entries, each by its keywords; the first entry of a .po file is its header."""
+    text = resources.files(__name__).joinpath("de.po").read_text(encoding="utf-8")
+    whole = text.replace('"\n"', "")  # a text goes on in the next line
+    _, *entries = [{key: _unescaped(value) for key, value in _LINE.findall(each)} for each in whole.split("\n\n")]
+    return entries
+
+
+def _unescaped(value: str) -> str:
+    return json.loads(f'"{value}"') if "\\" in value else value
 
 
 def _gather(value: Any, found: dict[str, Any]) -> None:
