@@ -8,7 +8,6 @@ from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 from printmend.errors import MissingToolError
 from printmend.messages import say
@@ -70,6 +69,8 @@ def _source(name: str) -> str:
 
     The researchers' package is beside the owners', in the same copy of the repository.
     """
+    from urllib.request import url2pathname  # which imports all of HTTP
+
     for installed, folder in ((name, ""), (OWNERS, LAB_FOLDER if name == LABS else "")):
         try:
             came = json.loads(distribution(installed).read_text("direct_url.json") or "{}").get("url", "")

@@ -1,6 +1,8 @@
 """The command line: names, help and errors. Each command is a few lines over a library function."""
 
+import atexit
 import contextlib
+import gc
 import importlib
 import os
 import signal
@@ -55,6 +57,7 @@ LAB = ("paper", "body", "bench", "dataset", "figures", "selfrepair", "curiosity"
 
 
 click.Context.formatter_class = HelpFormatter
+_GARBAGE = 100_000  # new objects after which Python looks for garbage: imports make many, and none of it is garbage
 PIPE_CLOSED = 141  # a shell's exit code for a program that SIGPIPE ended
 
 
@@ -149,6 +152,8 @@ def main() -> None:
     Bad input and refusals end with 2 or 3 (`errors.py`), a closed pipe quietly with 141, and a bug in the program with
     1. The environment variable PRINTMEND_TRACEBACK=1 shows the traceback of a bug.
     """
+    gc.set_threshold(_GARBAGE)
+    atexit.register(gc.freeze)  # or Python would look through everything for garbage once more before it ends
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):  # closed, or not a terminal's
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
