@@ -28,17 +28,24 @@ def rooted(value):
     return math.sqrt(value) if value >= 0.0 else math.nan
 
 
+NUMBERS = ("f8", "i8", "u4", "i4", "u1")
+
+
 class Kind:
     """What a record consists of, as `numpy.dtype` is told it."""
 
     def __init__(self, fields, align=False):
-        self.fields = [(field[0], field[1], field[2] if len(field) > 2 else ()) for field in fields]
-        self.made = type("Record", (), {"__slots__": [name for name, _, _ in self.fields]})
+        fields = [(field[0], field[1], field[2] if len(field) > 2 else ()) for field in fields]
+        self.numbers = [(name, zeros(kind, ())) for name, kind, shape in fields if shape == () and kind in NUMBERS]
+        self.others = [field for field in fields if field[2] != () or field[1] not in NUMBERS]
+        self.made = type("Record", (), {"__slots__": [name for name, _, _ in fields]})
 
     def one(self):
         """Return a record of zeros."""
         made = self.made()
-        for name, kind, shape in self.fields:
+        for name, zero in self.numbers:
+            setattr(made, name, zero)
+        for name, kind, shape in self.others:
             setattr(made, name, zeros(kind, (shape,) if isinstance(shape, int) else shape))
         return made
 
@@ -66,6 +73,9 @@ def as_it_is(function=None, **options):
     return as_it_is if function is None else function
 
 
+PLAIN = (ast.Name, ast.Attribute, ast.Constant)  # what costs nothing to look at twice
+
+
 class Plain(ast.NodeTransformer):
     """Let each division that could be by zero give an infinity, and find entries of an array as those of lists."""
 
@@ -74,9 +84,19 @@ class Plain(ast.NodeTransformer):
         if not isinstance(node.op, ast.Div) or isinstance(node.right, ast.Constant):
             return node
         call = ast.Call(ast.Name("divided", ast.Load()), [node.left, node.right], [])
-        if isinstance(node.right, ast.Name):  # what costs nothing to look at twice
+        if isinstance(node.right, PLAIN):
             call = ast.IfExp(node.right, node, call)
         return ast.copy_location(call, node)
+
+    def visit_Call(self, node):
+        """Compare two values where they are: it takes a third of the time of a call of min or max."""
+        self.generic_visit(node)
+        name = getattr(node.func, "id", None)
+        if name not in ("min", "max") or len(node.args) != 2 or not all(isinstance(each, PLAIN) for each in node.args):
+            return node
+        first, second = node.args
+        order = ast.Lt() if name == "min" else ast.Gt()
+        return ast.copy_location(ast.IfExp(ast.Compare(second, [order], [first]), second, first), node)
 
     def visit_Subscript(self, node):
         self.generic_visit(node)

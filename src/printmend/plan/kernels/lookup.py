@@ -111,7 +111,8 @@ def backward(model, motor, branch, u):
     if i == 0:
         return first
     below = tables[table + i - 1]
-    return first + (i - 1 + (u - below) / (tables[table + i] - below)) / rate
+    rise = tables[table + i] - below
+    return first + (i - 1 + (u - below) / rise) / rate
 
 
 @inner
