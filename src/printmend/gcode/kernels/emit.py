@@ -185,11 +185,11 @@ def edit_statement(buf, r, piece, before, writer, out, at):
 
 
 @inner
-def is_plain_edit(r, piece, writer):
-    """Say whether `edit_plain` is enough: for a plain, absolute line whose unnamed axes stay and whose feed holds."""
+def is_plain_edit(r, piece, before, writer):
+    """Say whether `edit_plain` is enough: for a plain, absolute line whose unnamed axes stay and whose E holds."""
     if not r.flags & FLAG_PLAIN or r.flags & (FLAG_RELATIVE | FLAG_CHECKSUM) or piece.kind != PIECE_LINE:
         return False
-    if (piece.feed > 0 and piece.feed != r.feed) or (not r.words & WORD_F and r.feed != writer.feed):
+    if before > 0 and r.flags & FLAG_E_RELATIVE:
         return False
     for axis in range(3):
         still = abs(axis_value(piece, axis) - writer.place[axis]) <= 0.0005
@@ -202,6 +202,7 @@ def is_plain_edit(r, piece, writer):
 def edit_plain(buf, r, piece, writer, out, at):
     """Do what `edit_statement` does to a plain line, in half the time."""
     p, end = r.begin, r.end
+    feed = piece.feed if piece.feed > 0 else r.feed
     out[at], out[at + 1] = buf[p], buf[p + 1]
     at, p = at + 2, p + 2
     while p + 1 < end and buf[p] == SPACE and buf[p + 1] != SEMICOLON:
@@ -216,17 +217,31 @@ def edit_plain(buf, r, piece, writer, out, at):
                 scaled = to_fixed(target - offset, DECIMALS_3)
                 at = put_fixed(out, at, scaled, DECIMALS_3)
                 writer.place[axis] = float(scaled) / 1000.0 + offset
-                while p < end and buf[p] != SPACE and buf[p] != SEMICOLON:
-                    p += 1
+                p = _word_end(buf, p, end)
                 continue
             writer.place[axis] = target
+        elif letter == LETTER_F and feed != r.feed:
+            scaled, places = scaled_feed(r, feed)
+            at = put_fixed(out, at, scaled, places)
+            p = _word_end(buf, p, end)
+            continue
         while p < end and buf[p] != SPACE and buf[p] != SEMICOLON:
             out[at] = buf[p]
             at, p = at + 1, p + 1
     if r.words & WORD_F:
-        writer.feed = r.feed
+        writer.feed = feed
+    else:
+        at = put_feed(out, at, r, feed, writer)
     writer.modal = 0 if r.flags & FLAG_RAPID else 1
     return copy_bytes(buf, p, end, out, at)
+
+
+@inner
+def _word_end(buf, p, end):
+    """Return where a word of a plain line ends."""
+    while p < end and buf[p] != SPACE and buf[p] != SEMICOLON:
+        p += 1
+    return p
 
 
 @inner
@@ -564,7 +579,7 @@ def emit(buf, begin, records, n, first, pieces, writer, out):
         if piece.accel != writer.accel:
             at = put_accel(r, piece.accel, writer, out, at)
             at = put_eol(buf, r, writer, out, at)
-        if count == 1 and is_plain_edit(r, piece, writer):
+        if is_plain_edit(r, piece, cumulated, writer):
             at = edit_plain(buf, r, piece, writer, out, at)
         else:
             at = edit_statement(buf, r, piece, cumulated, writer, out, at)
