@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import click
+import polib
 import pytest
 from click.testing import CliRunner
 
@@ -18,6 +19,7 @@ from printmend.cli.terminal import Terminal
 from printmend.errors import InputError
 from printmend.messages import (
     GERMAN,
+    HELP,
     MANY,
     PAGE,
     Said,
@@ -247,3 +249,18 @@ def test_a_locale_or_an_option_chooses_the_language_of_help() -> None:
     assert german.startswith("Aufruf: printmend mend [OPTIONEN] FILE|FOLDER|-...\n\n  G-Code so umschreiben")
     assert re.search(r"Gleichzeitig bearbeitete Dateien\.\s+\[Vorgabe:\s+1;\s+1\s+bis\s+64\]", german)
     assert "\n  Beispiel: printmend mend part.gcode" in german
+
+
+def test_the_catalogue_is_read_as_gettext_reads_it() -> None:
+    read = polib.pofile(str(SOURCES / "messages" / "de.po"))
+    messages = {
+        one.msgctxt + many: (english, german)
+        for one in read
+        if one.msgctxt != HELP
+        for many, english, german in (
+            ("", one.msgid, one.msgstr or one.msgstr_plural[0]),
+            *([(MANY, one.msgid_plural, one.msgstr_plural[1])] if one.msgid_plural else []),
+        )
+    }
+    assert catalogue() == messages
+    assert help_words() == {one.msgid: one.msgstr for one in read if one.msgctxt == HELP}
