@@ -184,16 +184,27 @@ class Table:
     known: np.ndarray
     _owned: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, init=False)
 
-    def between(self, first: np.ndarray, second: np.ndarray | None) -> np.ndarray:
-        """Return the products [A, B] of some columns with others, or with all."""
+    def rows(self, first: np.ndarray) -> np.ndarray:
+        """Return the products [A, P] of some columns with all, and keep them."""
         missing = np.unique(first[~self.known[first]])
         if len(missing):
-            told = self.columns[:, missing]
-            seen = np.flatnonzero(told.any(axis=1))  # numbers along X come first; they see nothing of what moves Y
-            some = slice(seen[0], seen[-1] + 1) if len(seen) else slice(0)
-            self.matrix[missing] = (told[some] * self.weight[some, None]).T @ self.columns[some]
+            self.matrix[missing] = self._told(missing, slice(None))
             self.known[missing] = True
-        return np.asarray(self.matrix[first] if second is None else self.matrix[np.ix_(first, second)])
+        return np.asarray(self.matrix[first])
+
+    def among(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """Return the products [A, B] of some columns with others: of those that are not known in whole rows no more."""
+        found, new, other = self.matrix[np.ix_(first, second)], ~self.known[first], ~self.known[second]
+        if new.any():
+            found[new] = self.matrix[np.ix_(second, first[new])].T
+            found[np.ix_(new, other)] = self._told(first[new], second[other])
+        return np.asarray(found)
+
+    def _told(self, first: np.ndarray, second: np.ndarray | slice) -> np.ndarray:
+        told = self.columns[:, first]
+        seen = np.flatnonzero(told.any(axis=1))  # numbers along X come first; they see nothing of what moves Y
+        some = slice(seen[0], seen[-1] + 1) if len(seen) else slice(0)
+        return np.asarray((told[some] * self.weight[some, None]).T @ self.columns[some, second])
 
     def within(self, columns: np.ndarray) -> np.ndarray:
         """Return the products [B, P, P] of the columns [B, P] of each of some blocks, which lie side by side."""
@@ -223,7 +234,11 @@ class Gram:
 
     def between(self, first: np.ndarray, second: np.ndarray | None = None) -> np.ndarray:
         """Return the products [A, B] of some columns with others, or with all."""
-        told = self.table.between(self._of(first), self.at if second is None else self._of(second))
+        if second is not None:
+            told = self.table.among(self._of(first), self._of(second))
+        else:
+            told = self.table.rows(self._of(first))
+            told = told if self.at is None else told[:, self.at]
         if self.out is None:
             return told
         return told - self.out[:, first].T @ (self.out if second is None else self.out[:, second])
@@ -234,7 +249,7 @@ class Gram:
     def within(self, columns: np.ndarray) -> np.ndarray:
         """Return the products [B, P, P] of the columns [B, P] of each of some blocks among themselves."""
         told = self.table.within(self._of(columns))
-        return told if self.out is None else told - products(self.out, columns)
+        return told if self.out is None else told - products(self.out.T, columns)
 
     def some(self, columns: np.ndarray) -> "Gram":
         """Return the sums of some columns alone."""
@@ -251,7 +266,8 @@ class Gram:
         values' information, and how the rows pull [K] on them, both in the root's axes.
         """
         few = np.arange(len(self.slope)) if few is None else few
-        inner, cross = self.between(old, old), self.between(old, few).T
+        cross = self.between(old)
+        inner, cross = cross[:, old], cross[:, few].T
         left = self.slope[old] - inner @ mean
         told, wanted = sigma_mm**2 * np.eye(ways.shape[1]) + ways.T @ inner @ ways, ways.T @ left
         root = np.linalg.cholesky(told)
@@ -265,8 +281,8 @@ class Gram:
 
 
 def products(half: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return the sums of products [B, P, P] of the columns [B, P] of ``half`` [K, N] of each block."""
-    mine = half.T[columns]
+    """Return the sums of products [B, P, P] of the columns [B, P] of each block, whose rows of ``half`` [N, K] make them."""
+    mine = half[columns]
     return np.asarray(mine @ np.swapaxes(mine, 1, 2))
 
 
@@ -283,7 +299,7 @@ def summed(grams: Iterable[Gram], count: int) -> Gram:
     every = np.arange(count)
     whole = Gram(_told(np.zeros((count, count))), np.zeros(count), 0.0, 0.0)
     for each in grams:
-        table = _told(whole.table.matrix + each.between(every))
+        table = _told(whole.table.matrix + each.between(every, every))
         whole = Gram(table, whole.slope + each.slope, whole.square + each.square, whole.count + each.count)
     return whole
 

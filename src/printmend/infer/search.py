@@ -131,9 +131,9 @@ class Search:
     def beside(self, state: State) -> "Beside":
         """Return what the rows tell of all blocks beside a set."""
         variance = state.sigma_mm**2
-        crossing = self.gram.between(state.columns) / variance  # [A, P]
-        slope = self.gram.slope / variance - crossing.T @ state.mean_mm
-        return Beside(self, state, state.root @ crossing, slope)
+        crossing = self.gram.between(state.columns)  # [A, P]
+        slope = (self.gram.slope - state.mean_mm @ crossing) / variance
+        return Beside(self, state, crossing.T @ (state.root.T / variance), slope)
 
     def given(self, members: Set, sigma_mm: float) -> "Search":
         """Return the search beside members that stay, whatever their sizes: these are summed out."""
@@ -222,23 +222,32 @@ class Search:
             found[block.at] = block.positive
         return found
 
-    def chosen(self, blocks: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-        """Yield the number of each group that has any of some blocks, and which of its blocks [B] these are."""
-        chosen = np.zeros(len(self.dictionary.blocks), bool)
-        chosen[blocks] = True
-        if not len(blocks):
-            return
-        grouped, at, starts = self._grouped
-        chosen = chosen[grouped]
-        for number in np.flatnonzero(np.logical_or.reduceat(chosen, starts)).tolist():
-            yield number, chosen[at[number]]
+    @cached_property
+    def keys(self) -> np.ndarray:
+        """The block and the number of each alternative [K, 2], group by group."""
+        none = np.zeros((0, 2), np.int64)
+        return np.concatenate([none, *(group.keys.reshape(-1, 2) for group in self.groups)])
 
     @cached_property
-    def _grouped(self) -> tuple[np.ndarray, list[slice], list[int]]:
-        """The numbers of the blocks, group by group, which of these are each group's, and where each begins."""
-        which = [group.blocks for group in self.groups]
-        at = list(slices(map(len, which)))
-        return np.concatenate(which), at, [one.start for one in at]
+    def ends(self) -> list[slice]:
+        """Which of the alternatives [K] are of each group."""
+        return list(slices(group.log_odds.size for group in self.groups))
+
+    @cached_property
+    def one_sided(self) -> np.ndarray:
+        """Which of the alternatives [K] have sizes above 0."""
+        return np.repeat([group.positive for group in self.groups], [group.log_odds.size for group in self.groups])
+
+    def alternatives(self, blocks: np.ndarray) -> np.ndarray:
+        """Tell which of the alternatives [K] are of some blocks."""
+        chosen = np.zeros(len(self.dictionary.blocks), bool)
+        chosen[blocks] = True
+        return np.asarray(chosen[self.keys[:, 0]])
+
+    def groups_of(self, alternatives: np.ndarray) -> list[int]:
+        """Return the numbers of the groups that have any of the chosen ``alternatives`` [K]."""
+        starts = np.array([own.start for own in self.ends], np.int64)
+        return np.flatnonzero(np.logical_or.reduceat(alternatives, starts)).tolist()
 
     def offered(self, members: Set, without: int | None = None) -> np.ndarray:
         """Return the blocks that a set may take in, but none of the slot of the block ``without``."""
@@ -301,7 +310,7 @@ def search_of(dictionary: Dictionary, rows: Rows, weight: np.ndarray) -> Search:
 class Beside:
     """What rows tell of blocks beside a state, and how they pull on all columns [P].
 
-    ``half`` [A, P]: what the root of the state's covariance makes of the products of its columns with all.
+    ``half`` [P, A]: what the root of the state's covariance makes of the products of all columns with its own.
     """
 
     search: Search
@@ -309,45 +318,41 @@ class Beside:
     half: np.ndarray
     slope: np.ndarray
     _information: dict[int, np.ndarray] = field(default_factory=dict, init=False)
-    _told: dict[int, np.ndarray] = field(default_factory=dict, init=False)
+    _told: set[int] = field(default_factory=set, init=False)
 
     @cached_property
-    def reach(self) -> np.ndarray:
-        """How far the state's sizes move for a size of each column [A, P]."""
-        return np.asarray(self.state.root.T @ self.half)
+    def _values(self) -> np.ndarray:
+        """What each alternative [K] adds to the state's score, 0 where nobody asked for its group."""
+        return np.zeros(len(self.search.keys))
 
     def information(self, number: int) -> np.ndarray:
         """Return what the rows tell of the sizes [B, P, P] of each block of the group of this number."""
         if number not in self._information:
             told = self.search.own[number] / self.state.sigma_mm**2
-            if len(self.half):
+            if self.half.size:
                 told -= products(self.half, self.search.groups[number].columns)
             self._information[number] = told
         return self._information[number]
 
-    def told(self, numbers: Sequence[int]) -> list[np.ndarray]:
-        """Return what each alternative [B, V] of the groups of these numbers adds to the state's score."""
-        new = [number for number in numbers if number not in self._told]
+    def told(self, asked: np.ndarray) -> np.ndarray:
+        """Return what each alternative [K] adds to the state's score; those of the groups of the ``asked`` [K] count."""
+        new = [number for number in self.search.groups_of(asked) if number not in self._told]
         groups = [self.search.groups[number] for number in new]
-        asked = [
-            _Asked(group, self.information(number), self.slope[group.columns], group.sds_mm, group.log_odds)
-            for number, group in zip(new, groups, strict=True)
-        ]
-        self._told.update(zip(new, _gained(asked), strict=True))
-        return [self._told[number] for number in numbers]
+        gained = _gained(
+            [
+                _Asked(group, self.information(number), self.slope[group.columns], group.sds_mm, group.log_odds)
+                for number, group in zip(new, groups, strict=True)
+            ]
+        )
+        for number, values in zip(new, gained, strict=True):
+            self._values[self.search.ends[number]] = values.ravel()
+        self._told.update(new)
+        return self._values
 
     def gains(self, offered: np.ndarray) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the state's score."""
-        chosen = list(self.search.chosen(offered))
-        told = self.told([number for number, _ in chosen])
-        return _gathered(
-            [
-                (self.search.groups[number].keys.reshape(-1, 2), gains.ravel())
-                if mine.all()
-                else (self.search.groups[number].keys[mine].reshape(-1, 2), gains[mine].ravel())
-                for (number, mine), gains in zip(chosen, told, strict=True)
-            ]
-        )
+        asked = self.search.alternatives(offered)
+        return Gains(self.search.keys[asked], self.told(asked)[asked])
 
     def together(self, choices: Sequence[Set]) -> np.ndarray:
         """Return what each of some sets of blocks of one column, which may have either sign, adds to the score [C]."""
@@ -361,7 +366,7 @@ class Beside:
                 sds_mm[number, at[b]] = block.sds_mm[variant, 0]
                 log_odds[number] += block.log_odds[variant]
         told = self.search.gram.between(columns, columns) / self.state.sigma_mm**2
-        told -= self.half[:, columns].T @ self.half[:, columns]
+        told -= self.half[columns] @ self.half[columns].T
         every, gains = np.ones(len(choices), bool), np.zeros(len(choices))
         kernels.gains(np.array([[1, *sds_mm.shape]]), told.ravel(), self.slope[columns], sds_mm.ravel(), every, gains)
         return gains + log_odds
@@ -374,24 +379,25 @@ class Beside:
         """
         block, variant = self.search.dictionary.blocks[member[0]], member[1]
         own = self.search.dictionary.own(self.state.members)[self.state.members.index(member)]
-        root = np.asarray(np.linalg.qr(self.state.root[:, own], mode="r")).T
+        mine = self.state.root[:, own]
+        root = np.asarray(np.linalg.qr(mine, mode="r")).T
         inverse = inverse_of(root)
         pull = inverse @ self.state.mean_mm[own]
         told = float(np.log(block.sds_mm[variant] / np.abs(np.diag(root))).sum() - pull @ pull / 2)
         told -= float(block.log_odds[variant])
         if block.positive:
-            sure = self.state.mean_mm[own] / np.linalg.norm(self.state.root[:, own])
+            sure = self.state.mean_mm[own] / np.linalg.norm(mine)
             told -= float(log_below(sure)[0]) + np.log(2)
-        return Less(self, told, told + float(pull @ pull) / 2, (inverse @ self.reach[own]).T, pull)
+        return Less(self, told, told + float(pull @ pull) / 2, mine @ inverse.T, pull)
 
 
 @dataclass(frozen=True, eq=False)
 class Less:
     """A state without a member, which adds ``told`` to its score.
 
-    What is ``freed`` [P, K] adds to what the rows tell of all columns, and ``pull`` [K] along it on them. Beside a
-    block the member gains at worst nothing from the rows. So with the block in its place the state's score rises by
-    what the block gains beside it and ``more``, at most.
+    What is ``freed`` [A, K] in the axes of the state's root adds to what the rows tell of all columns, and ``pull`` [K]
+    along it on them. Beside a block the member gains at worst nothing from the rows. So with the block in its place the
+    state's score rises by what the block gains beside it and ``more``, at most.
     """
 
     beside: Beside
@@ -403,30 +409,20 @@ class Less:
     def gains(self, offered: np.ndarray, least: float) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the score without the member, where that may
         be ``least`` above the state's."""
-        asked, keys = [], []
-        chosen = list(self.beside.search.chosen(offered))
-        told = self.beside.told([number for number, _ in chosen])
-        for (number, mine), gains in zip(chosen, told, strict=True):
-            group = self.beside.search.groups[number]
-            may = mine[:, None] & (group.positive | (gains + self.more > least))
-            which = np.flatnonzero(may.any(axis=1))
-            if not len(which):
-                continue
+        search, beside, asked = self.beside.search, self.beside, []
+        may = search.alternatives(offered)
+        may &= search.one_sided | (beside.told(may) + self.more > least)
+        for number in search.groups_of(may):
+            group = search.groups[number]
+            mine = may[search.ends[number]].reshape(group.log_odds.shape)
+            which = np.flatnonzero(mine.any(axis=1))
             columns = group.columns[which]
-            freed = self.freed[columns]
-            information = self.beside.information(number)[which] + freed @ np.swapaxes(freed, 1, 2)
-            slope = self.beside.slope[columns] + freed @ self.pull
-            asked.append(_Asked(group, information, slope, group.sds_mm[which], group.log_odds[which], may[which]))
-            keys.append(group.keys[may])
+            freed = (beside.half[columns.ravel()] @ self.freed).reshape(*columns.shape, -1)
+            information = beside.information(number)[which] + freed @ np.swapaxes(freed, 1, 2)
+            slope = beside.slope[columns] + freed @ self.pull
+            asked.append(_Asked(group, information, slope, group.sds_mm[which], group.log_odds[which], mine[which]))
         values = [gains[each.which] for each, gains in zip(asked, _gained(asked), strict=True)]
-        return _gathered(list(zip(keys, values, strict=True)))
-
-
-def _gathered(found: Sequence[tuple[np.ndarray, np.ndarray]]) -> Gains:
-    """Return the keys and the values of several groups as one."""
-    none = (np.zeros((0, 2), np.int64), np.zeros(0))
-    keys, values = zip(none, *found, strict=True)
-    return Gains(np.concatenate(keys), np.concatenate(values))
+        return Gains(search.keys[may], np.concatenate([np.zeros(0), *values]))
 
 
 def columns_at(blocks: Iterable[Block]) -> np.ndarray:
