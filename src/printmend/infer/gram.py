@@ -95,7 +95,7 @@ def seen(key: Key, places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     name, where, shape = key
     columns = columns_of(name, places, where, shape, scene)
     (x, of_x), (y, of_y), others = rows.by_axis
-    found = np.empty((len(rows.mark), columns.shape[2]))
+    found = np.empty((len(rows.mark), columns.shape[2]), order="F")  # a search reads column by column
     found[x], found[y] = columns[of_x, 0], columns[of_y, 1]
     if len(others):
         found[others] = np.einsum("mc,mcp->mp", rows.along[others], columns[rows.mark[others]])
@@ -105,7 +105,8 @@ def seen(key: Key, places: Places, rows: Rows, scene: Scene) -> np.ndarray:
 def side_by_side(keys: Iterable[Key], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     """Return the rows' columns [M, P] of several effects, side by side."""
     places, rows = narrowed(places, rows)
-    return np.hstack([np.zeros((len(rows.mark), 0)), *(seen(key, places, rows, scene) for key in keys)])
+    none = np.zeros((0, len(rows.mark)))
+    return np.concatenate([none, *(seen(key, places, rows, scene).T for key in keys)]).T
 
 
 def narrowed(places: Places, rows: Rows) -> tuple[Places, Rows]:

@@ -318,12 +318,11 @@ class Beside:
     half: np.ndarray
     slope: np.ndarray
     _information: dict[int, np.ndarray] = field(default_factory=dict, init=False)
-    _told: set[int] = field(default_factory=set, init=False)
 
     @cached_property
-    def _values(self) -> np.ndarray:
-        """What each alternative [K] adds to the state's score, 0 where nobody asked for its group."""
-        return np.zeros(len(self.search.keys))
+    def _known(self) -> tuple[np.ndarray, np.ndarray]:
+        """Which alternatives [K] were asked for, and what each of them adds to the state's score [K], 0 for others."""
+        return np.zeros(len(self.search.keys), bool), np.zeros(len(self.search.keys))
 
     def information(self, number: int) -> np.ndarray:
         """Return what the rows tell of the sizes [B, P, P] of each block of the group of this number."""
@@ -335,19 +334,20 @@ class Beside:
         return self._information[number]
 
     def told(self, asked: np.ndarray) -> np.ndarray:
-        """Return what each alternative [K] adds to the state's score; those of the groups of the ``asked`` [K] count."""
-        new = [number for number in self.search.groups_of(asked) if number not in self._told]
-        groups = [self.search.groups[number] for number in new]
-        gained = _gained(
-            [
-                _Asked(group, self.information(number), self.slope[group.columns], group.sds_mm, group.log_odds)
-                for number, group in zip(new, groups, strict=True)
-            ]
-        )
-        for number, values in zip(new, gained, strict=True):
-            self._values[self.search.ends[number]] = values.ravel()
-        self._told.update(new)
-        return self._values
+        """Return what each of the ``asked`` alternatives [K] adds to the state's score; what it has for others counts
+        for nothing."""
+        known, values = self._known
+        new = asked & ~known
+        numbers = self.search.groups_of(new)
+        groups, own = ([of[number] for number in numbers] for of in (self.search.groups, self.search.ends))
+        told = [
+            _Asked(group, self.information(number), self.slope[group.columns], group.sds_mm, group.log_odds, new[mine])
+            for number, group, mine in zip(numbers, groups, own, strict=True)
+        ]
+        for mine, gained in zip(own, _gained(told), strict=True):
+            values[mine] = np.where(new[mine], gained.ravel(), values[mine])
+        known |= new
+        return values
 
     def gains(self, offered: np.ndarray) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the state's score."""
@@ -448,14 +448,14 @@ class _Group:
 
 class _Asked(NamedTuple):
     """Blocks of a group [B]: their ``information`` [B, P, P], how they ``pull`` [B, P], their sizes [B, V, P] and log
-    odds [B, V], and ``which`` [B, V] of their alternatives are asked for, all without."""
+    odds [B, V], and ``which`` [B, V] of their alternatives are asked for."""
 
     group: _Group
     information: np.ndarray
     pull: np.ndarray
     sds_mm: np.ndarray
     log_odds: np.ndarray
-    which: np.ndarray | None = None
+    which: np.ndarray
 
     def whole(self, gains: np.ndarray) -> np.ndarray:
         """Return what the alternatives add to a score [B, V], given what normal sizes gain [B · V]."""
@@ -470,14 +470,11 @@ def _gained(asked: Sequence[_Asked]) -> list[np.ndarray]:
     """Return what the alternatives of each of some groups' blocks add to a score [B, V]."""
     if not asked:
         return []
-    ends = list(slices(each.log_odds.size for each in asked))
-    which, out = np.ones(ends[-1].stop, bool), np.zeros(ends[-1].stop)
-    for each, own in zip(asked, ends, strict=True):
-        if each.which is not None:
-            which[own] = each.which.ravel()
-    information, pull, sds_mm = (
-        np.concatenate([getattr(each, name).ravel() for each in asked]) for name in ("information", "pull", "sds_mm")
+    information, pull, sds_mm, which = (
+        np.concatenate([getattr(each, name).ravel() for each in asked])
+        for name in ("information", "pull", "sds_mm", "which")
     )
+    ends, out = slices(each.log_odds.size for each in asked), np.zeros(len(which))
     kernels.gains(np.array([each.sds_mm.shape for each in asked]), information, pull, sds_mm, which, out)
     return [each.whole(out[own]) for each, own in zip(asked, ends, strict=True)]
 
