@@ -8,7 +8,7 @@ and the model file read these columns and nothing else.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -99,6 +99,11 @@ class Scene:
     @property
     def corexy(self) -> bool:
         return self.printer.kinematics == "corexy"
+
+    @cached_property
+    def belt_ways(self) -> np.ndarray:
+        """How far each belt moves the head along either bed axis, for one mm [2, 2]."""
+        return np.asarray(self.printer.from_motor(np.eye(2)))
 
     @property
     def middle_mm(self) -> np.ndarray:
@@ -261,8 +266,7 @@ def waves(place_mm: np.ndarray, period_mm: float, harmonics: Sequence[int] | np.
 
 def onto_bed(scene: Scene, motor: int, belt_mm: np.ndarray) -> np.ndarray:
     """Return what shifts [N, P] of one motor's belt do on the bed [N, 2, P]."""
-    way = scene.printer.from_motor(np.eye(2))[motor]
-    return belt_mm[:, None, :] * np.asarray(way)[None, :, None]
+    return belt_mm[:, None, :] * scene.belt_ways[motor, :, None]
 
 
 def along(axis: int, moved_mm: np.ndarray) -> np.ndarray:

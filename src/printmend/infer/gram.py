@@ -47,6 +47,16 @@ class Block:
         return self.effect, self.where
 
 
+_Numbers = np.ndarray | slice
+
+
+def _run(numbers: np.ndarray) -> _Numbers:
+    """Return numbers as a slice where each is the next of the one before: it is copied faster."""
+    if len(numbers) and (np.diff(numbers) == 1).all():
+        return slice(int(numbers[0]), int(numbers[-1]) + 1)
+    return numbers
+
+
 def slices(widths: Iterable[int]) -> Iterator[slice]:
     """Yield slices of these widths, each from the end of the one before."""
     ends = itertools.accumulate(widths, initial=0)
@@ -76,11 +86,11 @@ class Rows:
         return Rows(*(getattr(self, each.name)[which] for each in fields(self)))
 
     @cached_property
-    def by_axis(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], np.ndarray]:
+    def by_axis(self) -> tuple[tuple[_Numbers, _Numbers], tuple[_Numbers, _Numbers], np.ndarray]:
         """The rows that were measured along X and the places that they are of, the same of Y, and all other rows."""
         x, y = (np.flatnonzero((self.along == axis).all(axis=1)) for axis in np.eye(2))
         others = np.setdiff1d(np.arange(len(self.mark)), np.concatenate([x, y]))
-        return (x, self.mark[x]), (y, self.mark[y]), others
+        return (_run(x), _run(self.mark[x])), (_run(y), _run(self.mark[y])), others
 
     def at_places(self, sizes_mm: np.ndarray, count: int) -> np.ndarray:
         """Return numbers [M], one for each row, as vectors at ``count`` places [count, 2]: of a wall along its normal
