@@ -260,7 +260,7 @@ class Gram:
     def within(self, columns: np.ndarray) -> np.ndarray:
         """Return the products [B, P, P] of the columns [B, P] of each of some blocks among themselves."""
         told = self.table.within(self._of(columns))
-        return told if self.out is None else told - products(self.out.T, columns)
+        return told if self.out is None else told - products(self.out.T[columns])
 
     def some(self, columns: np.ndarray) -> "Gram":
         """Return the sums of some columns alone."""
@@ -291,10 +291,9 @@ class Gram:
         return replace(self, at=self._of(few), slope=few_slope, square=float(square), out=out), root, pull
 
 
-def products(half: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return the sums of products [B, P, P] of the columns [B, P] of each block, whose rows of ``half`` [N, K] make them."""
-    mine = half[columns]
-    return np.asarray(mine @ np.swapaxes(mine, 1, 2))
+def products(half: np.ndarray) -> np.ndarray:
+    """Return the sums of products [B, P, P] of the rows [B, P, K] of each of some blocks among themselves."""
+    return np.asarray(half @ np.swapaxes(half, 1, 2))
 
 
 def gram_of(columns: np.ndarray, rows: Rows, weight: np.ndarray) -> Gram:

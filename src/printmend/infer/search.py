@@ -10,7 +10,7 @@ must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard 
 """
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -130,10 +130,8 @@ class Search:
 
     def beside(self, state: State) -> "Beside":
         """Return what the rows tell of all blocks beside a set."""
-        variance = state.sigma_mm**2
-        crossing = self.gram.between(state.columns)  # [A, P]
-        slope = (self.gram.slope - state.mean_mm @ crossing) / variance
-        return Beside(self, state, crossing.T @ (state.root.T / variance), slope)
+        crossing = self.gram.between(state.columns)
+        return Beside(self, state, crossing, (self.gram.slope - state.mean_mm @ crossing) / state.sigma_mm**2)
 
     def given(self, members: Set, sigma_mm: float) -> "Search":
         """Return the search beside members that stay, whatever their sizes: these are summed out."""
@@ -308,15 +306,14 @@ def search_of(dictionary: Dictionary, rows: Rows, weight: np.ndarray) -> Search:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """What rows tell of blocks beside a state, and how they pull on all columns [P].
-
-    ``half`` [P, A]: what the root of the state's covariance makes of the products of all columns with its own.
-    """
+    """What rows tell of blocks beside a state, and how they pull on all columns [P]: ``crossing`` [A, P] are the
+    products of the state's columns with all."""
 
     search: Search
     state: State
-    half: np.ndarray
+    crossing: np.ndarray
     slope: np.ndarray
+    _halves: dict[int, np.ndarray] = field(default_factory=dict, init=False)
     _information: dict[int, np.ndarray] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -324,12 +321,27 @@ class Beside:
         """Which alternatives [K] were asked for, and what each of them adds to the state's score [K], 0 for others."""
         return np.zeros(len(self.search.keys), bool), np.zeros(len(self.search.keys))
 
+    def half(self, columns: np.ndarray) -> np.ndarray:
+        """Return what the root of the state's covariance makes of the products of its columns with some [..., A]."""
+        crossing = np.take(self.crossing, columns.ravel(), axis=1)
+        return np.asarray(crossing.T @ self._root).reshape(*columns.shape, len(crossing))
+
+    @cached_property
+    def _root(self) -> np.ndarray:
+        return np.asarray(self.state.root.T / self.state.sigma_mm**2)
+
+    def halves(self, number: int) -> np.ndarray:
+        """Return the half [B, P, A] of the columns of each block of the group of this number."""
+        if number not in self._halves:
+            self._halves[number] = self.half(self.search.groups[number].columns)
+        return self._halves[number]
+
     def information(self, number: int) -> np.ndarray:
         """Return what the rows tell of the sizes [B, P, P] of each block of the group of this number."""
         if number not in self._information:
             told = self.search.own[number] / self.state.sigma_mm**2
-            if self.half.size:
-                told -= products(self.half, self.search.groups[number].columns)
+            if len(self.crossing):
+                told -= products(self.halves(number))
             self._information[number] = told
         return self._information[number]
 
@@ -338,13 +350,16 @@ class Beside:
         for nothing."""
         known, values = self._known
         new = asked & ~known
-        numbers = self.search.groups_of(new)
-        groups, own = ([of[number] for number in numbers] for of in (self.search.groups, self.search.ends))
+        numbers, groups, ends = self.search.groups_of(new), self.search.groups, self.search.ends
         told = [
-            _Asked(group, self.information(number), self.slope[group.columns], group.sds_mm, group.log_odds, new[mine])
-            for number, group, mine in zip(numbers, groups, own, strict=True)
-        ]
-        for mine, gained in zip(own, _gained(told), strict=True):
+            _Asked(
+                groups[number], self.information(number), self.slope[groups[number].columns], groups[number].sds_mm,
+                groups[number].log_odds, new[ends[number]],
+            )
+            for number in numbers
+        ]  # fmt: skip
+        for number, gained in zip(numbers, _gained(told), strict=True):
+            mine = ends[number]
             values[mine] = np.where(new[mine], gained.ravel(), values[mine])
         known |= new
         return values
@@ -366,7 +381,8 @@ class Beside:
                 sds_mm[number, at[b]] = block.sds_mm[variant, 0]
                 log_odds[number] += block.log_odds[variant]
         told = self.search.gram.between(columns, columns) / self.state.sigma_mm**2
-        told -= self.half[columns] @ self.half[columns].T
+        half = self.half(columns)
+        told -= half @ half.T
         every, gains = np.ones(len(choices), bool), np.zeros(len(choices))
         kernels.gains(np.array([[1, *sds_mm.shape]]), told.ravel(), self.slope[columns], sds_mm.ravel(), every, gains)
         return gains + log_odds
@@ -417,7 +433,7 @@ class Less:
             mine = may[search.ends[number]].reshape(group.log_odds.shape)
             which = np.flatnonzero(mine.any(axis=1))
             columns = group.columns[which]
-            freed = (beside.half[columns.ravel()] @ self.freed).reshape(*columns.shape, -1)
+            freed = beside.halves(number)[which] @ self.freed
             information = beside.information(number)[which] + freed @ np.swapaxes(freed, 1, 2)
             slope = beside.slope[columns] + freed @ self.pull
             asked.append(_Asked(group, information, slope, group.sds_mm[which], group.log_odds[which], mine[which]))
