@@ -105,13 +105,13 @@ class Search:
         for at in range(rounds + 1):
             variance = newer
             factor = np.linalg.cholesky(one + scaled / variance)
-            inverse = inverse_of(factor)
-            covariance, pull = inverse.T @ inverse, scaled_slope / variance
-            mean = covariance @ pull
-            mean += covariance @ (pull - mean - scaled @ mean / variance)
+            inverse, pull = inverse_of(factor), scaled_slope / variance
+            mean = inverse.T @ (inverse @ pull)
+            mean += inverse.T @ (inverse @ (pull - mean - scaled @ mean / variance))
             if at == rounds:
                 break
-            left = self.gram.square - 2 * mean @ scaled_slope + mean @ scaled @ mean + np.sum(scaled * covariance)
+            left = self.gram.square - 2 * mean @ scaled_slope + mean @ scaled @ mean
+            left += variance * (len(sd) - np.sum(np.square(inverse)))  # what the sizes' covariance adds
             newer = max(float(left) / max(self.gram.count, 1), LEAST_SIGMA_MM**2)
             if abs(newer - variance) < SETTLED_SHARE * variance:
                 break
@@ -120,7 +120,7 @@ class Search:
         quadratic = self.gram.square / variance - mean @ (2 * pull - mean - scaled @ mean / variance)
         evidence = -0.5 * (self.gram.count * np.log(variance) + log_det + quadratic)
         positive = self.positive[columns]
-        spread = np.sqrt(np.diag(covariance)[positive])
+        spread = np.linalg.norm(inverse[:, positive], axis=0)
         evidence += float(np.sum(log_below(mean[positive] / spread) + np.log(2)))
         return State(members, columns, mean * sd, inverse * sd, float(np.sqrt(variance)), float(evidence + odds))
 
