@@ -21,7 +21,6 @@ from printmend.learn.walls import with_walls
 from printmend.measure.checks import AXES_TODO, FARTHEST_MM, counted_once, is_at_home, wrong_axes
 from printmend.messages import say, together
 from printmend.metrics.robust import ridge, scale_of
-from printmend.metrics.shape import nearest, spacing
 from printmend.model.model import NOTE, WARNING, Misfit
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -269,6 +268,8 @@ def _left_mm(trace: Trace, printer: Printer) -> float:
 
 def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:
     """Return the trace with shuffled places put back, where each has but one row that it can belong to."""
+    from printmend.metrics.shape import nearest, spacing  # with shapely, for shuffled rows alone
+
     commanded, measured = trace.commanded_mm[seen], trace.measured_mm[seen]
     fit = np.vstack([np.zeros(2), np.eye(2)])
     if not trace.placed:
