@@ -248,7 +248,7 @@ def test_a_shift_within_what_homings_do_is_no_fault_and_is_not_mended() -> None:
 def test_a_shift_beyond_them_is_told_the_end_stop_first() -> None:
     (found,) = learned_at((0.6, 0.0)).document["misfit"]["found"]
     assert found["kind"] == "moved"
-    assert re.search(r"\(\+0\.(59|6)", found["words"])
+    assert re.search(r"\(\+0\.(5[6-9]|6)", found["words"])  # but for what a belt at rest in its play may make of it
     assert "from the home position: an end stop switched elsewhere, the plate" in found["words"]
 
 

@@ -22,6 +22,7 @@ ALWAYS = 1e3  # logarithm of the odds of an effect that every print or measureme
 SCALE_MM = 100.0  # slopes are in mm per this distance, as in the model file
 # Effects that are linear in the place on the bed: a scanner's own stretch looks like them, and several like several.
 LINEAR = ("scale", "skew", "aspect", "turn", "resized")
+SHIFTS = ("place", "origin", "shift")  # effects that move everything alike
 FEW_LAYERS, MOST_LAYERS = 3, 48  # heights; fewer show nothing of the screw, and with more, neighbours share a size
 STROKES = 4  # of a motor that are known at a place: what was before them has faded
 FAR_MM = 30.0  # standard deviation of a place that nothing ties to the end stops

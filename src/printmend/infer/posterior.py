@@ -10,18 +10,17 @@ import itertools
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
-from printmend.effects.effect import drawn_places
+from printmend.effects.effect import SHIFTS, drawn_places
 from printmend.effects.homing import lasting
 from printmend.infer.fit import Fit
 from printmend.infer.gram import Block, Dictionary, summed
 from printmend.infer.machine import DRAWS, Part
 from printmend.infer.scatter import log_below
-from printmend.infer.search import LEAST_BETTER, LEAST_LOG_WEIGHT, Gains, Search, Set, State, likely_linear
+from printmend.infer.search import LEAST_BETTER, LEAST_LOG_WEIGHT, Gains, Search, Set, State, likely_choices
 from printmend.metrics.robust import DEGREES
 
 # Drawn machines from few numbers, where many sets of effects are equally likely: Gibbs sampling over sets.
@@ -218,7 +217,12 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     fit = replace(fit, state=central(fit, drawn, [likely, *sorted(states.values(), key=lambda each: -each.score)]))
     acting_mm = _acting_mm(fit.dictionary, [fit.state])[:, 0]
     order = dict.fromkeys([*(b for b, _ in fit.state.members), *drawn])
-    parts = [replace(drawn[b], acts_mm=acting_mm[blocks[b].at]) for b in order]
+    # Where one of a family may be there or another, what is expected of it acts.
+    parts = [
+        replace(drawn[b], acts_mm=drawn[b].mean_mm if own.any() and blocks[b].effect in SHIFTS else own)
+        for b in order
+        for own in [acting_mm[blocks[b].at]]
+    ]
     return Posterior(fit.scene, tuple(acting(fit.scene, parts)), fit.state, _nats(fit))
 
 
@@ -348,13 +352,13 @@ def of_shape(moved_mm: np.ndarray, places: Places) -> np.ndarray:
 def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> list[Set]:
     """Return a set for each draw: where a chain of its own ends that began with the likeliest set.
 
-    Members that nothing replaces stay, and are drawn in one of their sizes. Linear effects are exchanged all at once,
-    too. What may only come beside the likeliest set is no part of the chains: each of these many blocks may come to any
-    set, whatever others do.
+    Members that nothing replaces stay, and are drawn in one of their sizes. Effects of a family are exchanged all at
+    once, too. What may only come beside the likeliest set is no part of the chains: each of these many blocks may come
+    to any set, whatever others do.
     """
     search = search.apart()
-    linear = _linear(search, likeliest)
-    rivals, sizes, more = _beside(search, likeliest, linear)
+    families = [choices for family in search.families if (choices := _rivals(search, likeliest, family))]
+    rivals, sizes, more = _beside(search, likeliest, families)
     alternatives: dict[int, list[int]] = {}
     for b, variant in dict.fromkeys([*likeliest.members, *itertools.chain(*rivals)]):
         alternatives.setdefault(b, []).append(variant)
@@ -367,36 +371,30 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     staying: Set = tuple(member for member in sure if not few.dictionary.blocks[member[0]].positive)
     few = few.given(staying, likeliest.sigma_mm)
     few = replace(few, gram=summed([few.gram], len(few.gram.slope)))  # every chain asks for the same products
-    together = [tuple(number[member] for member in choice) for choice in linear]
-    chain = _Chain(few, staying, likeliest.sigma_mm, together)
+    numbered = [[tuple(number[member] for member in choice) for choice in choices] for choices in families]
+    chain = _Chain(few, staying, likeliest.sigma_mm)
     sets: list[Set] = [tuple(member for member in every if member not in staying)] * DRAWS
     for some in rivals * ROUNDS:
         mine = frozenset(number[each][0] for each in some)
         for _ in range(1 + len(set(likeliest.members).intersection(some))):  # a step takes one of them away, or none
             alike = Counter(sets).items()
             sets = [each for members, count in alike for each in chain.stepped(members, count, mine, rng)]
-        if not mine.isdisjoint(chain.exchanged):
-            alike = Counter(sets).items()
-            sets = [each for members, count in alike for each in chain.regrouped(members, count, rng)]
+        for choices in numbered:
+            if not mine.isdisjoint(b for choice in choices for b, _ in choice):
+                alike = Counter(sets).items()
+                sets = [each for members, count in alike for each in chain.regrouped(members, choices, count, rng)]
     chained = [tuple(key[member] for member in (*staying, *members)) for members in sets]
     return [tuple(sorted(each)) for each in _with_more(search, _resized(chained, sizes, rng), more, rng)]
 
 
 @dataclass(frozen=True, eq=False)
 class _Chain:
-    """Steps among sets beside members that are ``staying``. ``together`` are sets of linear effects that may take each
-    other's place. ``known`` is what may come to sets that were asked for."""
+    """Steps among sets beside members that are ``staying``. ``known`` is what may come to sets that were asked for."""
 
     search: Search
     staying: Set
     sigma_mm: float
-    together: list[Set] = field(default_factory=list)
     known: dict[tuple[Set, frozenset[int]], Gains] = field(default_factory=dict, init=False)
-
-    @cached_property
-    def exchanged(self) -> frozenset[int]:
-        """The blocks of the sets that may take each other's place."""
-        return frozenset(b for choice in self.together for b, _ in choice)
 
     def stepped(self, members: Set, count: int, rivals: frozenset[int], rng: np.random.Generator) -> Iterator[Set]:
         """Take away one member that is among the blocks ``rivals``, or none, and choose which of them comes in its
@@ -414,16 +412,17 @@ class _Chain:
                 chosen = gains.keys[choice : choice + 1].tolist()  # none where it is the last
                 yield (*others, *((b, variant) for b, variant in chosen))
 
-    def regrouped(self, members: Set, count: int, rng: np.random.Generator) -> Iterator[Set]:
-        """Choose all linear effects anew, by what they add to the score (Gibbs sampling), for ``count`` draws that have
-        a set."""
-        others = tuple(member for member in members if member[0] not in self.exchanged)
-        own = tuple(sorted(member for member in members if member[0] in self.exchanged))
-        choices = list(dict.fromkeys([own, *(tuple(sorted(choice)) for choice in self.together)]))
+    def regrouped(self, members: Set, choices: Sequence[Set], count: int, rng: np.random.Generator) -> Iterator[Set]:
+        """Choose anew among sets of one family's effects, by what they add to the score (Gibbs sampling), for ``count``
+        draws that have a set."""
+        blocks = {b for choice in choices for b, _ in choice}
+        others = tuple(member for member in members if member[0] not in blocks)
+        own = tuple(sorted(member for member in members if member[0] in blocks))
+        every = list(dict.fromkeys([own, *(tuple(sorted(choice)) for choice in choices)]))
         state = self.search.posterior(others, self.sigma_mm, rounds=0)
-        odds = _chances(self.search.beside(state).together(choices))
+        odds = _chances(self.search.beside(state).together(every))
         for choice in drawn_by(odds, count, rng).tolist():
-            yield tuple(sorted((*others, *choices[choice])))
+            yield tuple(sorted((*others, *every[choice])))
 
     def _gains(self, others: Set, rivals: frozenset[int]) -> Gains:
         if (others, rivals) not in self.known:
@@ -472,24 +471,23 @@ def _with_more(search: Search, sets: list[Set], more: Gains, rng: np.random.Gene
         yield members
 
 
-def _linear(search: Search, likeliest: State) -> list[Set]:
-    """Return the sets of linear effects that may take the place of the likeliest set's; none where all of them are the
-    same effects, or where it has none."""
-    choices, _ = likely_linear(search, likeliest)
-    there = frozenset(b for b, _ in set(likeliest.members).intersection(search.linear))
+def _rivals(search: Search, likeliest: State, family: Sequence[Set]) -> list[Set]:
+    """Return the sets of a family's effects that may take the place of the likeliest set's; none where all of them are
+    the same effects, or where it has none."""
+    others, choices, _ = likely_choices(search, likeliest, family)
+    there = frozenset(b for b, _ in set(likeliest.members).difference(others))
     return choices if there and {frozenset(dict(choice)) for choice in choices} != {there} else []
 
 
 def _beside(
-    search: Search, likeliest: State, linear: Sequence[Set] = ()
+    search: Search, likeliest: State, families: Sequence[Sequence[Set]]
 ) -> tuple[list[Set], dict[tuple[int, int], Gains], Gains]:
     """Return each group of members of the likeliest set with what may come in their place; the members whose place
-    nothing does, with their alternatives in size; and what all other blocks add beside the set. Sets of ``linear``
-    effects may take each other's place."""
+    nothing does, with their alternatives in size; and what all other blocks add beside the set. Sets of each of some
+    ``families`` may take each other's place."""
     members, beside = likeliest.members, search.beside(likeliest)
-    together = tuple(dict.fromkeys(itertools.chain(*linear)))
-    exchanged = {b for b, _ in together}
-    rivals: list[Set] = [together] if linear else []
+    rivals: list[Set] = [tuple(dict.fromkeys(itertools.chain(*choices))) for choices in families]
+    exchanged = {b for some in rivals for b, _ in some}
     sure, more = {}, beside.gains(search.offered(members))
     for at, member in enumerate(members):
         others = (*members[:at], *members[at + 1 :])

@@ -1,7 +1,7 @@
 """Which set of effects made a measurement: forward, backward and swap steps by log evidence and prior odds.
 
-Effects that are linear in the place on the bed span so small a space that several stand for several others. So all
-their sets are compared at once.
+Effects that are linear in the place on the bed, and those that shift everything, span so little that several stand for
+several others. So all sets of such a family are compared at once.
 
 With the noise σ and a set's prior variances V given, errors are normal with covariance σ² + Φ V Φᵀ. What one block
 gains beside a set follows from the block's share of the Gram matrix alone: with S its information and r its slope once
@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from printmend.effects import EFFECTS, Of
-from printmend.effects.effect import LINEAR
+from printmend.effects.effect import LINEAR, SHIFTS
 from printmend.infer import kernels
 from printmend.infer.gram import Block, Dictionary, Gram, Rows, gram_of, laid_side_by_side, products, slices
 from printmend.infer.scatter import inverse_of, log_below
@@ -27,7 +27,8 @@ LEAST_SIGMA_MM = 2e-3  # of any instrument; tables and G-code are written to hal
 LEAST_BETTER = 1e-6  # of the score: what rounding leaves
 LEAST_LOG_WEIGHT = -9.0  # what is less likely than e^−9 of something else hardly ever happens beside it
 SETTLED_SHARE = 1e-3  # of the noise's variance: a score near its maximum changes by the square
-MOST_LINEAR = 4  # effects that are linear in the place on the bed: more span nothing more, since it has four numbers
+FAMILIES = (LINEAR, SHIFTS)  # effects of which several stand for several others
+MOST_ALIKE = 4  # effects of a family in a set: a linear map of the bed has four numbers, and four effects shift it
 Set = tuple[tuple[int, int], ...]  # (block, alternative in size) of each member
 
 
@@ -159,29 +160,26 @@ class Search:
         return {}
 
     @cached_property
-    def linear(self) -> Set:
-        """The alternatives of all effects that are linear in the place on the bed, but of those that are likely before
-        the rows say anything."""
-        return tuple(
-            (b, variant)
-            for b, block in enumerate(self.dictionary.blocks)
-            if block.effect in LINEAR and not block.shape and block.log_odds[0] < 0
-            for variant in range(len(block.log_odds))
-        )
-
-    @cached_property
-    def linear_choices(self) -> list[Set]:
-        """The sets of linear effects that a set may have, each of them at most once at a place."""
-        return [
-            choice
-            for count in range(MOST_LINEAR + 1)
-            for choice in itertools.combinations(self.linear, count)
-            if len({self._slot_of[b] for b, _ in choice}) == count
-        ]
-
-    def without_linear(self, members: Set) -> Set:
-        """Return the members of a set that are not linear effects."""
-        return tuple(member for member in members if member not in self.linear)
+    def families(self) -> list[list[Set]]:
+        """The sets that a set may have of each family: all of its effects that are likely before the rows say anything,
+        and none twice at a place."""
+        blocks, found = self.dictionary.blocks, []
+        for names in FAMILIES:
+            slots: dict[tuple[str, int], Set] = {}
+            for b, block in enumerate(blocks):
+                if block.effect in names and not block.shape:
+                    slots[block.slot] = (*slots.get(block.slot, ()), *((b, v) for v in range(len(block.log_odds))))
+            sure = {slot for slot, ((b, variant), *_) in slots.items() if blocks[b].log_odds[variant] >= 0}
+            some = (each for count in range(MOST_ALIKE + 1) for each in itertools.combinations(slots, count))
+            found.append(
+                [
+                    choice
+                    for each in some
+                    if sure <= {*each}
+                    for choice in itertools.product(*map(slots.__getitem__, each))
+                ]
+            )
+        return found
 
     def narrowed(self, blocks: Sequence[Block]) -> "Search":
         """Return the search among some of the blocks alone, in this order; each may have fewer alternatives in size."""
@@ -370,16 +368,15 @@ class Beside:
         return Gains(self.search.keys[asked], self.told(asked)[asked])
 
     def together(self, choices: Sequence[Set]) -> np.ndarray:
-        """Return what each of some sets of blocks of one column, which may have either sign, adds to the score [C]."""
-        known = list(dict.fromkeys(member for choice in choices for member in choice))
-        blocks = list(dict.fromkeys(b for b, _ in known))
-        columns, at = columns_at(self.search.dictionary.blocks[b] for b in blocks), {b: k for k, b in enumerate(blocks)}
-        sds_mm, log_odds = np.zeros((len(choices), len(blocks))), np.zeros(len(choices))
+        """Return what each of some sets of blocks, whose sizes may have either sign, adds to the score [C]."""
+        blocks = {b: self.search.dictionary.blocks[b] for choice in choices for b, _ in choice}
+        columns = columns_at(blocks.values())
+        at = dict(zip(blocks, slices(block.width for block in blocks.values()), strict=True))
+        sds_mm, log_odds = np.zeros((len(choices), len(columns))), np.zeros(len(choices))
         for number, choice in enumerate(choices):
             for b, variant in choice:
-                block = self.search.dictionary.blocks[b]
-                sds_mm[number, at[b]] = block.sds_mm[variant, 0]
-                log_odds[number] += block.log_odds[variant]
+                sds_mm[number, at[b]] = blocks[b].sds_mm[variant]
+                log_odds[number] += blocks[b].log_odds[variant]
         told = self.search.gram.between(columns, columns) / self.state.sigma_mm**2
         half = self.half(columns)
         told -= half @ half.T
@@ -500,25 +497,29 @@ def searched(search: Search, start: Set, sigma_mm: float) -> State:
     return _climbed(search, search.posterior(start, sigma_mm))
 
 
-def likely_linear(search: Search, state: State) -> tuple[list[Set], np.ndarray]:
-    """Return the sets of linear effects that may take the place of a state's, and the score of each.
+def likely_choices(search: Search, state: State, choices: Sequence[Set]) -> tuple[Set, list[Set], np.ndarray]:
+    """Return the members of a state that are of no family's ``choices``, those of the choices that are likely beside
+    these, and the score of each.
 
-    Any four of them span what all do, so several may stand for several others while no single exchange helps. All of
-    them are weighed at once.
+    Effects of a family span so little that several may stand for several others while no single exchange helps. All
+    sets of them are weighed at once.
     """
-    others = search.posterior(search.without_linear(state.members), state.sigma_mm, rounds=0)
-    choices = search.linear_choices
+    known = {b for choice in choices for b, _ in choice}
+    members = tuple(member for member in state.members if member[0] not in known)
+    others = search.posterior(members, state.sigma_mm, rounds=0)
     scores = others.score + search.beside(others).together(choices)
     likely = np.flatnonzero(scores > scores.max() + LEAST_LOG_WEIGHT)
-    return [choices[at] for at in likely.tolist()], scores[likely]
+    return members, [choices[at] for at in likely.tolist()], scores[likely]
 
 
 def _regrouped(search: Search, state: State) -> State:
-    """Return the likeliest set with other linear effects in place of a state's."""
-    choices, scores = likely_linear(search, state)
-    members = (*search.without_linear(state.members), *choices[int(np.argmax(scores))])
-    better = search.posterior(members, state.sigma_mm)
-    return _climbed(search, better) if better.score > state.score + LEAST_BETTER else state
+    """Return the likeliest set with other effects of each family in place of a state's."""
+    for family in search.families:
+        others, choices, scores = likely_choices(search, state, family)
+        better = search.posterior((*others, *choices[int(np.argmax(scores))]), state.sigma_mm)
+        if better.score > state.score + LEAST_BETTER:
+            state = _climbed(search, better)
+    return state
 
 
 def doubted(search: Search, state: State) -> State:
@@ -526,8 +527,8 @@ def doubted(search: Search, state: State) -> State:
 
     Several blocks may stand for several others while no single exchange helps. So steps begin again beside the other
     members, without any block of the slot of the one in doubt. They drop others or exchange them within their slots,
-    and then add blocks. Members that are likely before the rows say anything stay. Linear effects are all exchanged at
-    once first.
+    and then add blocks. Members that are likely before the rows say anything stay. Those of a family are all
+    exchanged at once first.
     """
     state = _regrouped(search, state)
     for member in reversed(state.members):
