@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import Acts, Places, Scene, Usual
 from printmend.effects.words import Care, Fault, Found, Numbers, amount, where_seen
 from printmend.messages import say
 
@@ -23,9 +22,8 @@ class Aspect(Usual):
     acts = Acts.FRAME
     keys = Numbers(("percent",))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        if scene.corexy:
-            yield from alternatives(self.name, 0)
+    def carriers(self, scene: Scene) -> range:
+        return range(scene.corexy)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return (scene.off_middle(places.bed_mm) * SHARES)[:, :, None]

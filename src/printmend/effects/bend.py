@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, held, onto_bed
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import Acts, Places, Scene, Shapes, Usual, held, onto_bed
 from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Numbers, along_motor_mm, motor_name
 from printmend.messages import say
 
@@ -18,9 +17,8 @@ class Bend(Usual):
     acts = Acts.DRIVE
     keys = Numbers(("square_mm", "cube_mm"))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for motor in range(2):
-            yield from alternatives(self.name, motor, [scene.motor_span_mm[motor]])
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        return [scene.motor_span_mm[where]]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x = scene.motor_off_middle(where, places.motor_mm[:, where])

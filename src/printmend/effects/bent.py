@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along_both
-from printmend.effects.prior import alternatives, profile_of
+from printmend.effects.effect import Acts, Places, Profiles, Scene, Usual, along_both
+from printmend.effects.prior import profile_of
 from printmend.effects.words import AXES, LEAST_SHOWN_MM, Care, Fault, Found, Numbers, where_seen
 from printmend.machine import Frame
 from printmend.messages import say
@@ -21,8 +21,11 @@ class Bent(Usual):
     acts = Acts.FRAME
     keys = Numbers(tuple(f"{axis}_{'x' * p + 'y' * q}_mm" for axis in AXES for p, q in POWERS))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        yield from alternatives(self.name, 0, [()], 2 * profile_of(self.name))
+    def carriers(self, scene: Scene) -> range:
+        return range(1)
+
+    def profiles(self, where: int, scene: Scene) -> Profiles:
+        return [2 * profile_of(self.name)]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along_both(_products(scene.off_middle(places.bed_mm)))

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed, waves
+from printmend.effects.effect import Acts, Places, Profiles, Scene, Usual, onto_bed, waves
 from printmend.effects.play import play_mm
-from printmend.effects.prior import alternatives, number_of, turning_share
+from printmend.effects.prior import number_of, turning_share
 from printmend.effects.pulley import first, harmonic_faults, is_loose
 from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_name, those_of
 from printmend.messages import say
@@ -30,10 +30,11 @@ class Breathing(Usual):
     needs = ("play", "friction")
     keys = Waves(tuple(map(int, HARMONICS)))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        profile = tuple(np.tile(PROFILE, 2))
-        for motor in range(2):
-            yield from alternatives(self.name, motor, [()], profile, share=turning_share(self.name, scene, motor))
+    def profiles(self, where: int, scene: Scene) -> Profiles:
+        return [np.tile(PROFILE, 2)]
+
+    def share(self, where: int, scene: Scene) -> float | None:
+        return turning_share(self.name, scene, where)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         turn = waves(places.motor_mm[:, where], scene.turns_mm[where], first(HARMONICS, shape))

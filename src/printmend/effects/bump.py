@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from printmend.effects.effect import Places, Scene, Term, about, about_factor, onto_bed
-from printmend.effects.prior import alternatives, numbers_of
+from printmend.effects.effect import Places, Scene, Shapes, about, about_factor, onto_bed
+from printmend.effects.prior import numbers_of
 from printmend.effects.splice import AtOnePlace
 
 SPACING = 2.0  # distance of the places that are tried, in widths
@@ -22,12 +22,10 @@ class Bump(AtOnePlace):
     meaning = "lines-bulge-at-one-place"
     replace = "look-for-dent-missing-tooth"
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for motor in range(2):
-            low, high = scene.motor_span_mm[motor]
-            widths = numbers_of(self.name, "widths")
-            shapes = [(float(at), width) for width in widths for at in np.arange(low, high, SPACING * width)]
-            yield from alternatives(self.name, motor, shapes)
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        low, high = scene.motor_span_mm[where]
+        widths = numbers_of(self.name, "widths")
+        return [(float(at), width) for width in widths for at in np.arange(low, high, SPACING * width)]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         at, width = shape

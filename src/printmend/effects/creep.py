@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Of, Places, Scene, Term, Usual, about_factor, carrier
-from printmend.effects.prior import alternatives, fate_of, numbers_of
+from printmend.effects.effect import Of, Places, Scene, Shapes, Usual, about_factor, carrier
+from printmend.effects.prior import fate_of, numbers_of
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
 
@@ -21,9 +21,11 @@ class Creep(Usual):
     fate = fate_of(name)
     keys = Numbers(shape=("after_share",))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for where in range(4 if scene.corexy else 2):
-            yield from alternatives(self.name, where, [(each,) for each in numbers_of(self.name, "times")])
+    def carriers(self, scene: Scene) -> range:
+        return range(4 if scene.corexy else 2)
+
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        return [(each,) for each in numbers_of(self.name, "times")]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         course = 1.0 - np.exp(-places.done / shape[0])

@@ -1,11 +1,10 @@
 """A crooked or dented guide without a pattern: it pushes the head aside by a Gaussian process of the place on it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, along
+from printmend.effects.effect import Acts, Places, Scene, Shapes, along
 from printmend.effects.prior import numbers_of
 from printmend.effects.process import Process, cosines, plane_waves, rates_rad, share_of_span
 from printmend.effects.words import LEAST_SHOWN_MM, PLACES, Care, Fault, Found
@@ -23,10 +22,9 @@ class Crooked(Process):
     acts = Acts.WAVE
     count = 52  # cosines: over 264 mm the shortest is 10 mm long
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        more_mm = max(numbers_of(self.name, "lengths")) / 2
-        first, second = ((low - more_mm, high + more_mm) for low, high in scene.bed_span_mm)
-        return super().terms(replace(scene, bed_span_mm=(first, second)))
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        (low, high), more_mm = scene.bed_span_mm[where], max(numbers_of(self.name, "lengths")) / 2
+        return [(low - more_mm, high + more_mm)]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         """Return its cosines; beyond the span they come back, for the waves of a frame have no end."""

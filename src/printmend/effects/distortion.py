@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, drawn_places
-from printmend.effects.prior import alternatives, numbers_of
+from printmend.effects.effect import Acts, Places, Profiles, Scene, Shapes, Usual, along, drawn_places
+from printmend.effects.prior import numbers_of
 from printmend.effects.process import cosines, plane_waves, rates_rad, share_of_span, smooth
 from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Whole
 from printmend.messages import say
@@ -20,12 +20,13 @@ class Distortion(Usual):
     acts = Acts.WAVE
     keys = Whole()
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        return [(*scene.bed_span_mm[0], *scene.bed_span_mm[1])]
+
+    def profiles(self, where: int, scene: Scene) -> Profiles:
         x_mm, y_mm = scene.bed_span_mm
         lengths = numbers_of(self.name, "lengths")
-        profiles = [tuple(np.outer(smooth(x_mm, each, COUNT), smooth(y_mm, each, COUNT)).flat) for each in lengths]
-        for axis in range(2):
-            yield from alternatives(self.name, axis, [(*x_mm, *y_mm)], *profiles)
+        return [np.outer(smooth(x_mm, each, COUNT), smooth(y_mm, each, COUNT)).ravel() for each in lengths]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         spans = shape[:2], shape[2:]

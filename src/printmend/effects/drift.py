@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Of, Places, Scene, Term, Usual, carrier
-from printmend.effects.prior import alternatives, fate_of
+from printmend.effects.effect import Of, Places, Scene, Usual, carrier
+from printmend.effects.prior import fate_of
 from printmend.effects.words import Found, Told, carrier_name
 from printmend.messages import say
 
@@ -18,9 +18,8 @@ class Drift(Usual):
     of = Of.SESSION
     fate = fate_of(name)
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for where in range(4 if scene.corexy else 2):
-            yield from alternatives(self.name, where)
+    def carriers(self, scene: Scene) -> range:
+        return range(4 if scene.corexy else 2)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         course = places.done

@@ -5,7 +5,7 @@ columns: how far each mark moves on the bed [mm] for one unit of each of its P s
 and the model file read these columns and nothing else.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property, lru_cache
@@ -167,6 +167,8 @@ class Places:
 
 
 Key = tuple[str, int, tuple[float, ...]]  # an effect, where it is, and its shape
+Shapes = Sequence[tuple[float, ...]]
+Profiles = Sequence[Iterable[float]]
 
 
 @dataclass(frozen=True)
@@ -232,7 +234,8 @@ class Effect(Protocol):
 
 class Usual:
     """The usual answers of an effect: it is of the machine, nothing holds it, and it stays. Homing removes its error at
-    home. Either motor or axis may have it, with one size of either sign at a time, and without a shape."""
+    home. Either motor or axis may have it, with sizes of either sign, as the table of priors has them, and without a
+    shape."""
 
     name: str
     of = Of.MACHINE
@@ -242,11 +245,29 @@ class Usual:
     most = 1
     positive = False
 
+    def carriers(self, scene: Scene) -> range:
+        """Return the motors or axes that may have it."""
+        return range(2)
+
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        """Return the shapes that are tried there, as alternatives of one another."""
+        return [()]
+
+    def profiles(self, where: int, scene: Scene) -> Profiles:
+        """Return the alternative standard deviations [P] of its sizes, over the usual one; the table's for none."""
+        return ()
+
+    def share(self, where: int, scene: Scene) -> float | None:
+        """Return the share of printers that have it there, None for the table's."""
+        return None
+
     def terms(self, scene: Scene) -> Iterator[Term]:
         from printmend.effects.prior import alternatives  # which makes terms
 
-        for where in range(2):
-            yield from alternatives(self.name, where, positive=self.positive)
+        for where in self.carriers(scene):
+            shapes, profiles = self.shapes(where, scene), self.profiles(where, scene)
+            share = self.share(where, scene)
+            yield from alternatives(self.name, where, shapes, *profiles, share=share, positive=self.positive)
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         return iter(())

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, onto_bed, waves
-from printmend.effects.prior import alternatives, turning_share
+from printmend.effects.effect import SCALE_MM, Acts, Places, Profiles, Scene, Shapes, Usual, onto_bed, waves
+from printmend.effects.prior import turning_share
 from printmend.effects.pulley import LEAST_EFFECT_MM, SMOOTH, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Care, Fault, Found, Waves, amount, motor_name
 from printmend.messages import parts_of, say
@@ -22,12 +22,14 @@ class Elastic(Usual):
     acts = Acts.DRIVE
     keys = Waves(tuple(map(int, HARMONICS)))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        profile = tuple(np.tile(SMOOTH[HARMONICS.astype(int) - 1], 2))
-        for motor in range(2):
-            yield from alternatives(
-                self.name, motor, [scene.motor_span_mm[motor]], profile, share=turning_share(self.name, scene, motor)
-            )
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        return [scene.motor_span_mm[where]]
+
+    def profiles(self, where: int, scene: Scene) -> Profiles:
+        return [np.tile(SMOOTH[HARMONICS.astype(int) - 1], 2)]
+
+    def share(self, where: int, scene: Scene) -> float | None:
+        return turning_share(self.name, scene, where)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x = scene.motor_off_middle(where, places.motor_mm[:, [where]])

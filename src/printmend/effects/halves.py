@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, about, along_both
-from printmend.effects.prior import alternatives, number_of
+from printmend.effects.effect import GONE, Of, Places, Scene, Shapes, Usual, about, along_both
+from printmend.effects.prior import number_of
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Numbers, Told
 from printmend.messages import say
 
@@ -24,12 +24,12 @@ class Halves(Usual):
     fate = GONE
     keys = Numbers(("x_mm", "y_mm"), ("at_mm", "side"))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        share = number_of(self.name, "placed_share" if scene.placed else "share")
-        for axis in range(2):
-            sides = (LOWER, UPPER) if scene.homed else (UPPER,)
-            shapes = [(float(at), side) for at in borders_mm(scene, axis) for side in sides]
-            yield from alternatives(self.name, axis, shapes, (1.0, 1.0), share=share)
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        sides = (LOWER, UPPER) if scene.homed else (UPPER,)
+        return [(float(at), side) for at in borders_mm(scene, where) for side in sides]
+
+    def share(self, where: int, scene: Scene) -> float | None:
+        return number_of(self.name, "placed_share" if scene.placed else "share")
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         at, side = shape

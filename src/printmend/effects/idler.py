@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Scene, Term, finer_periods
-from printmend.effects.prior import NEAR_SHARE, alternatives, numbers_of, periods_of
+from printmend.effects.effect import Scene, Shapes, finer_periods
+from printmend.effects.prior import NEAR_SHARE, numbers_of, periods_of
 from printmend.effects.pulley import LEAST_EFFECT_MM
 from printmend.effects.teeth import TOOTH_MM, OfOnePeriod
 from printmend.effects.words import Care, Fault, Found, amount, motor_name, where_seen
@@ -20,11 +20,9 @@ class Idler(OfOnePeriod):
     name = "idler"
     kinds = ("period",)
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for motor in range(2):
-            periods = periods_of(self.name, scene.motor_span_mm[motor])
-            shapes = [(each,) for each in periods if _is_another(each, scene.turns_mm[motor])]
-            yield from alternatives(self.name, motor, shapes, (1.0, 1.0))
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        periods = periods_of(self.name, scene.motor_span_mm[where])
+        return [(each,) for each in periods if _is_another(each, scene.turns_mm[where])]
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         finer = finer_periods(shape[0], round_)

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Places, Scene, Term, Usual, about, about_factor, along
+from printmend.effects.effect import Places, Scene, Shapes, Usual, about, about_factor, along
 from printmend.effects.halves import APART_MM, borders_mm
-from printmend.effects.prior import alternatives, number_of
+from printmend.effects.prior import number_of
 from printmend.effects.words import Found, Numbers, Told
 from printmend.messages import say
 
@@ -19,10 +19,9 @@ class Joint(Usual):
     name = "joint"
     keys = Numbers(shape=("at_mm", "width_mm"))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for axis in range(2):
-            width = number_of(self.name, "width")  # others are looked for about it
-            yield from alternatives(self.name, axis, [(float(at), width) for at in borders_mm(scene, axis)])
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        width = number_of(self.name, "width")  # others are looked for about it
+        return [(float(at), width) for at in borders_mm(scene, where)]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         at, width = shape

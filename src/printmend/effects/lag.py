@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Places, Scene, Term, Usual, along
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import Places, Scene, Usual, along
 from printmend.effects.words import Found, Told
 from printmend.messages import say
 
@@ -14,10 +13,10 @@ class Lag(Usual):
     """Play of one bed axis of a CoreXY; on other printers it is the belt's."""
 
     name = "lag"
+    positive = True
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for axis in range(2 * scene.corexy):
-            yield from alternatives(self.name, axis, positive=True)
+    def carriers(self, scene: Scene) -> range:
+        return range(2 * scene.corexy)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, -0.5 * places.ways[:, [where]])

@@ -1,11 +1,8 @@
 """Layers that are offset from one another, each by its own amount."""
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from printmend.effects.effect import MOST_LAYERS, OTHERWISE, Of, Places, Scene, Term, Usual, along
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import MOST_LAYERS, OTHERWISE, Of, Places, Profiles, Scene, Shapes, Usual, along
 from printmend.effects.words import Whole
 
 
@@ -17,10 +14,14 @@ class Layer(Usual):
     fate = OTHERWISE
     keys = Whole()
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        if scene.layers:
-            for axis in range(2):
-                yield from alternatives(self.name, axis, [scene.layers], (1.0,) * int(scene.layers[2]))
+    def carriers(self, scene: Scene) -> range:
+        return range(2 if scene.layers else 0)
+
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        return [scene.layers]
+
+    def profiles(self, where: int, scene: Scene) -> Profiles:
+        return [np.ones(int(scene.layers[2]))]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         low_mm, high_mm, count = shape

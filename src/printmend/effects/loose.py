@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Places, Scene, Term, Usual
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import Places, Scene, Usual
 from printmend.effects.words import Found, Told
 from printmend.messages import say
 
@@ -14,10 +13,10 @@ class Loose(Usual):
     """Play that is round: the head is behind by half of it, along the last move."""
 
     name = "loose"
+    positive = True
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        if all(high > low for low, high in scene.bed_span_mm):  # along one line it is the same as play
-            yield from alternatives(self.name, 0, positive=True)
+    def carriers(self, scene: Scene) -> range:
+        return range(all(high > low for low, high in scene.bed_span_mm))  # along one line it is the same as play
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return -0.5 * places.headings()[:, :, None]

@@ -2,7 +2,7 @@
 
 import math
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -100,7 +100,7 @@ def alternatives(
     name: str,
     where: int,
     shapes: Sequence[tuple[float, ...]] = ((),),
-    *profiles: Sequence[float],
+    *profiles: Iterable[float],
     share: float | None = None,
     sd_mm: float | None = None,
     mild: Sequence[float] | None = None,

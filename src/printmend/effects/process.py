@@ -4,12 +4,10 @@ Over a span of length L they are cos(πks), s from 0 to 1, with sizes by the spe
 2020, Hilbert space methods for reduced-rank Gaussian process regression).
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from printmend.effects.effect import Acts, Scene, Term, Usual, held
-from printmend.effects.prior import alternatives, numbers_of
+from printmend.effects.effect import Acts, Profiles, Scene, Shapes, Usual, held
+from printmend.effects.prior import numbers_of
 from printmend.effects.words import Whole
 
 LEAST_SPAN_MM = 1.0  # a shorter span counts as so long
@@ -25,10 +23,12 @@ class Process(Usual):
     keys = Whole()
     count: int
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for where, span in enumerate(scene.bed_span_mm if self.acts is Acts.WAVE else scene.motor_span_mm):
-            sizes = (smooth(span, length, self.count) for length in numbers_of(self.name, "lengths"))
-            yield from alternatives(self.name, where, [span], *sizes)
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        return [(scene.bed_span_mm if self.acts is Acts.WAVE else scene.motor_span_mm)[where]]
+
+    def profiles(self, where: int, scene: Scene) -> Profiles:
+        ((low, high),) = self.shapes(where, scene)
+        return [smooth((low, high), length, self.count) for length in numbers_of(self.name, "lengths")]
 
     def series(self, place_mm: np.ndarray, span_mm: tuple[float, ...]) -> np.ndarray:
         """Return its cosines [N, K] at places [N]; beyond the span they stay as they are at its ends."""

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, onto_bed, waves
-from printmend.effects.prior import NEAR_SHARE, alternatives, number_of, numbers_of, turning_share
+from printmend.effects.effect import Acts, Places, Profiles, Scene, Usual, onto_bed, waves
+from printmend.effects.prior import NEAR_SHARE, number_of, numbers_of, turning_share
 from printmend.effects.words import (
     NAMED_SIGMAS,
     Care,
@@ -21,15 +21,6 @@ from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 33.0)  # number of harmonics: corners need so many
 SMOOTH = HARMONICS ** -number_of("pulley", "falls")  # their sizes on most pulleys
-
-
-def profiles() -> list[np.ndarray]:
-    """Return profiles of the harmonics' sizes [32]: usual, smoother, eccentric alone, or those of one symmetry."""
-    large = [HARMONICS == 1, *(HARMONICS % fold == 0 for fold in numbers_of("pulley", "folds"))]
-    few = [np.where(each, 1.0, number_of("pulley", "beside")) * SMOOTH for each in large]
-    return [SMOOTH, HARMONICS ** -number_of("pulley", "smoother"), *few]
-
-
 LEAST_EFFECT_MM = 0.003  # a smaller wave is not named: no print shows it
 NAMED_HARMONICS = 3  # most harmonics of a pulley that are named: the largest
 SHAPES = {1: "shape-eccentric", 2: "shape-oval", 3: "shape-three-cornered", 4: "shape-four-cornered"}  # messages
@@ -43,10 +34,14 @@ class Pulley(Usual):
     acts = Acts.DRIVE
     keys = Waves(tuple(map(int, HARMONICS)))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for motor in range(2):
-            each = (tuple(np.tile(profile, 2)) for profile in profiles())
-            yield from alternatives(self.name, motor, [()], *each, share=turning_share(self.name, scene, motor))
+    def profiles(self, where: int, scene: Scene) -> Profiles:
+        """Return profiles of the harmonics' sizes: usual, smoother, eccentric alone, or those of one symmetry."""
+        large = [HARMONICS == 1, *(HARMONICS % fold == 0 for fold in numbers_of(self.name, "folds"))]
+        few = [np.where(each, 1.0, number_of(self.name, "beside")) * SMOOTH for each in large]
+        return [np.tile(each, 2) for each in (SMOOTH, HARMONICS ** -number_of(self.name, "smoother"), *few)]
+
+    def share(self, where: int, scene: Scene) -> float | None:
+        return turning_share(self.name, scene, where)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, waves(places.motor_mm[:, where], scene.turns_mm[where], first(HARMONICS, shape)))

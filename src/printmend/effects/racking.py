@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Places, Scene, Term, Usual, along, onto_bed
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import SCALE_MM, Places, Scene, Usual, along, onto_bed
 from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
 
@@ -19,9 +18,8 @@ class Racking(Usual):
     at_motors = True
     keys = Numbers(("size_mm", "across_mm"))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for where in range(4 if scene.corexy else 2):
-            yield from alternatives(self.name, where, [()], (1.0, 1.0))
+    def carriers(self, scene: Scene) -> range:
+        return range(4 if scene.corexy else 2)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         axis = where % 2

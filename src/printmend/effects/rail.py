@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, finer_periods, waves
-from printmend.effects.prior import alternatives, periods_of
+from printmend.effects.effect import Acts, Places, Profiles, Scene, Shapes, Usual, along, finer_periods, waves
+from printmend.effects.prior import periods_of
 from printmend.effects.words import Care, Fault, Found, Waves, is_first, those_of, where_seen
 from printmend.messages import say, together
 
@@ -19,11 +19,11 @@ class Rail(Usual):
     most = 2
     keys = Waves(shape=("period_mm",))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for axis in range(2):
-            periods = periods_of(self.name, scene.bed_span_mm[axis])
-            profile = (1.0,) * (4 if scene.corexy else 2)
-            yield from alternatives(self.name, axis, [(each,) for each in periods], profile)
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        return [(each,) for each in periods_of(self.name, scene.bed_span_mm[where])]
+
+    def profiles(self, where: int, scene: Scene) -> Profiles:
+        return [np.ones(4 if scene.corexy else 2)]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         turn = waves(places.bed_mm[:, where], shape[0])

@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Places, Scene, Term, along_both
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import GONE, Places, Scene, along_both
 from printmend.effects.step import AtOneMoment
 from printmend.effects.turn import about_middle, degrees_of
 from printmend.effects.words import Found, Numbers, Told
@@ -19,8 +18,8 @@ class Sheet(AtOneMoment):
     fate = GONE  # once it is clipped
     keys = Numbers(("x_mm", "y_mm", "angle_deg"), ("at_share",))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        yield from alternatives(self.name, 0, self.breaks(scene))
+    def carriers(self, scene: Scene) -> range:
+        return range(1)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         moved = np.concatenate([along_both(np.ones((len(places), 1))), about_middle(places, scene)], axis=2)

@@ -5,8 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Term, Usual, along
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import SCALE_MM, Acts, Places, Scene, Usual, along
 from printmend.effects.words import Care, Fault, Found, Numbers, amount, is_first, those_of, where_seen
 from printmend.messages import say
 
@@ -18,10 +17,9 @@ class Skew(Usual):
     acts = Acts.FRAME
     keys = Numbers(("angle_deg",))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
+    def carriers(self, scene: Scene) -> range:
         # without a place the leaning axis is unknown: the alternative is the same shape, turned
-        for axis in range(2 if scene.placed else 1):
-            yield from alternatives(self.name, axis)
+        return range(2 if scene.placed else 1)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, scene.off_middle(places.bed_mm)[:, [1 - where]])

@@ -5,13 +5,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Places, Scene, Term, onto_bed
-from printmend.effects.prior import alternatives, mild_shares
+from printmend.effects.effect import GONE, Places, Scene, onto_bed
 from printmend.effects.step import AtOneMoment
 from printmend.effects.words import REPAIR_MM, Care, Fault, Found, Told, motor_name
 from printmend.messages import say
-
-MILD = mild_shares()[:2]  # an electrical turn is less than a tooth, and nothing is less than that
 
 
 class Skip(AtOneMoment):
@@ -22,10 +19,6 @@ class Skip(AtOneMoment):
     kinds = ("jump", "jumps")
     fate = GONE
     most = 12
-
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for motor in range(2):
-            yield from alternatives(self.name, motor, self.breaks(scene), mild=MILD)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, (places.done > shape[0])[:, None] * 1.0)

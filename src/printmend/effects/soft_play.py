@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Places, Scene, Term, Usual, about_factor, onto_bed
-from printmend.effects.prior import alternatives, numbers_of
+from printmend.effects.effect import Places, Scene, Shapes, Usual, about_factor, onto_bed
+from printmend.effects.prior import numbers_of
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
 
@@ -23,10 +23,8 @@ class SoftPlay(Usual):
     at_motors = True
     keys = Numbers(("size_mm",), ("length_mm",))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for motor in range(2):
-            shapes = [(length_mm,) for length_mm in numbers_of(self.name, "lengths")]
-            yield from alternatives(self.name, motor, shapes)
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        return [(length_mm,) for length_mm in numbers_of(self.name, "lengths")]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         lag = 0.5 * places.side[:, where].astype(float)

@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import LONG_MM, Places, Scene, Term, Usual, onto_bed
-from printmend.effects.prior import alternatives
+from printmend.effects.effect import LONG_MM, Places, Scene, Shapes, Usual, onto_bed
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
 
@@ -18,9 +17,8 @@ class Speed(Usual):
     at_motors = True
     keys = Numbers(("size_mm",), ("long_mm",))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for motor in range(2):
-            yield from alternatives(self.name, motor, [(scene.longest_mm,)])
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        return [(scene.longest_mm,)]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         (long_mm,) = shape or (LONG_MM,)  # files of older versions have no shape

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, about, about_factor, onto_bed
-from printmend.effects.prior import alternatives, numbers_of
+from printmend.effects.effect import Acts, Places, Scene, Shapes, Usual, about, about_factor, onto_bed
+from printmend.effects.prior import numbers_of
 from printmend.effects.words import Care, Fault, Found, Numbers, amount, motor_name, where_seen
 from printmend.messages import say
 
@@ -45,12 +45,10 @@ class Splice(AtOnePlace):
     meaning = "beyond-place-along-everything-lies-mm"
     replace = "look-along-belt-joint-dent-missing"
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for motor in range(2):
-            low, high = scene.motor_span_mm[motor]
-            widths = numbers_of(self.name, "widths")  # others are looked for between them
-            shapes = [(float(at), width) for at in np.arange(low + STEP_MM, high, STEP_MM) for width in widths]
-            yield from alternatives(self.name, motor, shapes)
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        low, high = scene.motor_span_mm[where]
+        widths = numbers_of(self.name, "widths")  # others are looked for between them
+        return [(float(at), width) for at in np.arange(low + STEP_MM, high, STEP_MM) for width in widths]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         at, width = shape

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Of, Places, Scene, Term, Usual, about, carrier
-from printmend.effects.prior import alternatives, fate_of
+from printmend.effects.effect import Of, Places, Scene, Shapes, Usual, about, carrier
+from printmend.effects.prior import fate_of
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
 
@@ -19,8 +19,7 @@ class AtOneMoment(Usual):
     of = Of.SESSION
     keys = Numbers(shape=("at_share",))
 
-    def breaks(self, scene: Scene) -> list[tuple[float]]:
-        """Return the moments that are tried, each as a shape."""
+    def shapes(self, where: int, scene: Scene) -> Shapes:
         return [(float(each),) for each in BREAKS if each > scene.unseen_share]
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
@@ -35,9 +34,8 @@ class Step(AtOneMoment):
     fate = fate_of(name)
     most = 2
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for where in range(4 if scene.corexy else 2):
-            yield from alternatives(self.name, where, self.breaks(scene))
+    def carriers(self, scene: Scene) -> range:
+        return range(4 if scene.corexy else 2)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return carrier(scene, where, (places.done > shape[0])[:, None] * 1.0)

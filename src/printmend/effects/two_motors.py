@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Places, Scene, Term, Usual, onto_bed, waves
-from printmend.effects.prior import alternatives, profile_of, turning_share
+from printmend.effects.effect import SCALE_MM, Places, Profiles, Scene, Usual, onto_bed, waves
+from printmend.effects.prior import profile_of, turning_share
 from printmend.effects.words import Found, Told, Waves, carrier_name, span_mm
 from printmend.messages import say
 
@@ -20,10 +20,14 @@ class TwoMotors(Usual):
     at_motors = True
     keys = Waves(HARMONICS)
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for axis in range(0 if scene.corexy else 2):
-            share = turning_share(self.name, scene, axis)
-            yield from alternatives(self.name, axis, [()], 2 * profile_of(self.name), share=share)
+    def carriers(self, scene: Scene) -> range:
+        return range(0 if scene.corexy else 2)
+
+    def profiles(self, where: int, scene: Scene) -> Profiles:
+        return [2 * profile_of(self.name)]
+
+    def share(self, where: int, scene: Scene) -> float | None:
+        return turning_share(self.name, scene, where)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         other = scene.off_middle(places.bed_mm)[:, [1 - where]]

@@ -4,9 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Places, Scene, Term, Usual, about, onto_bed
+from printmend.effects.effect import Places, Scene, Shapes, Usual, about, onto_bed
 from printmend.effects.halves import borders_mm
-from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
 
@@ -22,11 +21,9 @@ class UnevenPlay(Usual):
     at_motors = True
     keys = Numbers(shape=("axis", "at_mm"))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        for motor in range(2):
-            axes = (0, 1) if scene.corexy else (1 - motor,)
-            shapes = [(float(axis), float(at)) for axis in axes for at in borders_mm(scene, axis, BORDERS)]
-            yield from alternatives(self.name, motor, shapes)
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        axes = (0, 1) if scene.corexy else (1 - where,)
+        return [(float(axis), float(at)) for axis in axes for at in borders_mm(scene, axis, BORDERS)]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         axis, at = shape

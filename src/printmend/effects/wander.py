@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import OTHERWISE, Of, Places, Scene, Term, Usual, along
-from printmend.effects.prior import alternatives, numbers_of
+from printmend.effects.effect import OTHERWISE, Of, Places, Profiles, Scene, Usual, along
+from printmend.effects.prior import numbers_of
 from printmend.effects.process import cosines, smooth, walk
 from printmend.effects.words import Found, Told, Whole
 from printmend.messages import say
@@ -21,11 +21,9 @@ class Wander(Usual):
     fate = OTHERWISE
     keys = Whole()
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
+    def profiles(self, where: int, scene: Scene) -> Profiles:
         lengths = [length for length in numbers_of(self.name, "lengths") if scene.way_mm < COUNT * length]
-        profiles = [walk(COUNT), *(smooth((0.0, scene.way_mm), length, COUNT) for length in lengths)]
-        for axis in range(2):
-            yield from alternatives(self.name, axis, [()], *profiles)
+        return [walk(COUNT), *(smooth((0.0, scene.way_mm), length, COUNT) for length in lengths)]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, cosines(np.clip(places.done, 0.0, 1.0), COUNT))

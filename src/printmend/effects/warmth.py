@@ -4,8 +4,19 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import ANEW, SCALE_MM, Of, Places, Scene, Term, Usual, about_factor, along, along_both
-from printmend.effects.prior import alternatives, numbers_of
+from printmend.effects.effect import (
+    ANEW,
+    SCALE_MM,
+    Of,
+    Places,
+    Scene,
+    Shapes,
+    Usual,
+    about_factor,
+    along,
+    along_both,
+)
+from printmend.effects.prior import numbers_of
 from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
 
@@ -21,8 +32,11 @@ class Warmth(Usual):
     fate = ANEW
     keys = Numbers(("grow_x_mm", "grow_y_mm", "move_x_mm", "move_y_mm"), ("after_share",))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        yield from alternatives(self.name, 0, [(each,) for each in numbers_of(self.name, "times")], (1.0,) * 4)
+    def carriers(self, scene: Scene) -> range:
+        return range(1)
+
+    def shapes(self, where: int, scene: Scene) -> Shapes:
+        return [(each,) for each in numbers_of(self.name, "times")]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         grown = (1.0 - np.exp(-places.done / shape[0]))[:, None]

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Term, Usual, along, waves
-from printmend.effects.prior import alternatives, profile_of
+from printmend.effects.effect import Acts, Places, Profiles, Scene, Usual, along, waves
+from printmend.effects.prior import profile_of
 from printmend.effects.pulley import wave_sizes
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Care, Fault, Found, Waves, amount, is_first, those_of
 from printmend.messages import say, together
@@ -22,10 +22,11 @@ class Wobble(Usual):
     acts = Acts.SCREW
     keys = Waves(tuple(map(int, HARMONICS)))
 
-    def terms(self, scene: Scene) -> Iterator[Term]:
-        if turns_of(scene) >= LEAST_TURNS:
-            for axis in range(2):
-                yield from alternatives(self.name, axis, [()], 2 * profile_of(self.name))
+    def carriers(self, scene: Scene) -> range:
+        return range(2 if turns_of(scene) >= LEAST_TURNS else 0)
+
+    def profiles(self, where: int, scene: Scene) -> Profiles:
+        return [2 * profile_of(self.name)]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, waves(places.heights_mm(scene), scene.printer.z.mm_per_turn, HARMONICS))
