@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along, finer_periods, waves
+from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along, periods_apart_mm, waves
 from printmend.effects.prior import alternatives, periods_of
 from printmend.effects.words import Found, Told, Waves
 from printmend.messages import say
@@ -29,8 +29,8 @@ class CarriageWave(Usual):
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along(where, waves(places.bed_mm[:, where], shape[0]))
 
-    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        return finer_periods(shape[0], round_)
+    def spacing(self, where: int, shape: tuple[float, ...], scene: Scene) -> tuple[float, ...]:
+        return (periods_apart_mm(shape[0], scene.bed_span_mm[where]),)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size_mm = float(np.linalg.norm(found.sizes_mm)) / 2**0.5

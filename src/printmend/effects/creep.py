@@ -4,12 +4,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Of, Places, Scene, Shapes, Usual, about_factor, carrier
-from printmend.effects.prior import fate_of, numbers_of
+from printmend.effects.effect import Of, Places, Scene, Shapes, Usual, carrier
+from printmend.effects.prior import apart_of, fate_of, numbers_of
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
-
-APART = 0.5  # of the logarithms of two times
 
 
 class Creep(Usual):
@@ -31,8 +29,8 @@ class Creep(Usual):
         course = 1.0 - np.exp(-places.done / shape[0])
         return carrier(scene, where, course[:, None])
 
-    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        yield from ((each,) for each in about_factor(shape[0], APART, round_))
+    def spacing(self, where: int, shape: tuple[float, ...], scene: Scene) -> tuple[float, ...]:
+        return (apart_of(self.name, "times", shape[0]),)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         crept_mm = found.sizes_mm[0] * (1.0 - np.exp(-1.0 / found.shape[0]))  # a slow one has not settled yet

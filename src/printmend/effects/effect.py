@@ -253,6 +253,14 @@ class Usual:
         """Return the shapes that are tried there, as alternatives of one another."""
         return [()]
 
+    def spacing(self, where: int, shape: tuple[float, ...], scene: Scene) -> tuple[float, ...]:
+        """Return how far it is in each number of a shape to the next one that is tried, 0 where none is between."""
+        return ()
+
+    def is_possible(self, where: int, shape: tuple[float, ...], scene: Scene) -> bool:
+        """Tell whether it may have a shape there, of those that are tried or between them."""
+        return True
+
     def profiles(self, where: int, scene: Scene) -> Profiles:
         """Return the alternative standard deviations [P] of its sizes, over the usual one; the table's for none."""
         return ()
@@ -265,12 +273,16 @@ class Usual:
         from printmend.effects.prior import alternatives  # which makes terms
 
         for where in self.carriers(scene):
-            shapes, profiles = self.shapes(where, scene), self.profiles(where, scene)
-            share = self.share(where, scene)
+            shapes = [each for each in self.shapes(where, scene) if self.is_possible(where, each, scene)]
+            profiles, share = self.profiles(where, scene), self.share(where, scene)
             yield from alternatives(self.name, where, shapes, *profiles, share=share, positive=self.positive)
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        return iter(())
+        for at, apart in enumerate(self.spacing(where, shape, scene)):
+            for number in (shape[at] + apart * FINER / TIMES_FINER**round_).tolist():
+                near = (*shape[:at], number, *shape[at + 1 :])
+                if apart and self.is_possible(where, near, scene):
+                    yield near
 
 
 def waves(place_mm: np.ndarray, period_mm: float, harmonics: Sequence[int] | np.ndarray = (1,)) -> np.ndarray:
@@ -429,24 +441,17 @@ def carrier(scene: Scene, where: int, moved_mm: np.ndarray) -> np.ndarray:
     return onto_bed(scene, where, moved_mm) if where < 2 else along(where - 2, moved_mm)
 
 
-TIMES_FINER = 4.0  # that a grid about a found shape is
-FINER = np.array([-0.5, -0.25, 0.25, 0.5])  # places about a found shape, in spacings of its grid
+# How fine the grids of shapes are, and how much finer a grid about a shape that was found.
 
-
-def about(value: float, spacing: float, round_: int) -> list[float]:
-    """Return values about one that a grid of this spacing found; each round is four times as fine."""
-    found: list[float] = (value + spacing * FINER / TIMES_FINER**round_).tolist()
-    return found
-
-
-def about_factor(value: float, spacing: float, round_: int) -> list[float]:
-    """Return values about one that a grid found whose logarithms have this spacing."""
-    found: list[float] = (value * np.exp(about(0.0, spacing, round_))).tolist()
-    return found
-
-
+FINER = np.array([-0.5, -0.25, 0.25, 0.5])  # numbers about one of a found shape, in spacings of its grid
+TIMES_FINER = float(len(FINER))
+STEPS = 50  # parts of a span between steps that are tried: far from any, smooth effects look likelier than a step
 CYCLES = 0.25  # by which two neighbouring periods of a grid differ over the whole span
-FINER_SPAN_MM = 200.0  # a usual span, by which finer periods are spaced
+
+
+def steps(low: float, high: float) -> list[float]:
+    """Return the places or moments of a step that are tried between the ends of a span."""
+    return np.linspace(low, high, STEPS + 1)[2:-2].tolist()
 
 
 def periods_mm(shortest_mm: float, longest_mm: float, span_mm: float) -> list[float]:
@@ -457,11 +462,9 @@ def periods_mm(shortest_mm: float, longest_mm: float, span_mm: float) -> list[fl
     return found
 
 
-def finer_periods(period_mm: float, round_: int) -> Iterator[tuple[float, ...]]:
-    """Yield periods about one of a grid of `periods_mm`."""
-    for rate in about(1.0 / period_mm, CYCLES / FINER_SPAN_MM, round_):
-        if rate > 0:
-            yield (1.0 / rate,)
+def periods_apart_mm(period_mm: float, span_mm: tuple[float, float]) -> float:
+    """Return how far the next period is from one over a span from one end to the other."""
+    return CYCLES * period_mm**2 / (span_mm[1] - span_mm[0])
 
 
 # Draw an effect from its prior; draw places over the measured spans, to judge an effect's size on.

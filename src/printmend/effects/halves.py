@@ -4,13 +4,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Of, Places, Scene, Shapes, Usual, about, along_both
+from printmend.effects.effect import GONE, STEPS, Of, Places, Scene, Shapes, Usual, along_both, steps
 from printmend.effects.prior import number_of
-from printmend.effects.words import LEAST_SHOWN_MM, Found, Numbers, Told
+from printmend.effects.words import LEAST_SHOWN_MM, Found, Numbers, Told, span_mm
 from printmend.messages import say
 
-BORDERS = 50  # places of a border that are tried: beside a step that is far from any, smooth effects look likelier
-APART_MM = 4.0  # distance of two of them on a usual bed
 OTHER_SHARE = 0.1  # a smaller share along the other axis is not reported
 LOWER, UPPER = -1.0, 1.0  # the sheet that lies aside
 
@@ -26,7 +24,7 @@ class Halves(Usual):
 
     def shapes(self, where: int, scene: Scene) -> Shapes:
         sides = (LOWER, UPPER) if scene.homed else (UPPER,)
-        return [(float(at), side) for at in borders_mm(scene, where) for side in sides]
+        return [(at, side) for at in steps(*scene.bed_span_mm[where]) for side in sides]
 
     def share(self, where: int, scene: Scene) -> float | None:
         return number_of(self.name, "placed_share" if scene.placed else "share")
@@ -35,9 +33,8 @@ class Halves(Usual):
         at, side = shape
         return along_both(side * (side * (places.bed_mm[:, [where]] - at) > 0))
 
-    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        at, side = shape
-        yield from ((place, side) for place in about(at, APART_MM, round_))
+    def spacing(self, where: int, shape: tuple[float, ...], scene: Scene) -> tuple[float, ...]:
+        return (span_mm(scene, where) / STEPS,)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         least_mm = max(LEAST_SHOWN_MM, OTHER_SHARE * float(np.abs(found.sizes_mm).max()))
@@ -50,9 +47,3 @@ class Halves(Usual):
         elif off:
             sizes = (f"{size:+.2f}" for _, size in off)
             yield Told("halves", say(f"off-mm-mm-{part}-part-mm", *sizes, *where))
-
-
-def borders_mm(scene: Scene, axis: int, count: int = BORDERS) -> np.ndarray:
-    """Return the borders between two parts of the bed that are tried along an axis, at most ``count``."""
-    low, high = scene.bed_span_mm[axis]
-    return np.linspace(low, high, count + 2)[2:-2]

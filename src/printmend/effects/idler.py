@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Scene, Shapes, finer_periods
+from printmend.effects.effect import Scene, Shapes, periods_apart_mm
 from printmend.effects.prior import NEAR_SHARE, numbers_of, periods_of
 from printmend.effects.pulley import LEAST_EFFECT_MM
 from printmend.effects.teeth import TOOTH_MM, OfOnePeriod
@@ -21,12 +21,15 @@ class Idler(OfOnePeriod):
     kinds = ("period",)
 
     def shapes(self, where: int, scene: Scene) -> Shapes:
-        periods = periods_of(self.name, scene.motor_span_mm[where])
-        return [(each,) for each in periods if _is_another(each, scene.turns_mm[where])]
+        return [(each,) for each in periods_of(self.name, scene.motor_span_mm[where])]
 
-    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        finer = finer_periods(shape[0], round_)
-        return (each for each in finer if _is_another(each[0], scene.turns_mm[where]))
+    def spacing(self, where: int, shape: tuple[float, ...], scene: Scene) -> tuple[float, ...]:
+        return (periods_apart_mm(shape[0], scene.motor_span_mm[where]),)
+
+    def is_possible(self, where: int, shape: tuple[float, ...], scene: Scene) -> bool:
+        """Tell whether a wave of this length is none of the pulley's, whose waves fit into a turn."""
+        turns = scene.turns_mm[where] / shape[0]
+        return abs(turns - round(turns)) > NEAR_SHARE
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         (period_mm,) = found.shape
@@ -45,9 +48,3 @@ class Idler(OfOnePeriod):
         title = say("swings-every-mm", where, fault.kind.removeprefix("period-"))
         repair = where_seen(fault.size, say("clean-idlers-look-them-wobbles-pulley"))
         return Care(title, say("lines-swing-mm-either-side-again", fault.shown), fault.size, repair)
-
-
-def _is_another(period_mm: float, turn_mm: float) -> bool:
-    """Tell whether a wave of this length is none of the pulley's, whose waves fit into a turn."""
-    turns = turn_mm / period_mm
-    return abs(turns - round(turns)) > NEAR_SHARE

@@ -37,6 +37,12 @@ def numbers_of(name: str, key: str) -> tuple[float, ...]:
     return tuple(map(float, _table()[name][key]))
 
 
+def apart_of(name: str, key: str, number: float) -> float:
+    """Return how far the next one of an effect's own numbers, which are a factor apart, is from one."""
+    first, second, *_ = numbers_of(name, key)
+    return number * math.log(second / first)
+
+
 def share_of(name: str) -> float:
     """Return the share of printers that have an effect at one place."""
     return number_of(name, "share")

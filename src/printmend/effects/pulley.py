@@ -6,17 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import Acts, Places, Profiles, Scene, Usual, onto_bed, waves
 from printmend.effects.prior import NEAR_SHARE, number_of, numbers_of, turning_share
-from printmend.effects.words import (
-    NAMED_SIGMAS,
-    Care,
-    Fault,
-    Found,
-    Waves,
-    amount,
-    motor_name,
-    those_of,
-    where_seen,
-)
+from printmend.effects.words import NAMED_SIGMAS, Care, Fault, Found, Waves, amount, motor_name, those_of, where_seen
 from printmend.messages import say
 
 HARMONICS = np.arange(1.0, 33.0)  # number of harmonics: corners need so many

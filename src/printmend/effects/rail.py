@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Profiles, Scene, Shapes, Usual, along, finer_periods, waves
+from printmend.effects.effect import Acts, Places, Profiles, Scene, Shapes, Usual, along, periods_apart_mm, waves
 from printmend.effects.prior import periods_of
 from printmend.effects.words import Care, Fault, Found, Waves, is_first, those_of, where_seen
 from printmend.messages import say, together
@@ -30,8 +30,8 @@ class Rail(Usual):
         across = along(1 - where, turn)
         return np.concatenate([across, along(where, turn)], axis=2) if scene.corexy else across
 
-    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        return finer_periods(shape[0], round_)
+    def spacing(self, where: int, shape: tuple[float, ...], scene: Scene) -> tuple[float, ...]:
+        return (periods_apart_mm(shape[0], scene.bed_span_mm[where]),)
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         if is_first(found, (self.name,), beside):

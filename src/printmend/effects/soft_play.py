@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Places, Scene, Shapes, Usual, about_factor, onto_bed
-from printmend.effects.prior import numbers_of
+from printmend.effects.effect import Places, Scene, Shapes, Usual, onto_bed
+from printmend.effects.prior import apart_of, numbers_of
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
 
@@ -35,11 +35,11 @@ class SoftPlay(Usual):
             lag *= 1 + left @ signs
         return onto_bed(scene, where, lag[:, None])
 
-    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        first, second, *_ = numbers_of(self.name, "lengths")
-        for length_mm in about_factor(shape[0], float(np.log(second / first)), round_):
-            if length_mm >= first:
-                yield (length_mm,)
+    def spacing(self, where: int, shape: tuple[float, ...], scene: Scene) -> tuple[float, ...]:
+        return (apart_of(self.name, "lengths", shape[0]),)
+
+    def is_possible(self, where: int, shape: tuple[float, ...], scene: Scene) -> bool:
+        return shape[0] >= min(numbers_of(self.name, "lengths"))
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size, most = float(found.sizes_mm[0]), f"{2 * found.shape[0]:.0f}"

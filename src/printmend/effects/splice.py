@@ -4,13 +4,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Places, Scene, Shapes, Usual, about, about_factor, onto_bed
-from printmend.effects.prior import numbers_of
+from printmend.effects.effect import STEPS, Acts, Places, Scene, Shapes, Usual, onto_bed, steps
+from printmend.effects.prior import apart_of, numbers_of
 from printmend.effects.words import Care, Fault, Found, Numbers, amount, motor_name, where_seen
 from printmend.messages import say
-
-STEP_MM = 5.0  # distance of the places that are tried
-WIDTHS_APART = 1.1  # of the logarithms of two widths
 
 
 class AtOnePlace(Usual):
@@ -46,18 +43,14 @@ class Splice(AtOnePlace):
     replace = "look-along-belt-joint-dent-missing"
 
     def shapes(self, where: int, scene: Scene) -> Shapes:
-        low, high = scene.motor_span_mm[where]
         widths = numbers_of(self.name, "widths")  # others are looked for between them
-        return [(float(at), width) for at in np.arange(low + STEP_MM, high, STEP_MM) for width in widths]
+        return [(at, width) for at in steps(*scene.motor_span_mm[where]) for width in widths]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         at, width = shape
         ramp = np.clip((places.motor_mm[:, where] - at) / width + 0.5, 0.0, 1.0)
         return onto_bed(scene, where, ramp[:, None])
 
-    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        at, width = shape
-        for place in (at, *about(at, STEP_MM, round_)):
-            for wider in (width, *about_factor(width, WIDTHS_APART, round_)):
-                if (place, wider) != shape:
-                    yield place, wider
+    def spacing(self, where: int, shape: tuple[float, ...], scene: Scene) -> tuple[float, ...]:
+        low, high = scene.motor_span_mm[where]
+        return (high - low) / STEPS, apart_of(self.name, "widths", shape[1])

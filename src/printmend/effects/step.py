@@ -4,13 +4,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Of, Places, Scene, Shapes, Usual, about, carrier
+from printmend.effects.effect import STEPS, Of, Places, Scene, Shapes, Usual, carrier, steps
 from printmend.effects.prior import fate_of
 from printmend.effects.words import Found, Numbers, Told, carrier_name
 from printmend.messages import say
-
-APART = 0.02  # of a print: distance of the moments that are tried
-BREAKS = np.arange(0.04, 0.97, APART)
 
 
 class AtOneMoment(Usual):
@@ -20,10 +17,13 @@ class AtOneMoment(Usual):
     keys = Numbers(shape=("at_share",))
 
     def shapes(self, where: int, scene: Scene) -> Shapes:
-        return [(float(each),) for each in BREAKS if each > scene.unseen_share]
+        return [(each,) for each in steps(0.0, 1.0)]
 
-    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        yield from ((each,) for each in about(shape[0], APART, round_) if each > scene.unseen_share)
+    def spacing(self, where: int, shape: tuple[float, ...], scene: Scene) -> tuple[float, ...]:
+        return (1 / STEPS,)
+
+    def is_possible(self, where: int, shape: tuple[float, ...], scene: Scene) -> bool:
+        return shape[0] > scene.unseen_share
 
 
 class Step(AtOneMoment):

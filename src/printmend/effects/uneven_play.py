@@ -4,13 +4,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Places, Scene, Shapes, Usual, about, onto_bed
-from printmend.effects.halves import borders_mm
-from printmend.effects.words import Found, Numbers, Told, carrier_name
+from printmend.effects.effect import STEPS, Places, Scene, Shapes, Usual, onto_bed, steps
+from printmend.effects.words import Found, Numbers, Told, carrier_name, span_mm
 from printmend.messages import say
-
-BORDERS = 25  # places of a border that are tried
-APART_MM = 8.0  # distance of two of them on a usual bed
 
 
 class UnevenPlay(Usual):
@@ -23,16 +19,15 @@ class UnevenPlay(Usual):
 
     def shapes(self, where: int, scene: Scene) -> Shapes:
         axes = (0, 1) if scene.corexy else (1 - where,)
-        return [(float(axis), float(at)) for axis in axes for at in borders_mm(scene, axis, BORDERS)]
+        return [(float(axis), at) for axis in axes for at in steps(*scene.bed_span_mm[axis])]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         axis, at = shape
         more = 0.5 * places.side[:, where] * (places.bed_mm[:, int(axis)] > at)
         return onto_bed(scene, where, more[:, None])
 
-    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        axis, at = shape
-        yield from ((axis, place) for place in about(at, APART_MM, round_))
+    def spacing(self, where: int, shape: tuple[float, ...], scene: Scene) -> tuple[float, ...]:
+        return 0.0, span_mm(scene, int(shape[0])) / STEPS
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         carrier, axis = carrier_name(scene, found.where), "XY"[int(found.shape[0])]

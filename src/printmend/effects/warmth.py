@@ -4,23 +4,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import (
-    ANEW,
-    SCALE_MM,
-    Of,
-    Places,
-    Scene,
-    Shapes,
-    Usual,
-    about_factor,
-    along,
-    along_both,
-)
-from printmend.effects.prior import numbers_of
+from printmend.effects.effect import ANEW, SCALE_MM, Of, Places, Scene, Shapes, Usual, along, along_both
+from printmend.effects.prior import apart_of, numbers_of
 from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
 
-APART = 0.9  # of the logarithms of two times
 OTHER_SHARE = 0.3  # a smaller share along the other axis is not reported
 
 
@@ -44,8 +32,8 @@ class Warmth(Usual):
         grows = [along(0, x[:, None] * grown), along(1, y[:, None] * grown)]
         return np.concatenate([*grows, along_both(grown)], axis=2)
 
-    def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
-        yield from ((each,) for each in about_factor(shape[0], APART, round_))
+    def spacing(self, where: int, shape: tuple[float, ...], scene: Scene) -> tuple[float, ...]:
+        return (apart_of(self.name, "times", shape[0]),)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         """The axis that grew or moved most, or both where both grew."""
