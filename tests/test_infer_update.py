@@ -133,7 +133,7 @@ def test_a_part_over_a_wider_span_is_the_same_belt(old: tuple[Fit, Posterior]) -
     narrow, wide = (
         replace(scene, homed=False, motor_span_mm=(span, (0.0, 200.0))) for span in ((60.0, 130.0), (6.0, 214.0))
     )
-    orders = np.arange(1, Uneven.count + 1)
+    orders = np.arange(1, Uneven().count + 1)
     sizes = np.random.default_rng(1).normal(0, 0.05, (len(orders), DRAWS)) / orders[:, None] ** 2
     part = Part("uneven", 0, (60.0, 130.0), sizes[:, 0], sizes)
     same = rebased(part, wide)

@@ -5,6 +5,7 @@ import math
 TURN_RAD = 2.0 * math.pi
 MM_PER_INCH = 25.4
 SIGMA_PER_MEDIAN = 1.4826  # standard deviation of Gaussian errors whose median absolute value is 1
+SELDOM_SDS = 2.0  # in one case of twenty, noise is off by more standard deviations
 A4_MM, LETTER_MM = (210.0, 297.0), (215.9, 279.4)  # width and height of a sheet: ISO 216, ANSI A
 
 

@@ -40,8 +40,8 @@ from printmend.corruption.transmission import (
     WrongRadius,
 )
 from printmend.effects import EFFECTS, Acts, Effect, Of, Scene, Term
-from printmend.effects.effect import drawn_sizes
-from printmend.effects.sized import TINY_MM, Sized, belts_mm
+from printmend.effects.effect import TINY_MM, drawn_sizes
+from printmend.effects.sized import Sized, belts_mm
 from printmend.effects.words import PLACES
 from printmend.errors import ConfigError
 from printmend.infer.fit import FINER_ROUNDS, home_sd_of, turn_of, turned, worn

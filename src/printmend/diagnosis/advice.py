@@ -6,18 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.named import HEALTHY_SD_MM, too_low
+from printmend.diagnosis.named import WARNED_MM, too_low
 from printmend.effects import EFFECTS
+from printmend.effects.effect import NEARLY_ALL
 from printmend.effects.wobble import LEAST_TURNS, turns_of
 from printmend.effects.words import REPAIR_MM, SOON_MM, Care, Fault, fault_of, plain_kind
 from printmend.infer.fit import Fit
 from printmend.messages import is_one_of, say, together, within
 from printmend.model.model import REFITTED, SavedModel, said_of
+from printmend.units import SELDOM_SDS
 
 # The gaps of a trace: what it did not show of a motor, and the print that would.
 
 SECTORS_PER_TURN = 40  # sectors of 9° in which contacts are counted
-ALL_SEEN = 0.95  # a larger share of the turn counts as all of it
 LEAST_EITHER_WAY = 5  # marks that a motor must have gone either way, or its play cannot show
 LEAST_CROSSING_MM = 3.0  # how far the other axis must move by itself, root mean square, for a crooked frame to show
 
@@ -63,7 +64,7 @@ def _wobble_gap(fit: Fit) -> Iterator[str]:
     sds_mm = np.sqrt(np.diag(state.covariance))
     own = [sds_mm[at][::2] for (b, _), at in zip(state.members, fit.dictionary.own(state.members), strict=True)
            if blocks[b].effect == "wobble"]  # fmt: skip
-    if (sd_mm := float(np.sqrt(np.mean(np.square(own))))) > HEALTHY_SD_MM:
+    if (sd_mm := float(np.sqrt(np.mean(np.square(own))))) > WARNED_MM:
         yield say("z-told-mm-only-measure-more", say("z-wobble"), f"{sd_mm:.2f}")
 
 
@@ -88,7 +89,7 @@ def sight(motor_mm: np.ndarray, side: np.ndarray, turn_mm: float) -> Sight:
 def motor_gaps(name: str, seen: Sight, turn_mm: float, *, plays: bool) -> list[str]:
     """Return the gaps of one motor, and the prints that would close them."""
     gaps: list[str] = []
-    if seen.angles < ALL_SEEN:
+    if seen.angles < NEARLY_ALL:
         longer = say("print-least-mm-along-better-two", f"{turn_mm:.0f}", name, f"{2 * turn_mm:.0f}")
         spread = say("points-lie-same-few-angles-each", f"{turn_mm:.0f}")
         gaps.append(
@@ -97,7 +98,7 @@ def motor_gaps(name: str, seen: Sight, turn_mm: float, *, plays: bool) -> list[s
     if min(seen.forward, seen.backward) < LEAST_EITHER_WAY:
         way = say("forwards" if seen.forward > seen.backward else "backwards")
         gaps.append(say("measured-moving-only-so-play-unknown", name, way))
-    elif plays and min(seen.forward_angles, seen.backward_angles) < ALL_SEEN <= seen.angles:
+    elif plays and min(seen.forward_angles, seen.backward_angles) < NEARLY_ALL <= seen.angles:
         less = say("forwards" if seen.forward_angles < seen.backward_angles else "backwards")
         share = 100 * min(seen.forward_angles, seen.backward_angles)
         gaps.append(say("moved-over-pulley-s-turn-only", name, less, f"{share:.0f}", f"{turn_mm:.0f}"))
@@ -111,8 +112,7 @@ def _crosses(own_mm: np.ndarray, other_mm: np.ndarray) -> bool:
     return float(np.std(other - together * own)) > LEAST_CROSSING_MM
 
 
-CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations from 0 at which a fault is certain, or very likely
-LEAST_ADVICE_MM = 0.01  # a fault with a smaller effect gets no paragraph
+CERTAIN_SIGMAS = 10.0  # standard deviations from 0 at which a fault is certain; any that is named is very likely
 URGENCY = {  # the most urgent first
     "repair": say("urgency-repair"), "soon": say("urgency-soon"), "left": say("urgency-left"),
     "software": say("urgency-software"),
@@ -207,8 +207,8 @@ def _sure(fault: Fault) -> str:
     """Return how sure a fault is, and its range (two standard deviations)."""
     if fault.sd <= 0:
         return say("seen-size-estimate-without-error-bar")
-    size, sigmas = fault.size, fault.size / fault.sd
-    word = say("certain" if sigmas >= CERTAIN_SIGMAS else "very-likely" if sigmas >= LIKELY_SIGMAS else "likely")
+    size, sigmas, off = fault.size, fault.size / fault.sd, SELDOM_SDS * fault.sd
+    word = say("certain" if sigmas >= CERTAIN_SIGMAS else "very-likely")
     digits = 3 if fault.sd < 0.01 else 2
-    first, last = f"{max(size - 2 * fault.sd, 0):.{digits}f}", f"{size + 2 * fault.sd:.{digits}f}"
+    first, last = f"{max(size - off, 0):.{digits}f}", f"{size + off:.{digits}f}"
     return say("sure-of", word, last, fault.unit) if first == last else say("between", word, first, last, fault.unit)

@@ -11,12 +11,11 @@ from functools import partial
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, title_of
-from printmend.effects.effect import FEW_LAYERS, drawn_places
+from printmend.effects.effect import FEW_LAYERS, HARDLY_ANY, NEARLY_ALL, drawn_places
 from printmend.effects.homing import lasting
 from printmend.effects.wobble import LEAST_TURNS, OFTEN
 from printmend.effects.words import (
-    LEAST,
-    LEAST_SHOWN_MM,
+    LEAST_SHOWN,
     NAMED_SIGMAS,
     Fault,
     Found,
@@ -27,9 +26,10 @@ from printmend.effects.words import (
     is_of_motor,
     part_of,
     plain_kind,
+    stands_out,
 )
 from printmend.errors import TraceError
-from printmend.infer.machine import LIKELY, Part
+from printmend.infer.machine import DRAWS, LIKELY, Part
 from printmend.infer.screw import fit_height
 from printmend.measure.checks import LEAST_RANK_CORRELATION, POSSIBLE_LEADS
 from printmend.messages import Said, catalogue, is_one_of, parts_of, say, together
@@ -49,7 +49,6 @@ _GAPS = (  # messages: gaps of Z
     "z-lead-backlash-no-heights-were",
 )  # fmt: skip
 Z_SAID = "z"  # the document's key of what was said of the lift, kind by kind
-HEALTHY_SD_MM = 0.03  # a trace that tells a wave less well than this does not call a screw healthy
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +145,7 @@ def find_lift(trace: Trace, printer: Printer) -> Lift | None:
     if turns:
         lead, waves = _of_lead(height.terms[:1], height.sds[0]), _of_waves(height.terms[1:], height.sds[1:])
         for kind, own, sd_mm in (("lead", lead, float(height.sds[0] * span_mm)), ("periodic", waves, waves.sd)):
-            if not own.terms.any() and sd_mm > HEALTHY_SD_MM:
+            if not own.terms.any() and sd_mm > WARNED_MM:
                 gaps[kind] = say("z-told-mm-only-measure-more", say(f"z-{kind}"), f"{sd_mm:.2f}")
             else:
                 known[kind] = own
@@ -173,7 +172,7 @@ def _of_lead(terms: np.ndarray, share_sd: float) -> Quantity:
 def _of_waves(terms: np.ndarray, sds: np.ndarray) -> Quantity:
     once_sd = float(_sizes(sds)[0] / np.sqrt(2))
     each = ((k, size, float(sds[2 * k - 1])) for k, size in enumerate(_sizes(terms), 1))
-    waved = [(k, size, sd) for k, size, sd in each if size > max(NAMED_SIGMAS * sd, LEAST["mm"])]
+    waved = [(k, size, sd) for k, size, sd in each if stands_out(size, sd)]
     if not waved:
         return Quantity(terms, sd=once_sd)
     said = say("z-lifts-unevenly", together(" / ", [say(OFTEN[k - 1], amount(size, sd)) for k, size, sd in waved]))
@@ -208,14 +207,11 @@ def _sizes(terms: np.ndarray) -> np.ndarray:
     return np.hypot(terms[::2], terms[1::2])
 
 
-CERTAIN = 0.95  # share of the drawn machines from which on an effect is certain
-FEW = 0.1  # share of the drawn machines that hardly counts: that lack a certain effect, or have both of two rivals
 LEAST_COST_MM = 0.018  # root mean square on a print from which on an owner sees what cannot act
-WARNED_MM = 0.03  # … and from which on it is a warning
+WARNED_MM = 0.03  # … and from which on it is a warning; a screw that is told less well is not called healthy
 COVERED_SHARE = 0.6  # share of an axis of the bed that a print must span
 UNSEEN = "unseen"  # the kind of the note about the rest
 MOST_RIVALS = 2  # that are named beside an effect
-SELDOM = 0.01  # chance of an effect's absence that counts for its evidence where every drawn machine has it
 SILENT = ("origin", "stretch", "resized", "shrinkage")  # they say that no place is known, or are said beside the scale
 
 
@@ -259,7 +255,7 @@ def _unnamed(parts: Sequence[Part], motor: int, scene: Scene) -> str:
         moved_mm = moved_mm + one.columns(places, scene) @ one.sizes_mm
     size_mm = float(np.sqrt(np.mean(np.square(moved_mm).sum(axis=1))))
     name = scene.printer.motors[motor].upper()
-    if size_mm < LEAST_SHOWN_MM:
+    if size_mm < LEAST_SHOWN:
         return say("motor-healthy", name)
     return say(
         "motor-not-held" if any(_is_told(one) and not one.acts for one in own) else "motor-unclear",
@@ -328,11 +324,11 @@ def misfits_of(parts: Sequence[Part], scene: Scene, nats: Sequence[float] = ()) 
         if chance < LIKELY or not _is_sure(one):
             continue
         size_mm = _moved_mm(one, one.sizes_mm, places, scene)
-        nats_of = evidence.get((one.effect, one.where), float(np.log(chance / max(1 - chance, SELDOM))))
+        nats_of = evidence.get((one.effect, one.where), float(np.log(chance / max(1 - chance, 1 / DRAWS))))
         for told in _told(one, every, scene):
             words = _or_else(told.words, one, rivals, scene)
-            words = words if chance >= CERTAIN or rivals else say("likely-certain", words)
-            if size_mm >= (LEAST_SHOWN_MM if told.is_harmless else LEAST_COST_MM):
+            words = words if chance >= NEARLY_ALL or rivals else say("likely-certain", words)
+            if size_mm >= (LEAST_SHOWN if told.is_harmless else LEAST_COST_MM):
                 severity = WARNING if size_mm >= WARNED_MM and not told.is_harmless else NOTE
                 found.append(Misfit(told.kind, severity, size_mm, nats_of, words))
                 said.append(one)
@@ -342,7 +338,7 @@ def misfits_of(parts: Sequence[Part], scene: Scene, nats: Sequence[float] = ()) 
 
 def _is_certain(found: Found) -> bool:
     """Tell whether nearly every drawn machine has an effect that a mechanism holds."""
-    return found.law.acts is not Acts.NOT and found.chance >= CERTAIN
+    return found.law.acts is not Acts.NOT and found.chance >= NEARLY_ALL
 
 
 def _is_lost(found: Found, scene: Scene) -> bool:
@@ -429,7 +425,7 @@ def _plain(found: Found) -> str:
 
 def is_named(fault: Fault) -> bool:
     """Tell whether a fault is large enough, and sure enough, to have a name."""
-    return fault.size > max(NAMED_SIGMAS * fault.sd, LEAST.get(fault.unit, 0.0))
+    return stands_out(fault.size, fault.sd)
 
 
 def _is_sure(found: Found) -> bool:
@@ -463,13 +459,13 @@ def _rivals(found: Found, every: Sequence[Found]) -> list[Found]:
 
 def _is_open(found: Found) -> bool:
     """Tell whether a drawn machine may have an effect or not."""
-    return FEW <= found.chance <= 1 - FEW
+    return HARDLY_ANY <= found.chance <= NEARLY_ALL
 
 
 def _excludes(found: Found, other: Found) -> bool:
     """Tell whether the drawn machines have either of two effects, and hardly ever both."""
     both, fewer = (found.there & other.there).sum(), min(found.there.sum(), other.there.sum())
-    return bool(both <= FEW * fewer)
+    return bool(both <= HARDLY_ANY * fewer)
 
 
 def _moved_mm(found: Found, sizes_mm: np.ndarray, places: Places, scene: Scene) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 
 from printmend.diagnosis.named import gathered
 from printmend.effects import Acts, Scene, columns_of
-from printmend.effects.effect import belt_places
+from printmend.effects.effect import STRAIGHT, belt_places
 from printmend.effects.elastic import HARMONICS as ELASTIC
 from printmend.effects.pulley import is_loose, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Found
@@ -19,7 +19,6 @@ from printmend.units import TURN_RAD
 
 POINTS = 1201  # points of a curve
 ANGLES = 720  # points of a hull's outline, and of a circle
-LEAST_SEEN_SHARE = 0.95  # of a belt's direction that a point must show: a wall's normal lies within 13° of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +91,7 @@ def contacts_of_fit(fit: Fit, motor: int) -> Contacts:
     way = along / np.linalg.norm(along)
     seen_share = rows.at_places(rows.along @ way, count) @ way
     side = fit.places.side[:, motor]
-    at = np.flatnonzero((seen_share > LEAST_SEEN_SHARE) & (side != 0))
+    at = np.flatnonzero((seen_share > STRAIGHT) & (side != 0))
     left_mm = rows.at_places(fit.left_mm(), count) @ along
     return Contacts(fit.places.motor_mm[at, motor], side[at], left_mm[at])
 

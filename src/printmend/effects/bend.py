@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Shapes, Usual, held, onto_bed
-from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, Numbers, along_motor_mm, motor_name
+from printmend.effects.words import LEAST_SHOWN, Care, Fault, Found, Numbers, along_motor_mm, motor_name
 from printmend.messages import say
 
 
@@ -35,7 +35,7 @@ class Bend(Usual):
             return float(np.abs(bent - line @ np.linalg.lstsq(line, bent, rcond=None)[0]).max())
 
         size, sd = found.size(bow_mm)
-        if size >= LEAST_SHOWN_MM:
+        if size >= LEAST_SHOWN:
             yield Fault(motor_name(scene, found.where), "drift", size, sd, "mm", say("fault-bend", f"{size:.2f}"))
 
     def advice(self, fault: Fault, where: str) -> Care:

@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import Acts, Places, Profiles, Scene, Usual, along_both
 from printmend.effects.prior import profile_of
-from printmend.effects.words import AXES, LEAST_SHOWN_MM, Care, Fault, Found, Numbers, where_seen
+from printmend.effects.words import AXES, Care, Fault, Found, Numbers, where_seen
 from printmend.machine import Frame
 from printmend.messages import say
 
@@ -34,8 +34,7 @@ class Bent(Usual):
         corners = np.stack(np.meshgrid(*scene.bed_span_mm), axis=-1).reshape(-1, 2)
         terms = _products(scene.off_middle(corners))
         size, sd = found.size(lambda sizes: float(np.hypot(*(sizes.reshape(2, -1) @ terms.T)).max()))
-        if size >= LEAST_SHOWN_MM:
-            yield Fault("frame", "bow", size, sd, "mm", say("fault-bent", f"{size:.2f}"))
+        yield Fault("frame", "bow", size, sd, "mm", say("fault-bent", f"{size:.2f}"))
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return how far straight lines bow, and which part may be bent."""

@@ -6,12 +6,12 @@ import numpy as np
 
 from printmend.effects.effect import Acts, Places, Profiles, Scene, Usual, onto_bed, waves
 from printmend.effects.play import play_mm
-from printmend.effects.prior import number_of, turning_share
+from printmend.effects.prior import harmonics_of, number_of, turning_share
 from printmend.effects.pulley import first, harmonic_faults, is_loose
 from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_name, those_of
 from printmend.messages import say
 
-HARMONICS = np.arange(1.0, 17.0)
+HARMONICS = harmonics_of("breathing")
 PROFILE = HARMONICS ** -number_of("breathing", "falls")  # of their sizes
 _SAID = {  # messages by the kind of the fault, and whether play depends on the place, too
     ("loose-belt", False): "fault-loose-belt",

@@ -8,7 +8,7 @@ import numpy as np
 from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives, each_share, numbers_of, share_of
 from printmend.effects.process import cosines, share_of_span, walk
-from printmend.effects.words import LEAST_SHOWN_MM, Found, Told, Whole
+from printmend.effects.words import LEAST_SHOWN, Found, Told, Whole
 from printmend.messages import say
 
 
@@ -39,6 +39,6 @@ class Carriage(Usual):
         count, ways = map(int, found.shape)
         moved = cosines(np.linspace(0.0, 1.0, 241), count) @ found.sizes_mm.reshape(ways, count).T
         largest = float(np.linalg.norm(moved, axis=1).max())
-        if largest >= LEAST_SHOWN_MM:
+        if largest >= LEAST_SHOWN:
             words = say("scanner-carriage-runs-unevenly-along-up", "XY"[found.where], f"{largest:.2f}")
             yield Told("carriage", words, is_harmless=True)

@@ -7,7 +7,7 @@ import numpy as np
 from printmend.effects.effect import Acts, Places, Scene, Shapes, along
 from printmend.effects.prior import numbers_of
 from printmend.effects.process import Process, cosines, plane_waves, rates_rad, share_of_span
-from printmend.effects.words import LEAST_SHOWN_MM, PLACES, Care, Fault, Found
+from printmend.effects.words import PLACES, Care, Fault, Found
 from printmend.messages import say
 
 
@@ -20,7 +20,6 @@ class Crooked(Process):
 
     name = "crooked"
     acts = Acts.WAVE
-    count = 52  # cosines: over 264 mm the shortest is 10 mm long
 
     def shapes(self, where: int, scene: Scene) -> Shapes:
         (low, high), more_mm = scene.bed_span_mm[where], max(numbers_of(self.name, "lengths")) / 2
@@ -40,10 +39,8 @@ class Crooked(Process):
         place = np.linspace(*scene.bed_span_mm[found.where], PLACES)
         series = self.series(place, found.shape)
         size, sd = found.size(lambda sizes: float(np.abs(series @ sizes).max()))
-        if size >= LEAST_SHOWN_MM:
-            most, names = place[np.abs(series @ found.sizes_mm).argmax()], ("XY"[found.where], "XY"[1 - found.where])
-            words = say("fault-crooked", *names, f"{size:.2f}", f"{most:.0f}")
-            yield Fault("frame", "crooked", size, sd, "mm", words)
+        most, names = place[np.abs(series @ found.sizes_mm).argmax()], ("XY"[found.where], "XY"[1 - found.where])
+        yield Fault("frame", "crooked", size, sd, "mm", say("fault-crooked", *names, f"{size:.2f}", f"{most:.0f}"))
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return the meaning and the repair of a crooked guide."""

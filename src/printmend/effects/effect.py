@@ -25,6 +25,9 @@ LINEAR = ("scale", "skew", "aspect", "turn", "resized")
 SHIFTS = ("place", "origin", "shift")  # effects that move everything alike
 FEW_LAYERS, MOST_LAYERS = 3, 48  # heights; fewer show nothing of the screw, and with more, neighbours share a size
 STROKES = 4  # of a motor that are known at a place: what was before them has faded
+TINY_MM = 1e-9  # what a model file rounds to
+HARDLY_ANY, NEARLY_ALL = 0.05, 0.95  # shares that count as none and as all, as of the drawn machines
+SEED = 0  # of draws that are always the same: what they answer must not change from one time to the next
 FAR_MM = 30.0  # standard deviation of a place that nothing ties to the end stops
 
 
@@ -475,7 +478,7 @@ DAMAGED_SHARE = 0.4  # an alternative with smaller sizes is a mild one, as prior
 
 def drawn_places(scene: Scene) -> Places:
     """Return places over the measured spans, each reached from either side, by short and by long moves."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(SEED)
     low, high = np.array(scene.bed_span_mm).T
     bed = rng.uniform(low, high, (COUNT, 2))
     side, ways = rng.choice([-1.0, 1.0], (2, COUNT, 2))

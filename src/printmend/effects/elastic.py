@@ -5,12 +5,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, Acts, Places, Profiles, Scene, Shapes, Usual, onto_bed, waves
-from printmend.effects.prior import turning_share
-from printmend.effects.pulley import LEAST_EFFECT_MM, SMOOTH, wave_sizes
+from printmend.effects.prior import harmonics_of, turning_share
+from printmend.effects.pulley import SMOOTH, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Care, Fault, Found, Waves, amount, motor_name
 from printmend.messages import parts_of, say
 
-HARMONICS = np.array([1.0, 3.0, 5.0])
+HARMONICS = harmonics_of("elastic")
 ELSE_IDLER = "fault-elastic-or-idler"  # message
 IDLERS = (ELSE_IDLER, "fault-idler", "fault-idler-of-teeth", "fault-idler-or-pulley")  # messages that name an idler
 
@@ -47,8 +47,6 @@ class Elastic(Usual):
         sizes, sds = wave_sizes(found)
         largest = int(np.argmax(sizes))
         size, sd = (float(each[largest]) * (high - low) / SCALE_MM for each in (sizes, sds))
-        if size < LEAST_EFFECT_MM:
-            return
         alone = not (sizes > NAMED_SIGMAS * sds)[1:].any()
         words = say(ELSE_IDLER if alone else "fault-elastic", amount(size, sd))
         yield Fault(motor_name(scene, found.where), "elastic", size, sd, "mm", words)

@@ -6,16 +6,13 @@ import numpy as np
 
 from printmend.effects.effect import GONE, STEPS, Of, Places, Scene, Shapes, Usual, along_both, steps
 from printmend.effects.prior import number_of
-from printmend.effects.words import LEAST_SHOWN_MM, Found, Numbers, Told, span_mm
+from printmend.effects.words import LEAST_SHOWN, Found, Numbers, Told, span_mm
 from printmend.messages import say
-
-OTHER_SHARE = 0.1  # a smaller share along the other axis is not reported
-LOWER, UPPER = -1.0, 1.0  # the sheet that lies aside
 
 
 class Halves(Usual):
     """A step past a border along one bed axis. Either sheet may be the one that lies aside, where home says which: a
-    machine's errors are counted from there."""
+    machine's errors are counted from there. In the shape ``side`` is 1 for the upper one, −1 for the lower."""
 
     name = "halves"
     of = Of.INSTRUMENT
@@ -23,7 +20,7 @@ class Halves(Usual):
     keys = Numbers(("x_mm", "y_mm"), ("at_mm", "side"))
 
     def shapes(self, where: int, scene: Scene) -> Shapes:
-        sides = (LOWER, UPPER) if scene.homed else (UPPER,)
+        sides = (-1.0, 1.0) if scene.homed else (1.0,)
         return [(at, side) for at in steps(*scene.bed_span_mm[where]) for side in sides]
 
     def share(self, where: int, scene: Scene) -> float | None:
@@ -37,11 +34,10 @@ class Halves(Usual):
         return (span_mm(scene, where) / STEPS,)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        least_mm = max(LEAST_SHOWN_MM, OTHER_SHARE * float(np.abs(found.sizes_mm).max()))
         at, side = found.shape
         sizes_mm = side * found.sizes_mm
-        off = [(name, size) for name, size in zip("XY", sizes_mm, strict=True) if abs(size) >= least_mm]
-        where, part = ("XY"[found.where], f"{at:.0f}"), "upper" if side == UPPER else "lower"
+        off = [(name, size) for name, size in zip("XY", sizes_mm, strict=True) if abs(size) >= LEAST_SHOWN]
+        where, part = ("XY"[found.where], f"{at:.0f}"), "upper" if side > 0 else "lower"
         if len(off) == 1:
             yield Told("halves", say(f"off-mm-{part}-part-mm", off[0][0], f"{off[0][1]:+.2f}", *where))
         elif off:

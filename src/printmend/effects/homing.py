@@ -8,11 +8,11 @@ turn, so such a turn leaves it unchanged.
 import numpy as np
 
 from printmend.effects import EFFECTS, Of, Scene
+from printmend.effects.effect import SEED
 from printmend.effects.switch import drawn_shifts_mm
 
 HOMINGS = 4096  # that are drawn to see what may act
 MOST_WORSE_SHARE = 0.01  # of the next homings that may make a print worse with an effect that acts
-SEED = 23
 
 
 def waves_of(effect: str, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray | None:

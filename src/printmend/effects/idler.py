@@ -6,7 +6,6 @@ import numpy as np
 
 from printmend.effects.effect import Scene, Shapes, periods_apart_mm
 from printmend.effects.prior import NEAR_SHARE, numbers_of, periods_of
-from printmend.effects.pulley import LEAST_EFFECT_MM
 from printmend.effects.teeth import TOOTH_MM, OfOnePeriod
 from printmend.effects.words import Care, Fault, Found, amount, motor_name, where_seen
 from printmend.messages import say
@@ -34,8 +33,6 @@ class Idler(OfOnePeriod):
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         (period_mm,) = found.shape
         size, sd = found.size(lambda sizes: float(np.hypot(*sizes)))
-        if size < LEAST_EFFECT_MM:
-            return
         teeth = round(period_mm / TOOTH_MM)
         toothed = abs(period_mm / TOOTH_MM - teeth) < NEAR_TEETH and teeth in numbers_of(self.name, "teeth")
         words = say("fault-idler", f"{period_mm:.1f}", amount(size, sd))

@@ -9,8 +9,7 @@ from printmend.effects.effect import ALWAYS, FAR_MM, GONE, Of, Places, Scene, Te
 from printmend.effects.switch import scatter_of, spread_mm
 from printmend.effects.words import Found, Numbers, Told
 from printmend.messages import say
-
-SELDOM_SDS = 2.0  # of the end stops' scatter: hardly any homing is farther off
+from printmend.units import SELDOM_SDS
 
 
 class Origin(Usual):

@@ -7,6 +7,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from printmend.effects.effect import SCALE_MM, Fate, Scene, Term, periods_mm
 
 NEAR_SHARE = 0.02  # a turn that differs less from the printer's is its pulley's
@@ -35,6 +37,13 @@ def mild_shares(name: str = "") -> tuple[float, ...]:
 def numbers_of(name: str, key: str) -> tuple[float, ...]:
     """Return some numbers of an effect's own row, such as the ``lengths`` over which a smooth process changes."""
     return tuple(map(float, _table()[name][key]))
+
+
+def harmonics_of(name: str) -> np.ndarray:
+    """Return the orders [K] of the harmonics of an effect's waves: without any of its own it has one for each size."""
+    row = _table()[name]
+    own = row.get("harmonics", len(profile_of(name)))
+    return np.array(own, float) if isinstance(own, list) else np.arange(1.0, own + 1)
 
 
 def apart_of(name: str, key: str, number: float) -> float:

@@ -6,22 +6,25 @@ Over a span of length L they are cos(πks), s from 0 to 1, with sizes by the spe
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Profiles, Scene, Shapes, Usual, held
-from printmend.effects.prior import numbers_of
+from printmend.effects.effect import TINY_MM, Acts, Profiles, Scene, Shapes, Usual, held
+from printmend.effects.prior import number_of, numbers_of
 from printmend.effects.words import Whole
 
 LEAST_SPAN_MM = 1.0  # a shorter span counts as so long
-LEAST_POWER = 1e-24  # of a cosine: each has some size, and one of this size is written in no model
 
 
 class Process(Usual):
     """A smooth process of a motor's place, or for the waves of a frame of the place along a bed axis.
 
-    Its shape is the measured span. It has ``count`` cosines, and an alternative for each length of the table.
+    Its shape is the measured span. It has as many cosines as the table says, and an alternative for each length there.
     """
 
     keys = Whole()
-    count: int
+
+    @property
+    def count(self) -> int:
+        """How many cosines it has."""
+        return int(number_of(self.name, "cosines"))
 
     def shapes(self, where: int, scene: Scene) -> Shapes:
         return [(scene.bed_span_mm if self.acts is Acts.WAVE else scene.motor_span_mm)[where]]
@@ -57,7 +60,7 @@ def smooth(span_mm: tuple[float, float], length_mm: float, count: int) -> tuple[
     low, high = span_mm
     falls = np.exp(-((rates_rad(span_mm, count) * length_mm) ** 2) / 2)
     power = 2 * length_mm * np.sqrt(2 * np.pi) / max(high - low, LEAST_SPAN_MM) * falls
-    return tuple(np.sqrt(np.maximum(power, LEAST_POWER)))
+    return tuple(np.sqrt(np.maximum(power, TINY_MM**2)))
 
 
 def walk(count: int) -> tuple[float, ...]:

@@ -5,13 +5,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Profiles, Scene, Usual, onto_bed, waves
-from printmend.effects.prior import NEAR_SHARE, number_of, numbers_of, turning_share
-from printmend.effects.words import NAMED_SIGMAS, Care, Fault, Found, Waves, amount, motor_name, those_of, where_seen
+from printmend.effects.prior import NEAR_SHARE, harmonics_of, number_of, numbers_of, turning_share
+from printmend.effects.words import Care, Fault, Found, Waves, amount, motor_name, stands_out, those_of, where_seen
 from printmend.messages import say
 
-HARMONICS = np.arange(1.0, 33.0)  # number of harmonics: corners need so many
+HARMONICS = harmonics_of("pulley")
 SMOOTH = HARMONICS ** -number_of("pulley", "falls")  # their sizes on most pulleys
-LEAST_EFFECT_MM = 0.003  # a smaller wave is not named: no print shows it
 NAMED_HARMONICS = 3  # most harmonics of a pulley that are named: the largest
 SHAPES = {1: "shape-eccentric", 2: "shape-oval", 3: "shape-three-cornered", 4: "shape-four-cornered"}  # messages
 
@@ -111,9 +110,8 @@ def harmonic_faults(found: Found, beside: Sequence[Found], scene: Scene) -> Iter
     sizes: dict[int, tuple[float, float]] = {}
     for part, share in parts:
         for order, (amplitude, sd) in enumerate(zip(*wave_sizes(part), strict=True), 1):
-            size, sd = amplitude * share * order, sd * share * order
-            if size > max(NAMED_SIGMAS * sd, LEAST_EFFECT_MM * order, sizes.get(order, (0.0, 0.0))[0]):
-                sizes[order] = size, sd
+            if stands_out(share * amplitude, share * sd):
+                sizes[order] = max(sizes.get(order, (0.0, 0.0)), (share * amplitude * order, share * sd * order))
     name, turn_mm = motor_name(scene, motor), scene.turns_mm[motor]
     if sizes and abs(turn_mm / scene.printer.axes[motor].mm_per_turn - 1) >= NEAR_SHARE:
         order = max(sizes, key=lambda k: sizes[k][0] / k)

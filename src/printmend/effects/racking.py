@@ -8,8 +8,6 @@ from printmend.effects.effect import SCALE_MM, Places, Scene, Usual, along, onto
 from printmend.effects.words import Found, Numbers, Told, span_mm
 from printmend.messages import say
 
-ACROSS_SHARE = 2.0  # a gantry racks across if that error is so many times the one along
-
 
 class Racking(Usual):
     """Play that changes along the other axis, in mm per 100 mm: of a belt (0, 1), or of a CoreXY's bed axis (2, 3)."""
@@ -37,7 +35,7 @@ class Racking(Usual):
         along_mm, across_mm = found.sizes_mm * span_mm(scene, 1 - axis) / SCALE_MM
         names = "AB" if scene.corexy and found.where < 2 else "XY"
         mine, other = names[axis], names[1 - axis]
-        if abs(across_mm) > ACROSS_SHARE * abs(along_mm):
+        if abs(across_mm) > abs(along_mm):
             words = say("where-comes-lie-depends-way-moved", other, mine, f"{abs(across_mm) / 2:.2f}")
             yield Told("racking-across", words)
         else:

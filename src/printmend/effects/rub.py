@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, onto_bed
 from printmend.effects.process import Process
-from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, along_motor_mm, motor_name
+from printmend.effects.words import Care, Fault, Found, along_motor_mm, motor_name
 from printmend.messages import say
 
 
@@ -15,7 +15,6 @@ class Rub(Process):
 
     name = "rub"
     acts = Acts.DRIVE
-    count = 24  # cosines: over 200 mm the shortest is 17 mm long
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         lag = 0.5 * places.side[:, [where]] * self.series(places.motor_mm[:, where], shape)
@@ -24,8 +23,7 @@ class Rub(Process):
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         series = self.series(along_motor_mm(scene, found.where), found.shape)
         size, sd = found.size(lambda sizes: float(np.ptp(series @ sizes)))
-        if size >= LEAST_SHOWN_MM:
-            yield Fault(motor_name(scene, found.where), "rub", size, sd, "mm", say("fault-rub", f"{size:.2f}"))
+        yield Fault(motor_name(scene, found.where), "rub", size, sd, "mm", say("fault-rub", f"{size:.2f}"))
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return the meaning and the repair of lost motion that varies along the axis."""

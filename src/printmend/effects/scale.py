@@ -5,11 +5,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Usual, onto_bed
+from printmend.effects.prior import NEAR_SHARE
 from printmend.effects.teeth import TOOTH_MM
 from printmend.effects.words import Care, Fault, Found, Numbers, amount, motor_name
 from printmend.messages import say
-
-WRONG_PERCENT = 2.0  # more than that is no tolerance: it is another pulley
 
 
 class Scale(Usual):
@@ -40,6 +39,6 @@ class Scale(Usual):
         title = say("prints-too", where, fault.shown, say("large" if is_large else "small"))
         meaning = say("every-100-mm-along-come-out", where, fault.shown, say("long" if is_large else "short"))
         repair = say("nothing-repair-correct-steps-per-millimetre")
-        if fault.size > WRONG_PERCENT:
+        if fault.size > 100 * NEAR_SHARE:
             repair = say("look-pulley-s-size-number-teeth")
         return Care(title, meaning, fault.size, repair, say("firmware-can-hold-printmend"))

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
-from printmend.effects.effect import MOST_LAYERS, Key, at_places, belt_places
+from printmend.effects.effect import MOST_LAYERS, TINY_MM, Key, at_places, belt_places
+from printmend.effects.words import along_motor_mm
 from printmend.errors import ConfigError
 from printmend.filament import material_of
 from printmend.machine import Frame, Mechanism, ScrewDrive, Transmission, share_behind, z_grid_mm
@@ -16,10 +17,7 @@ from printmend.messages import say
 from printmend.path import RESIZED
 from printmend.printer import Printer
 
-GRID = 7  # places along either axis of the bed at which a frame's terms are taken
 CHUNK_ROWS = 2048  # that are evaluated at once: their columns stay in the processor's cache
-TINY_MM = 1e-9  # what a model file rounds to
-FEW = 97  # places of a table at which both sides are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +61,7 @@ def scene_of_printer(printer: Printer, way_mm: float = 1.0) -> Scene:
 def belts_mm(scene: Scene, motor: int, parts: Sequence[Sized], motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return how far parts of a drive move its belt [N] from a healthy one's place: pushed forwards, and pulled
     back."""
-    few = motor_mm[:: max(len(motor_mm) // FEW, 1)]
+    few = along_motor_mm(scene, motor)
     if np.array_equal(_belt_mm(scene, motor, parts, few, -1.0), _belt_mm(scene, motor, parts, few, 1.0)):
         taut = _belt_mm(scene, motor, parts, motor_mm, 1.0)  # no side is read: once is enough
         return taut, taut
@@ -86,7 +84,8 @@ def frame_of(scene: Scene, parts: Sequence[Sized]) -> Frame:
     waves = [_waves(scene, part) for part in parts if EFFECTS[part.effect].acts is Acts.WAVE]
     coefficients = np.zeros((2, 10))
     if held:
-        x, y = (np.linspace(axis.min_mm, axis.max_mm, GRID) for axis in scene.printer.axes[:2])
+        every = np.max(Frame.exponents) + 1  # a polynomial is known by one more place than its highest power
+        x, y = (np.linspace(axis.min_mm, axis.max_mm, every) for axis in scene.printer.axes[:2])
         bed = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         places = at_places(bed_mm=bed)
         moved = sum(part.moved_mm(places, scene) for part in held)

@@ -5,12 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, Places, Profiles, Scene, Usual, onto_bed, waves
-from printmend.effects.prior import profile_of, turning_share
-from printmend.effects.words import Found, Told, Waves, carrier_name, span_mm
+from printmend.effects.prior import harmonics_of, profile_of, turning_share
+from printmend.effects.words import PLACES, Found, Told, Waves, carrier_name, span_mm
 from printmend.messages import say
 
-HARMONICS = (1, 2, 3)
-ANGLES = 120  # of a turn at which two ends are compared
+HARMONICS = harmonics_of("two_motors")
 
 
 class TwoMotors(Usual):
@@ -18,7 +17,7 @@ class TwoMotors(Usual):
 
     name = "two_motors"
     at_motors = True
-    keys = Waves(HARMONICS)
+    keys = Waves(tuple(map(int, HARMONICS)))
 
     def carriers(self, scene: Scene) -> range:
         return range(0 if scene.corexy else 2)
@@ -35,7 +34,7 @@ class TwoMotors(Usual):
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         turn_mm = scene.turns_mm[found.where]
-        turn = waves(np.linspace(0.0, turn_mm, ANGLES), turn_mm, HARMONICS)
+        turn = waves(np.linspace(0.0, turn_mm, PLACES), turn_mm, HARMONICS)
         differ_mm = np.abs(turn @ found.sizes_mm).max() * span_mm(scene, 1 - found.where) / SCALE_MM
         other = carrier_name(scene, 1 - found.where)
         words = say("turn-looks-different-two-ends-two", carrier_name(scene, found.where), other, f"{differ_mm:.2f}")

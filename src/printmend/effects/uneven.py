@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, onto_bed
 from printmend.effects.process import Process
-from printmend.effects.words import LEAST_SHOWN_MM, Care, Fault, Found, along_motor_mm, motor_name, where_seen
+from printmend.effects.words import Care, Fault, Found, along_motor_mm, motor_name, where_seen
 from printmend.messages import say
 
 
@@ -16,7 +16,6 @@ class Uneven(Process):
     name = "uneven"
     kinds = ("warp",)
     acts = Acts.DRIVE
-    count = 40  # cosines: over 200 mm the shortest is 10 mm long
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, self.series(places.motor_mm[:, where], shape))
@@ -24,8 +23,7 @@ class Uneven(Process):
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         series = self.series(along_motor_mm(scene, found.where), found.shape)
         size, sd = found.size(lambda sizes: float(np.abs(series @ sizes).max()))
-        if size >= LEAST_SHOWN_MM:
-            yield Fault(motor_name(scene, found.where), "warp", size, sd, "mm", say("fault-uneven", f"{size:.2f}"))
+        yield Fault(motor_name(scene, found.where), "warp", size, sd, "mm", say("fault-uneven", f"{size:.2f}"))
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return how far lines swing, and which part may be worn."""

@@ -6,10 +6,8 @@ import numpy as np
 
 from printmend.effects.effect import ANEW, SCALE_MM, Of, Places, Scene, Shapes, Usual, along, along_both
 from printmend.effects.prior import apart_of, numbers_of
-from printmend.effects.words import Found, Numbers, Told, span_mm
+from printmend.effects.words import LEAST_SHOWN, Found, Numbers, Told, span_mm
 from printmend.messages import say
-
-OTHER_SHARE = 0.3  # a smaller share along the other axis is not reported
 
 
 class Warmth(Usual):
@@ -45,7 +43,7 @@ class Warmth(Usual):
         way = "grew" if size > 0 else "shrank"
         if which >= 2:
             words = say("moved-mm-while-print-went-machine", name, f"{size:+.2f}")
-        elif (np.sign(size) * grown).min() > OTHER_SHARE * abs(size):
+        elif (np.sign(size) * grown).min() >= LEAST_SHOWN:
             words = say(f"both-{way}-mm-end-end-while-print", *(f"{abs(each):.2f}" for each in grown))
         else:
             words = say(f"{way}-mm-end-end-while-print", name, f"{abs(size):.2f}")

@@ -5,12 +5,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Profiles, Scene, Usual, along, waves
-from printmend.effects.prior import profile_of
+from printmend.effects.prior import harmonics_of, profile_of
 from printmend.effects.pulley import wave_sizes
-from printmend.effects.words import LEAST, NAMED_SIGMAS, Care, Fault, Found, Waves, amount, is_first, those_of
+from printmend.effects.words import Care, Fault, Found, Waves, amount, is_first, stands_out, those_of
 from printmend.messages import say, together
 
-HARMONICS = np.array([1.0, 2.0])
+HARMONICS = harmonics_of("wobble")
 LEAST_TURNS = 0.75  # of the screw that layers must span; on fewer a wave looks like a slope
 OFTEN = ("once-a-turn", "twice-a-turn")
 
@@ -39,7 +39,7 @@ class Wobble(Usual):
         ellipses = np.stack([each.sizes_mm.reshape(2, -1).T for each in pushes], axis=1)  # axes by cosine and sine
         size_mm = np.linalg.norm(ellipses, 2, axis=(1, 2))  # half the long axis is the largest singular value
         sd_mm = np.sqrt(np.mean([np.square(wave_sizes(each)[1]) for each in pushes], axis=0))
-        named = [k for k in range(2) if size_mm[k] > max(NAMED_SIGMAS * sd_mm[k], LEAST["mm"])]
+        named = [k for k in range(2) if stands_out(size_mm[k], sd_mm[k])]
         words = [say(OFTEN[k], amount(size_mm[k], sd_mm[k])) for k in named]
         for k in named:
             said = say("z-pushes-aside", together(" / ", words)) if k == named[0] else ""

@@ -19,6 +19,7 @@ import numpy as np
 
 from printmend.effects.effect import SCALE_MM, Acts, Effect, Places, Scene, terms_of
 from printmend.messages import say, say_own
+from printmend.units import SELDOM_SDS
 
 if TYPE_CHECKING:
     from printmend.effects.sized import Sized
@@ -159,9 +160,7 @@ def _number(name: str, value: float | str) -> float:
 
 
 NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its standard deviations …
-LEAST = {"mm": 0.002, "%": 0.005, "°": 0.001}  # … and than this in its unit: smaller faults move no print
-BELOW_SIGMAS, BELOW_SHARE = 2.0, 0.0228  # this share of a normal law lies so far below its median
-LEAST_SHOWN_MM = 0.005  # a fault whose size is said with two decimals would be said to be 0.00 below this
+LEAST_SHOWN = 0.005  # … and than this, in mm, % or °: with two decimals a smaller one would be said to be 0.00
 SOON_MM = 0.1  # effect on a print above which a part should be looked at …
 REPAIR_MM = 0.5  # … and above which it should be replaced
 CARRIES, NOTHING = say("printmend-carries-all"), say("nothing-replace")  # what software does and an owner need not
@@ -298,14 +297,19 @@ class Found:
         """
         size = float(measure(self.sizes_mm))
         drawn = [np.sign(size) * measure(each) for each in self.draws_mm[:, self.there].T] or [0.0]
-        low, middle = np.quantile(drawn, [BELOW_SHARE, 0.5])
-        return size, float(middle - low) / BELOW_SIGMAS
+        low, middle = np.quantile(drawn, [math.erfc(SELDOM_SDS / math.sqrt(2)) / 2, 0.5])
+        return size, float(middle - low) / SELDOM_SDS
 
 
 def amount(value: float, sd: float, unit: str = "mm") -> str:
     """Write a value with its uncertainty, to two digits of the latter: ``0.213 ± 0.021 mm``."""
     digits = int(np.clip(1 - np.floor(np.log10(max(sd, 1e-6))), 2, 4))
     return f"{value:.{digits}f} ± {max(sd, 10.0**-digits):.{digits}f} {unit}"
+
+
+def stands_out(size: float, sd: float) -> bool:
+    """Tell whether a size is large enough, and sure enough, to be named."""
+    return size > max(NAMED_SIGMAS * sd, LEAST_SHOWN)
 
 
 def motor_name(scene: Scene, motor: int) -> str:

@@ -27,7 +27,6 @@ from printmend.path import Instrument, Trace
 from printmend.printer import Axis, Printer
 
 PASSES = (0, SWEEPS)  # sweeps of each: a distance bends a little with the errors themselves
-UNSEEN_MM = 1e-4  # an effect that moves every distance less is left out
 BOTH = 2  # "where" of a scale of both motors
 MISREAD_SHARE = 0.2  # a reading that a larger share of the drawn machines doubt is worth another look
 
@@ -98,8 +97,7 @@ def first_guess(plan: ProbePlan, pairs: np.ndarray) -> Guess:
     last = next(block.at.start for block in rows.blocks if block.effect == "bead")
     order = np.append(np.delete(np.arange(len(variance)), last), last)
     features = (rows.columns * np.sqrt(variance))[:, order]
-    seen = np.abs(features).max(axis=0) > UNSEEN_MM
-    features = features[:, seen]
+    features = features[:, features.any(axis=0)]
     return Guess(features, np.zeros(features.shape[1]), np.eye(features.shape[1]))
 
 

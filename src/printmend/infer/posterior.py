@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
-from printmend.effects.effect import SHIFTS, drawn_places
+from printmend.effects.effect import HARDLY_ANY, SHIFTS, drawn_places
 from printmend.effects.homing import lasting
 from printmend.infer.fit import Fit
 from printmend.infer.gram import Block, Dictionary, summed
@@ -22,6 +22,7 @@ from printmend.infer.machine import DRAWS, Part
 from printmend.infer.scatter import log_below
 from printmend.infer.search import LEAST_BETTER, LEAST_LOG_WEIGHT, Gains, Search, Set, State, likely_choices
 from printmend.metrics.robust import DEGREES
+from printmend.units import SELDOM_SDS
 
 # Drawn machines from few numbers, where many sets of effects are equally likely: Gibbs sampling over sets.
 #
@@ -169,8 +170,6 @@ def _sizes(
 
 ROUNDS = 3  # of the chain of each draw
 TRIES = 64  # draws for each one whose sizes have to be above 0
-ALIKE_ERRORS = 2.0  # standard errors of a mean: in 19 of 20 cases it lies within them
-MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better mended
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +245,7 @@ def likely_set(search: Search, likeliest: State, sets: Counter[Set]) -> State:
 def central(fit: Fit, drawn: Mapping[int, Part], states: Sequence[State]) -> State:
     """Return the first of some states whose machine the drawn machines differ from as little as from any.
 
-    What they differ by is the mean square over the measured places; `ALIKE_ERRORS` of it do not count. Causes that look
+    What they differ by is the mean square over the measured places; two of its errors do not count. Causes that look
     alike to a scanner may be far apart in what mending does. Of three such, the likeliest may be the one that is
     farthest from both others. Where places are known, what looks alike prints alike: there the likeliest is as near,
     and the only one at whose contacts the rows were looked at.
@@ -262,7 +261,7 @@ def central(fit: Fit, drawn: Mapping[int, Part], states: Sequence[State]) -> Sta
             prints += columns @ part.draws_mm
     loss = np.square(machines).sum(axis=0) - 2 * prints.T @ machines  # [D, S], but for what all states share
     more = loss - loss[:, [int(np.argmin(loss.mean(axis=0)))]]
-    return states[int(np.argmax(more.mean(axis=0) <= ALIKE_ERRORS * more.std(axis=0) / np.sqrt(DRAWS)))]
+    return states[int(np.argmax(more.mean(axis=0) <= SELDOM_SDS * more.std(axis=0) / np.sqrt(DRAWS)))]
 
 
 def _acting_mm(dictionary: Dictionary, states: Sequence[State]) -> np.ndarray:
@@ -334,7 +333,7 @@ def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
         return kept
 
     kept = min((helpful(mine), helpful(np.zeros_like(mine))), key=lambda each: worse(each)[1])
-    while kept.any() and worse(kept)[0] > MOST_WORSE_SHARE:
+    while kept.any() and worse(kept)[0] > HARDLY_ANY:
         kept = min((kept & (np.arange(len(parts)) != at) for at in np.flatnonzero(kept)), key=worse)
     for part, does in zip(parts, kept | (~machine & kept.any()), strict=True):
         yield part if does else replace(part, acts_mm=np.zeros_like(part.acts_mm))

@@ -13,8 +13,8 @@ from itertools import product
 
 import numpy as np
 
+from printmend.effects.effect import FAR_MM, TINY_MM
 from printmend.effects.prior import alternatives, lift_rests
-from printmend.effects.sized import TINY_MM
 from printmend.errors import TraceError
 from printmend.infer.gram import Block, Dictionary, Rows, block_of, laid_side_by_side
 from printmend.infer.search import LEAST_LOG_WEIGHT, LEAST_SIGMA_MM, Set, search_of
@@ -25,7 +25,6 @@ from printmend.model.branches import HARMONICS, waves_of
 from printmend.printer import Printer
 
 TERMS = ("lead", "periodic", "backlash")
-ORIGIN_SD_MM = 1e3  # of where the heights are counted from: anywhere
 FIRST_MM = 0.1  # of backlash, and of noise, with which the search for contacts begins
 PASSES = 12  # of contacts, then search, at most
 
@@ -95,7 +94,7 @@ def _fitted(
 
 def _blocks() -> tuple[Block, ...]:
     """Return the origin of the heights, and the terms of the lift with all their sizes."""
-    origin = Block("origin", 0, (), slice(0, 1), np.array([[ORIGIN_SD_MM]]), np.zeros(1))
+    origin = Block("origin", 0, (), slice(0, 1), np.array([[FAR_MM]]), np.zeros(1))
     terms = (alternatives(name, 0, positive=name == "backlash") for name in TERMS)
     return laid_side_by_side((origin, *(block_of(list(each)) for each in terms)))
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.breathing import HARMONICS as BREATHS
-from printmend.effects.effect import SCALE_MM, TIMES_FINER, Key, belt_places
+from printmend.effects.effect import SCALE_MM, SEED, TIMES_FINER, TINY_MM, Key, belt_places
 from printmend.effects.elastic import HARMONICS as STRETCHES
 from printmend.effects.homing import waves_of
 from printmend.effects.prior import number_of, wear_share
@@ -56,7 +56,6 @@ from printmend.path import Trace
 
 # Use an old machine as the prior of a new measurement: its drawn sizes, and how they wear.
 
-STEP_MM = 0.01  # shift of a motor by which the direction of shifts is taken
 FAR_RAD = 0.3  # angle of a wave up to which that direction serves
 OPEN_RAD = 0.03  # standard deviation of an angle that was found
 TURNING = {"pulley": ROUNDS, "breathing": BREATHS, "elastic": STRETCHES}  # effects that turn with a motor's pulley
@@ -107,9 +106,9 @@ class Wearing:
             mean[first] += more_mm * (-1.0 if mean[first] < 0 else 1.0)  # trends belong to sizes without a sign
             way[first, 1] = sd_mm
             ways.append(way[:, way.any(axis=0)])
-        for by_mm, sd_mm in zip(STEP_MM * np.eye(2), self.homed_mm, strict=True):
+        for by_mm, sd_mm in zip(TINY_MM * np.eye(2), self.homed_mm, strict=True):
             more = laid_out([part.moved(by_mm, self.scene) for part in story.parts], like)
-            ways.append((more - draws).mean(axis=1)[:, None] * sd_mm / STEP_MM)
+            ways.append((more - draws).mean(axis=1)[:, None] * sd_mm / TINY_MM)
         return mean, np.hstack(ways)
 
 
@@ -257,7 +256,6 @@ def rebased(part: Part, scene: Scene) -> Part:
 PASSES = 3  # of contacts, then search, where anything changed; the last one weighs stories
 PHASES = 72  # angles by which a pulley may have turned that are tried, then those between the best and its neighbours
 SEEN_SHARE = 0.5  # of its prior deviation that a shift may keep and counts as seen
-SEED = 29
 ALIKE_NATS = 2.0  # of turns that fit alike to this, the smallest is told: an oval looks the same after half of one
 _Steps = Callable[[Search, Set, float], State]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from printmend.clock import Duration
 from printmend.diagnosis.advice import work_words
-from printmend.infer.posterior import MOST_WORSE_SHARE
+from printmend.effects.effect import HARDLY_ANY
 from printmend.messages import is_one_of, parts_of, say, say_count, together
 from printmend.model.model import SavedModel, said_of
 from printmend.plan import Planner
@@ -113,7 +113,7 @@ class Prediction:
     shift_mm: tuple[float, float] = (0.0, 0.0)
     path: PathPlaces | None = field(default=None, repr=False)
     gain_mm: np.ndarray | None = field(default=None, repr=False)
-    most_worse_share: float = field(default=MOST_WORSE_SHARE, repr=False)
+    most_worse_share: float = field(default=HARDLY_ANY, repr=False)
 
     @property
     def is_better(self) -> bool:
@@ -315,7 +315,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
             *prediction.advice, *_beyond_seen(model, prediction), *_taken_off(model, prediction),
             *advice_of(model, outlook.after),
         ),
-        most_worse_share=_MOST_WORSE_SHARE_BY_HAND if belief.by_hand else MOST_WORSE_SHARE,
+        most_worse_share=_MOST_WORSE_SHARE_BY_HAND if belief.by_hand else HARDLY_ANY,
     )  # fmt: skip
 
 

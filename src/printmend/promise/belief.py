@@ -17,13 +17,11 @@ from printmend.messages import say
 from printmend.model import SavedModel
 from printmend.model.branches import number, numbers, refuse, section_of
 from printmend.path import Motion
-from printmend.promise.filament import known_filaments
+from printmend.promise.filament import MOST, known_filaments
 from printmend.promise.scatter import NO_OUTLIERS, NO_SCATTER, Outliers, Scatter
 
 VERSION = 2  # of the model file's section
 _SUBJECT = "the model [promise]"
-_MOST_PARTS, _MOST_SIZES = 1000, 400  # that a file may have
-_MOST_SHIFTS = 100  # between homings that count
 _DIGITS = 5  # that are kept of a size
 
 
@@ -116,8 +114,8 @@ def parse_belief(model: SavedModel) -> Belief | None:
         bool(section.get("homed")), homed_again_mm=_shifts(section), layers=_layers(section),
     )  # fmt: skip
     rows = section_of(section, "parts", list, _SUBJECT)
-    if len(rows) > _MOST_PARTS:
-        refuse(_SUBJECT, say("most-parts", _MOST_PARTS), f"{len(rows)}")
+    if len(rows) > MOST:
+        refuse(_SUBJECT, say("most-parts", MOST), f"{len(rows)}")
     parts = tuple(_part(row, scene) for row in rows)
     if model.filament is not None:
         parts = (*parts, *known_filaments(model)[model.filament])
@@ -181,7 +179,7 @@ def _spans(section: dict[str, Any], name: str) -> tuple[tuple[float, float], tup
 
 
 def _shifts(section: dict[str, Any]) -> tuple[tuple[float, float], ...]:
-    rows = _pairs(section.get("homed_again_mm", [])[:_MOST_SHIFTS])
+    rows = _pairs(section.get("homed_again_mm", [])[:MOST])
     if any(len(row) != 2 for row in rows):
         refuse(_SUBJECT, say("homed-again-mm-pairs-shift-deviation"), say("something-else"))
     return tuple((float(row[0]), abs(float(row[1]))) for row in rows)
@@ -199,7 +197,7 @@ def _part(row: Any, scene: Scene) -> Part:
         refuse(_SUBJECT, say("parts-known-effects"), say("something-else"))
     where = number(row, "where", _SUBJECT)
     shape = numbers(row, "shape", _SUBJECT, 8)
-    acts = numbers(row, "acts", _SUBJECT, _MOST_SIZES)
+    acts = numbers(row, "acts", _SUBJECT, MOST)
     drawn = section_of(row, "draws", list, _SUBJECT)
     there = np.arange(DRAWS) if "there" not in row else numbers(row, "there", _SUBJECT, DRAWS).astype(int)
     if where not in (0, 1, 2, 3) or len(drawn) != len(acts) or (there < 0).any() or (there >= DRAWS).any():

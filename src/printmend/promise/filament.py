@@ -18,8 +18,10 @@ from printmend.infer.machine import DRAWS, Part
 from printmend.messages import say
 from printmend.model import SavedModel
 from printmend.model.branches import number, numbers, refuse, section_of
+from printmend.units import SELDOM_SDS
 
-CLAIM_SD = 0.0005  # standard deviation of the machine's scale up to which it counts as told: 0.05 mm in 100
+LEAST_DOUBT = 0.001  # share: 0.1 mm in 100; a smaller doubt about a scale is said in the expected error alone
+CLAIM_SD = LEAST_DOUBT / SELDOM_SDS  # of the machine's scale: up to this it counts as told
 _LEAST_SD = 1e-6  # no scale is known better
 
 
@@ -90,7 +92,7 @@ def split(entries: Sequence[Entry], axis: int) -> Split:
 
 FILAMENTS = "filaments"  # the model file's key
 UNTOLD = ("whose-scale-not-settled", "whose-scale-untold")  # findings: the scale is the machine's or the filament's
-MOST = 200  # entries, and filaments, of a file
+MOST = 1000  # entries that any list of a file may have
 _SUBJECT = "the model [filaments]"
 
 

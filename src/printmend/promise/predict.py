@@ -13,7 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
-from printmend.effects.effect import LINEAR, LONG_MM
+from printmend.effects.effect import HARDLY_ANY, LINEAR, LONG_MM, NEARLY_ALL, SEED, TINY_MM
 from printmend.effects.prior import number_of, numbers_of
 from printmend.effects.switch import drawn_shifts_mm
 from printmend.infer.machine import DRAWS, Part
@@ -23,30 +23,23 @@ from printmend.promise.belief import Belief
 
 # Shift each drawn machine's waves to where the next homing may put them.
 
-HOMING_SEED = 17  # the same model always gets the same homings
-
 
 def after_homing(belief: Belief) -> Belief:
     """Return what is believed of the machine once it has homed again, each draw with a homing of its own."""
-    by_mm = drawn_shifts_mm(belief.scene, DRAWS, np.random.default_rng(HOMING_SEED))
+    by_mm = drawn_shifts_mm(belief.scene, DRAWS, np.random.default_rng(SEED))
     return replace(belief, parts=tuple(part.moved(by_mm, belief.scene) for part in belief.parts))
 
 
 PACES = 6  # that the next print may have
 MOST_PLACES = 512  # most places of a path that are evaluated: 2048 change no figure by more than another seed does
-LOW, HIGH = 0.05, 0.95  # quantiles of the drawn machines that bound the 90 % range
+LOW, HIGH = HARDLY_ANY, NEARLY_ALL  # quantiles of the drawn machines that bound the 90 % range
 UNSHOWN_MM, UNSHOWN_SD = number_of("unshown", "median"), number_of("unshown", "log_sd")  # lines at speed narrow it
 CELL_MM = number_of("unshown", "length")  # over which errors are alike
 LASTING = ("scatter", "motion")  # local causes whose errors are alike at neighbouring places, as rounding is not
-NO_ERROR_MM2 = 1e-12  # mean square below which a path shows no error
 STANDS_SHARE = 1e-3  # of a move's length that a motor may go and yet stands still: rounded coordinates move it
 # Normal values, and the logarithm of minus the logarithm of the chance that one is not larger.
 _NORMAL = np.linspace(8.0, -6.0, 1401)
-_CHANCES = np.array([0.5 * math.erfc(-each / math.sqrt(2)) for each in _NORMAL[::-1]])
 _CHANCE_LOG = np.array([math.log(-math.log1p(-0.5 * math.erfc(each / math.sqrt(2)))) for each in _NORMAL])
-_FINENESS = 64  # places of the next table for each unit of that logarithm
-_EVENLY = np.interp(np.arange(_CHANCE_LOG[0], _CHANCE_LOG[-1], 1 / _FINENESS), _CHANCE_LOG, _NORMAL)
-SEED = 11  # the same file and model always get the same promise
 
 
 def _median(values: np.ndarray) -> float:
@@ -212,7 +205,7 @@ def _thinned(path: PathPlaces) -> PathPlaces:
     few = PathPlaces(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight, *others)
     whole_mm, seen_mm = (shape_of(each) for each in (path, few))
     whole2, seen2 = np.average(whole_mm**2, weights=path.weight), np.average(seen_mm**2, weights=weight)
-    return replace(few, off_mm=few.off_mm * np.sqrt(whole2 / seen2)) if seen2 > NO_ERROR_MM2 else few
+    return replace(few, off_mm=few.off_mm * np.sqrt(whole2 / seen2)) if seen2 > TINY_MM**2 else few
 
 
 def shape_of(path: PathPlaces) -> np.ndarray:
@@ -343,26 +336,23 @@ def _local(mechanism: Mechanism, belief: Belief, path: PathPlaces, rng: np.rando
     across2 = _across(mechanism, path) ** 2
     steps = np.array([axis.mm_per_step / axis.microsteps for axis in mechanism.printer.axes[:2]])
     one = np.ones((len(across2), 1))
-    evenly = rng.permutation((np.arange(DRAWS) + 0.5) / DRAWS)  # few draws of a wide range are spread over it
-    unshown = unshown_mm(evenly, belief.motion)
+    evenly = (np.arange(DRAWS) + 0.5) / DRAWS  # few draws of a wide range are spread over it
+    unshown = unshown_mm(rng.permutation(evenly), belief.motion)
     motion = DrawnCause(0.5 * one, unshown[None] ** 2)
     least, most = numbers_of("rounding", "factors")
     rounding = DrawnCause((across2 @ (steps**2 / 12))[:, None], rng.uniform(least, most, DRAWS)[None] ** 2)
     # What marks scatter beyond their instrument is the plastic's and the machine's, in shares that nobody knows.
-    own = np.random.default_rng(SEED)  # other figures stay as they are
-    printers = rng.uniform(0.0, 1.0, DRAWS) * belief.scatter.quantiles_mm2(
-        own.permutation((np.arange(DRAWS) + 0.5) / DRAWS)
-    )
-    scatter = DrawnCause(one, (printers + belief.outliers.drawn_mm2(DRAWS, own))[None])
+    printers = rng.permutation(evenly) * belief.scatter.quantiles_mm2(rng.permutation(evenly))
+    scatter = DrawnCause(one, (printers + belief.outliers.drawn_mm2(DRAWS, rng))[None])
     return {"scatter": scatter, "motion": motion, "rounding": rounding}
 
 
 def unshown_mm(chance: np.ndarray, motion: Motion | None) -> np.ndarray:
     """Return the quantiles at each ``chance`` [D] of the errors of motion over both axes: of what is assumed, or of
     what is left of that after lines at speed were measured. Across a line lies half of their mean square."""
-    normal = _NORMAL[::-1]
     if motion is None:
-        return np.asarray(UNSHOWN_MM * np.exp(UNSHOWN_SD * np.interp(chance, _CHANCES, normal)))
+        return np.asarray(UNSHOWN_MM * np.exp(UNSHOWN_SD * _largest_of(1.0, chance)))
+    normal = _NORMAL[::-1]
     found_mm = UNSHOWN_MM * np.exp(UNSHOWN_SD * normal)
     away = (motion.square_mm2 - 0.5 * found_mm**2) / motion.sd_mm2
     log_weight = -0.5 * (normal**2 + away**2)
@@ -454,13 +444,9 @@ def _extremes(
     return p95, most if side.signed else max(most, side.known.max_mm)
 
 
-def _largest_of(count: np.ndarray, uniform: np.ndarray) -> np.ndarray:
+def _largest_of(count: np.ndarray | float, uniform: np.ndarray) -> np.ndarray:
     """Return the largest of ``count`` normal values: where Φ to the power of count is ``uniform``."""
-    chance_log = np.log(-np.log(uniform)) - np.log(count)
-    place = np.clip(_FINENESS * (chance_log - _CHANCE_LOG[0]), 0.0, len(_EVENLY) - 1.001)
-    at = place.astype(np.intp)
-    value = _EVENLY[at]
-    return np.asarray(value + (place - at) * (_EVENLY[at + 1] - value))
+    return np.interp(np.log(-np.log(uniform)) - np.log(count), _CHANCE_LOG, _NORMAL)
 
 
 def _weighted_p95(values: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects import Scene, title_of
 from printmend.effects.aspect import SHARES
-from printmend.effects.effect import SCALE_MM
+from printmend.effects.effect import HARDLY_ANY, SCALE_MM
 from printmend.effects.skew import leans_of_scales
 from printmend.effects.stretch import basis
 from printmend.infer.machine import DRAWS, Part
@@ -15,13 +15,12 @@ from printmend.messages import say, say_large, together
 from printmend.model import SavedModel
 from printmend.model.model import WARNING
 from printmend.promise.belief import Belief, parse_belief
+from printmend.promise.filament import LEAST_DOUBT
+from printmend.units import SELDOM_SDS
 
 # Words for a scale error that may be the scan's own, until callipers settle it.
 #
 # It is the one finding of a scan that an owner can settle, and the one that mending may correct wrongly.
-
-LEAST_DOUBT = 0.001  # share: a tenth of a millimetre in 100; a smaller doubt is said in the expected error alone
-STRANGE_SDS = 2.0  # of a scan's own scale: beyond them few scanners are off
 
 
 def scale_words(model: SavedModel) -> tuple[str, ...]:
@@ -35,7 +34,7 @@ def scale_words(model: SavedModel) -> tuple[str, ...]:
     acts, draws = axis_scales(belief.scene, belief.parts)
     doubt = float(np.sqrt(np.mean((draws - acts[:, None]) ** 2, axis=1)).max())
     beyond = float(np.abs(np.array(shown, float) - acts).max())  # as far as it is the printer's
-    if beyond > STRANGE_SDS * instrument_of(model).get("scale_sd", np.inf):
+    if beyond > SELDOM_SDS * instrument_of(model).get("scale_sd", np.inf):
         doubt = max(doubt, beyond)
     if doubt < LEAST_DOUBT:
         return lean
@@ -142,7 +141,6 @@ _CAUSES = {
     "rounding": (say("cause-rounding"), say("budget-rounding"), "B"),
     "planning": (say("cause-planning"), say("budget-planning"), "B"),
 }  # fmt: skip
-_LEAST_SHARE = 0.05  # of the mean square error: a smaller cause is not said in a line
 
 
 def in_a_table(cause: str) -> tuple[str, str]:
@@ -162,5 +160,5 @@ def in_a_line(made_of: Mapping[str, float]) -> str:
     80 %; micro-steps 15 %``."""
     whole2_mm2 = sum(size_mm**2 for size_mm in made_of.values())
     shares = sorted(((size_mm**2 / whole2_mm2, name) for name, size_mm in made_of.items()), reverse=True)
-    told = [(in_words(name), f"{100 * share:.0f}") for share, name in shares if share >= _LEAST_SHARE]
+    told = [(in_words(name), f"{100 * share:.0f}") for share, name in shares if share >= HARDLY_ANY]
     return together("; ", [say("cause-of-share", *each) for each in told])

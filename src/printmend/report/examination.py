@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 import printmend
-from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, WORK, Advice, advised
+from printmend.diagnosis.advice import URGENCY, WORK, Advice, advised
 from printmend.diagnosis.portrait import Circle, Portrait, Positioning, circle, contacts_of_fit, portrait, positioning
+from printmend.effects.words import LEAST_SHOWN
 from printmend.errors import InputError
 from printmend.infer.fit import Fit
 from printmend.learn.learned import errors_mm, learn, scatter_words, todo
@@ -122,7 +123,7 @@ def examine(
     assert fit is not None  # the search is never without
     order = list(URGENCY)
     found = advised(saved.document)
-    advice = [one for _, one in found if one.effect_mm >= LEAST_ADVICE_MM or one.urgency in WORK]
+    advice = [one for _, one in found if one.effect_mm >= LEAST_SHOWN or one.urgency in WORK]
     advice.sort(key=lambda one: (order.index(one.urgency), -one.effect_mm))
     mechanism, prediction = saved.mechanism, None if part is None else check_gcode(part, saved)
     if prediction is None:

@@ -68,15 +68,13 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
     messages: dict[str, Any] = {}
     parts: list[str] = []
     if (folder / MODEL).is_file():
-        from printmend.diagnosis.advice import (  # all of learning: not for a printer's bare card
-            LEAST_ADVICE_MM,
-            advised,
-        )
+        from printmend.diagnosis.advice import advised  # all of learning: not for a printer's bare card
+        from printmend.effects.words import LEAST_SHOWN
         from printmend.model.model import NOTE, misfit_words
 
         document = json.loads((folder / MODEL).read_text(encoding="utf-8"))
         messages = document.get("messages", {})
-        titles = [one.title for _, one in advised(document) if one.effect_mm >= LEAST_ADVICE_MM]
+        titles = [one.title for _, one in advised(document) if one.effect_mm >= LEAST_SHOWN]
         health = together("; ", titles) if titles else (document["findings"] or [""])[0]
         sound = document["frame"] is None and all(one["kind"] == "healthy" for one in document["motors"].values())
         healthy = not document["diagnosis"] if "diagnosis" in document else sound

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.advice import LEAST_ADVICE_MM, URGENCY, WORK, advised
+from printmend.diagnosis.advice import URGENCY, WORK, advised
+from printmend.effects.words import LEAST_SHOWN
 from printmend.learn.learned import todo
 from printmend.machine import Mechanism
 from printmend.model import SavedModel
@@ -21,7 +22,7 @@ def said(model: SavedModel) -> dict[str, Any]:
     """Return the diagnosis of a machine: a headline, its faults with advice, and the measurement's gaps."""
     advice = []
     for fault, one in advised(model.document):
-        if one.effect_mm >= LEAST_ADVICE_MM or one.urgency in WORK:
+        if one.effect_mm >= LEAST_SHOWN or one.urgency in WORK:
             advice.append({**vars(one), "part": fault["part"], "kind": fault["kind"], "value": fault["value"],
                            "unit": fault["unit"]})  # fmt: skip
     order = list(URGENCY)
