@@ -11,7 +11,7 @@ from printmend.effects import EFFECTS
 from printmend.effects.effect import NEARLY_ALL
 from printmend.effects.wobble import LEAST_TURNS, turns_of
 from printmend.effects.words import REPAIR_MM, SOON_MM, Care, Fault, fault_of, plain_kind
-from printmend.infer.fit import Fit
+from printmend.infer.fit import FEWEST_READ, Fit
 from printmend.messages import is_one_of, say, together, within
 from printmend.model.model import REFITTED, SavedModel, said_of
 from printmend.units import SELDOM_SDS
@@ -19,7 +19,6 @@ from printmend.units import SELDOM_SDS
 # The gaps of a trace: what it did not show of a motor, and the print that would.
 
 SECTORS_PER_TURN = 40  # sectors of 9° in which contacts are counted
-LEAST_EITHER_WAY = 5  # marks that a motor must have gone either way, or its play cannot show
 LEAST_CROSSING_MM = 3.0  # how far the other axis must move by itself, root mean square, for a crooked frame to show
 
 
@@ -95,7 +94,7 @@ def motor_gaps(name: str, seen: Sight, turn_mm: float, *, plays: bool) -> list[s
         gaps.append(
             say("seen-over-part-of-turn", name, f"{100 * seen.angles:.0f}", longer if seen.turns < 1 else spread)
         )
-    if min(seen.forward, seen.backward) < LEAST_EITHER_WAY:
+    if min(seen.forward, seen.backward) < FEWEST_READ:
         way = say("forwards" if seen.forward > seen.backward else "backwards")
         gaps.append(say("measured-moving-only-so-play-unknown", name, way))
     elif plays and min(seen.forward_angles, seen.backward_angles) < NEARLY_ALL <= seen.angles:

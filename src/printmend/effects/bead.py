@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import Of, Places, Scene, Term, Usual
 from printmend.effects.prior import number_of, size_mm
-from printmend.effects.words import LEAST_SHOWN, Found, Told
+from printmend.effects.words import Found, Told
 from printmend.messages import say
 
 
@@ -25,6 +25,5 @@ class Bead(Usual):
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = float(found.sizes_mm[0])
-        if abs(size) >= LEAST_SHOWN:
-            message = "walls-stand-out-mm-either-side" if size > 0 else "walls-fall-short-mm-either-side"
-            yield Told("bead", say(message, f"{abs(size):.2f}"), is_harmless=True)
+        message = "walls-stand-out-mm-either-side" if size > 0 else "walls-fall-short-mm-either-side"
+        yield Told("bead", say(message, f"{abs(size):.2f}"), is_harmless=True)

@@ -8,7 +8,7 @@ import numpy as np
 from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along
 from printmend.effects.prior import alternatives, each_share, numbers_of, share_of
 from printmend.effects.process import cosines, share_of_span, walk
-from printmend.effects.words import LEAST_SHOWN, Found, Told, Whole
+from printmend.effects.words import PLACES, Found, Told, Whole
 from printmend.messages import say
 
 
@@ -37,8 +37,7 @@ class Carriage(Usual):
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         count, ways = map(int, found.shape)
-        moved = cosines(np.linspace(0.0, 1.0, 241), count) @ found.sizes_mm.reshape(ways, count).T
+        moved = cosines(np.linspace(0.0, 1.0, PLACES), count) @ found.sizes_mm.reshape(ways, count).T
         largest = float(np.linalg.norm(moved, axis=1).max())
-        if largest >= LEAST_SHOWN:
-            words = say("scanner-carriage-runs-unevenly-along-up", "XY"[found.where], f"{largest:.2f}")
-            yield Told("carriage", words, is_harmless=True)
+        words = say("scanner-carriage-runs-unevenly-along-up", "XY"[found.where], f"{largest:.2f}")
+        yield Told("carriage", words, is_harmless=True)

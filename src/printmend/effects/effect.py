@@ -5,6 +5,7 @@ columns: how far each mark moves on the bed [mm] for one unit of each of its P s
 and the model file read these columns and nothing else.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -473,7 +474,6 @@ def periods_apart_mm(period_mm: float, span_mm: tuple[float, float]) -> float:
 # Draw an effect from its prior; draw places over the measured spans, to judge an effect's size on.
 
 COUNT = 600  # of the places
-DAMAGED_SHARE = 0.4  # an alternative with smaller sizes is a mild one, as priors.toml has them
 
 
 def drawn_places(scene: Scene) -> Places:
@@ -499,12 +499,15 @@ def terms_of(effect: Effect, scene: Scene) -> list[Term]:
 def drawn_term(terms: list[Term], rng: np.random.Generator) -> tuple[Term, np.ndarray]:
     """Draw one of some terms for a damaged machine: its shape evenly, its sizes [P] by the prior.
 
-    The mild alternatives of a shape are left out.
+    The mild alternatives of a shape are left out: those whose sizes are nearer to a mild one's, as priors.toml has it.
     """
+    from printmend.effects.prior import mild_shares  # which makes terms
+
+    _, mild, *_ = mild_shares()
     shape = terms[int(rng.integers(len(terms)))].shape
     alike = [term for term in terms if term.shape == shape]
     most = max(float(np.linalg.norm(term.sd_mm)) for term in alike)
-    alike = [term for term in alike if np.linalg.norm(term.sd_mm) > DAMAGED_SHARE * most]
+    alike = [term for term in alike if np.linalg.norm(term.sd_mm) > math.sqrt(mild) * most]
     term = alike[int(rng.integers(len(alike)))]
     return term, drawn_sizes(term, rng)
 

@@ -49,7 +49,7 @@ FEW_MARKS = 600  # that a first look is for
 PASSES = 4  # of contacts, then search, at most
 SETTLED_MM = 0.02  # belts that move less from pass to pass change the columns too little to matter
 WEIGHINGS = 2  # of rows in each pass
-NEWS, LEAST_NEWS, MOST_NEWS = 0.25, 0.08, 0.99  # share of a wall's place that is news: at first, least, and most
+NEWS, MOST_NEWS = 0.25, 0.99  # share of a wall's place that is news: at first, and most
 FEWEST_READ = 4  # with fewer marks a coordinate may look as if it had never been measured
 BEGUN_WITH = ("place", "scale")  # a search from nothing may explain a pulley's size by a skewed frame, bit by bit
 MOST_LOST_SHARE = 0.5  # of the numbers of one pass that the next must still see
@@ -445,7 +445,7 @@ def shared(rows: Rows, left_mm: np.ndarray) -> Rows:
     if not walls.any():
         return rows
     left = left_mm[walls]
-    news = np.clip(own_share(left, scale_of(left, 0.0)), LEAST_NEWS, MOST_NEWS)
+    news = min(own_share(left, scale_of(left, 0.0)), MOST_NEWS)
     return replace(rows, share=np.where(walls, news, 1.0))
 
 

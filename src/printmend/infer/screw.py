@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from printmend.effects.effect import FAR_MM, TINY_MM
+from printmend.effects.effect import FAR_MM, FEW_LAYERS, TINY_MM
 from printmend.effects.prior import alternatives, lift_rests
 from printmend.errors import TraceError
 from printmend.infer.gram import Block, Dictionary, Rows, block_of, laid_side_by_side
@@ -53,7 +53,7 @@ def fit_height(commanded_mm: np.ndarray, measured_mm: np.ndarray, printer: Print
     Lead and waves are looked for where the heights span enough ``turns``. A screw that never turns back shows its
     backlash by where the nut rested at first. Raises `TraceError` where fewer than three heights were measured.
     """
-    if (count := int(np.isfinite(measured_mm).sum())) < 3:
+    if (count := int(np.isfinite(measured_mm).sum())) < FEW_LAYERS:
         raise TraceError(say("trace"), wanted=say("three-measured-heights"), came=f"{count}", todo=say("measure-more"))
     columns = np.column_stack([commanded_mm, waves_of(commanded_mm, printer.z.mm_per_turn, HARMONICS)])
     blocks = _blocks()

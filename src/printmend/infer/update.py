@@ -53,6 +53,7 @@ from printmend.infer.posterior import Posterior, after_homing, posterior_here
 from printmend.infer.search import Search, Set, State, by_growing, columns_at, searched
 from printmend.machine import Contacts, Mechanism
 from printmend.path import Trace
+from printmend.units import SELDOM_SDS
 
 # Use an old machine as the prior of a new measurement: its drawn sizes, and how they wear.
 
@@ -256,7 +257,7 @@ def rebased(part: Part, scene: Scene) -> Part:
 PASSES = 3  # of contacts, then search, where anything changed; the last one weighs stories
 PHASES = 72  # angles by which a pulley may have turned that are tried, then those between the best and its neighbours
 SEEN_SHARE = 0.5  # of its prior deviation that a shift may keep and counts as seen
-ALIKE_NATS = 2.0  # of turns that fit alike to this, the smallest is told: an oval looks the same after half of one
+ALIKE_NATS = SELDOM_SDS**2 / 2  # of turns that fit alike to this, the smallest is told: an oval repeats after half
 _Steps = Callable[[Search, Set, float], State]
 
 
