@@ -111,7 +111,7 @@ def _crosses(own_mm: np.ndarray, other_mm: np.ndarray) -> bool:
     return float(np.std(other - together * own)) > LEAST_CROSSING_MM
 
 
-CERTAIN_SIGMAS = 10.0  # standard deviations from 0 at which a fault is certain; any that is named is very likely
+CERTAIN_SIGMAS = 10.0  # standard deviations from 0 at which a fault is certain; any that is named is likely
 URGENCY = {  # the most urgent first
     "repair": say("urgency-repair"), "soon": say("urgency-soon"), "left": say("urgency-left"),
     "software": say("urgency-software"),
@@ -207,7 +207,7 @@ def _sure(fault: Fault) -> str:
     if fault.sd <= 0:
         return say("seen-size-estimate-without-error-bar")
     size, sigmas, off = fault.size, fault.size / fault.sd, SELDOM_SDS * fault.sd
-    word = say("certain" if sigmas >= CERTAIN_SIGMAS else "very-likely")
+    word = say("certain" if sigmas >= CERTAIN_SIGMAS else "likely")
     digits = 3 if fault.sd < 0.01 else 2
     first, last = f"{max(size - off, 0):.{digits}f}", f"{size + off:.{digits}f}"
     return say("sure-of", word, last, fault.unit) if first == last else say("between", word, first, last, fault.unit)
