@@ -216,11 +216,12 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     fit = replace(fit, state=central(fit, drawn, [likely, *sorted(states.values(), key=lambda each: -each.score)]))
     acting_mm = _acting_mm(fit.dictionary, [fit.state])[:, 0]
     order = dict.fromkeys([*(b for b, _ in fit.state.members), *drawn])
-    # Where one of a family may be there or another, what is expected of it acts.
+    parts = [replace(drawn[b], acts_mm=acting_mm[blocks[b].at]) for b in order]
+    # Of a shift all may last or nothing: what acts is the median.
+    shifts = [part.effect in SHIFTS and part.acts_mm.any() for part in parts]
     parts = [
-        replace(drawn[b], acts_mm=drawn[b].mean_mm if own.any() and blocks[b].effect in SHIFTS else own)
-        for b in order
-        for own in [acting_mm[blocks[b].at]]
+        replace(part, acts_mm=np.median(part.draws_mm, axis=1)) if is_shift else part
+        for part, is_shift in zip(parts, shifts, strict=True)
     ]
     return Posterior(fit.scene, tuple(acting(fit.scene, parts)), fit.state, _nats(fit))
 
@@ -300,7 +301,7 @@ def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
     """Yield the parts; one acts no longer where the drawn machines' expected square error is smaller without it, or
     where too many of these machines would gain nothing with it.
 
-    Errors count over the measured places, but where all of a print lies counts by its mean: the next homing puts it
+    Errors count over the measured places, but where all of a print lies counts by its median: the next homing puts it
     elsewhere. Parts that may act are taken in and left out one by one, those that help most first. They begin once with
     all and once with none, for some help only beside others. Then the one without which most machines gain is left out.
     Wear of the measured print acts beside parts of the machine alone: where a belt with new play rests at home, nobody
@@ -315,7 +316,7 @@ def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
             drawn += columns @ part.draws_mm
     if scene.placed:
         shift = drawn.reshape(len(places), 2, DRAWS).mean(axis=0)
-        drawn -= np.tile(shift - shift.mean(axis=1, keepdims=True), (len(places), 1))
+        drawn -= np.tile(shift - np.median(shift, axis=1, keepdims=True), (len(places), 1))
     products, pull = acts.T @ acts, acts.T @ drawn
     mine = machine & np.array([part.acts_mm.any() for part in parts], bool)
 
