@@ -1,6 +1,6 @@
 """What the tests of mending share: mend a text in memory, print it on the naive printer, measure."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -10,22 +10,34 @@ from printmend.corruption.transmission import EccentricBore, Play
 from printmend.gcode.kernels import ROLE_UNKNOWN
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.write import rewrite
-from printmend.machine import Mechanism
+from printmend.machine import Mechanism, Transmission
 from printmend.mend.prediction import Prediction, prediction_of
 from printmend.model import SavedModel, exact_model
 from printmend.model.model import model_text
 from printmend.plan import start
-from printmend.printer import read_printer
+from printmend.printer import Printer, read_printer
+from printmend.twin import Twin
 from tests import naive_mend
 
 ENDER3, ENDER5, COREXY = read_printer("ender3"), read_printer("ender5"), read_printer("corexy")
-PLAY = Corruption((Drive(belt=Play(0.4)), Drive(belt=Play(0.7)))).lower(ENDER3).homed()
-BENT = (
+COARSER = 16  # rows of a machine's tables for one of ours: a row for each micro-step makes a file of megabytes
+
+
+def coarsely(corruption: Corruption, printer: Printer = ENDER3) -> Mechanism:
+    """Return a machine with a corruption after homing, straight between the rows of its tables."""
+    fine = Twin.of(corruption, printer).homed()
+    sides = (
+        Transmission(side.first_mm, COARSER * side.pitch_mm, side.lower_mm[::COARSER], side.upper_mm[::COARSER])
+        for side in fine.transmissions
+    )
+    return replace(fine, transmissions=tuple(sides))
+
+
+PLAY = coarsely(Corruption((Drive(belt=Play(0.4)), Drive(belt=Play(0.7)))))
+BENT = coarsely(
     Corruption(
         (Drive(pulley=EccentricBore(0.5, 1.0), belt=Play(0.4)), Drive(pulley=EccentricBore(0.3), belt=Play(0.6)))
     )
-    .lower(ENDER3)
-    .homed()
 )
 START = b"G21\nG90\nM83\nG28\nG1 Z0.2 F600\nG0 X60 Y60 F6000\n"
 SQUARE = START + b"G1 X80 Y60 E1 F1800\nG1 X80 Y80 E1\nG1 X60 Y80 E1\nG1 X60 Y60 E1\n"

@@ -26,10 +26,12 @@ from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
 from printmend_lab.sampling import sample
-from tests.mending import PLAY, SQUARE, text_of
+from tests.mending import PLAY, SQUARE, coarsely, text_of
 
+pytestmark = pytest.mark.usefixtures("once")
 ENDER3 = read_printer("ender3")
 PLAN = design_probe(ENDER3, marks=250)
+BENT = Corruption((Drive(pulley=EccentricBore(0.21, 1.0), belt=Play(0.35)), Drive()))
 
 
 def trace_file(folder: Path, corruption: Corruption, noise_mm: float = 0.05, seed: int = 0) -> Path:
@@ -48,8 +50,7 @@ def test_results_and_errors_come_in_the_language_of_the_terminal(
 ) -> None:
     for named, spoken in (({}, ENGLISH), ({"LANG": "de_AT.UTF-8"}, GERMAN), ({"LANG": "de", "LC_ALL": "C"}, ENGLISH)):
         assert usual_language(named) == spoken
-    broken = Corruption((Drive(belt=Play(0.3)), Drive(belt=Play(0.2))))
-    trace, model = trace_file(tmp_path, broken), tmp_path / "m.json"
+    trace, model = trace_file(tmp_path, BENT), tmp_path / "m.json"
     done = run("--lang", "de", "learn", trace, "--printer", "ender3", "-o", model)
     assert done.exit_code == 0, done.exception
     assert "Spiel des Riemens 0," in done.output
@@ -79,9 +80,8 @@ def test_a_trace_without_any_error_is_learned(tmp_path: Path) -> None:
 
 
 def test_says_what_is_wrong_and_how_sure_it_is(tmp_path: Path) -> None:
-    fault = Corruption((Drive(pulley=EccentricBore(0.21, 1.0), belt=Play(0.35)), Drive()))
     path = tmp_path / "left Ender.json"
-    done = run("learn", trace_file(tmp_path, fault), "--printer", "ender3", "-o", path)
+    done = run("learn", trace_file(tmp_path, BENT), "--printer", "ender3", "-o", path)
     assert done.exit_code == 0, done.output
     first, second, written, last = done.output.strip().splitlines()
     assert re.match(r"X (?=.*pulley eccentric 0\.2\d+ ± )(?=.*belt play 0\.3\d+ ± )", first)
@@ -214,10 +214,8 @@ def test_bad_traces_write_nothing(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def simple(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The file of a machine with nothing but scale, play and skew, known exactly."""
-    mechanism = SIMPLE.lower(ENDER3)
-    assert isinstance(mechanism, Mechanism)
     path = tmp_path_factory.mktemp("model") / "m.json"
-    write_model(path, exact_model(mechanism))
+    write_model(path, exact_model(coarsely(SIMPLE)))
     return path
 
 

@@ -12,12 +12,10 @@ from printmend.errors import GcodeError, ModelError, RefusedError
 from printmend.gcode.container import open_gcode
 from printmend.gcode.machine import Flavour
 from printmend.gcode.read import read_gcode
-from printmend.machine import Mechanism
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judged
-from printmend.model import exact_model
 from printmend.printer import read_printer
-from tests.mending import BENT, ENDER3, PLAY, SQUARE, START, exactly, mended
+from tests.mending import BENT, ENDER3, PLAY, SQUARE, START, coarsely, exactly, mended
 from tests.test_mend_text import HEAD, TAIL
 
 HEALTHY_ENDER3 = HEALTHY.lower(ENDER3)
@@ -79,10 +77,7 @@ def test_refuses_what_does_not_help(tmp_path: Path) -> None:
 
 
 def tiny_model():
-    from printmend.corruption import Corruption, Drive
-    from printmend.corruption.transmission import Play
-
-    return exact_model(Corruption((Drive(belt=Play(0.001)), Drive())).lower(ENDER3))
+    return exactly(coarsely(Corruption((Drive(belt=Play(0.001)), Drive()))))
 
 
 def test_refuses_what_the_bed_does_not_hold(tmp_path: Path) -> None:
@@ -259,8 +254,7 @@ def test_bgcode(corpus: Path, tmp_path: Path) -> None:
 def test_a_printer_named_as_slicers_name_it_is_itself(tmp_path: Path, preset: str, said: str) -> None:
     source = tmp_path / "part.gcode"
     source.write_bytes(f"; printer_model = {said}\n".encode() + SQUARE)
-    broken = Corruption((Drive(belt=Play(0.4)), Drive())).lower(read_printer(preset))
-    assert isinstance(broken, Mechanism)
+    broken = coarsely(Corruption((Drive(belt=Play(0.4)), Drive())), read_printer(preset))
     mend_gcode(source, exactly(broken), tmp_path / "out.gcode")
     assert (tmp_path / "out.gcode").exists()
 

@@ -27,7 +27,7 @@ from printmend.studio.app import create_app
 from printmend.studio.devices import Devices
 from printmend.studio.jobs import Jobs
 from printmend.studio.places import Places
-from printmend.twin import Twin
+from tests.mending import coarsely
 
 PRINTER = read_printer("ender3")
 
@@ -60,7 +60,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def _learn(folder: Path, key: str, play_mm: float) -> str:
     """Let a printer have a model; return its digest."""
-    model = exact_model(Twin.of(Corruption((Drive(belt=Play(play_mm)), Drive())), PRINTER).homed())
+    model = exact_model(coarsely(Corruption((Drive(belt=Play(play_mm)), Drive())), PRINTER))
     write_model(folder / "printers" / key / "printer.mend.json", model)
     return model.digest
 

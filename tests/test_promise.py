@@ -51,7 +51,7 @@ from printmend.studio.scene import as_printed, read_drawing
 from printmend.twin import Twin
 from tests.believed import SCENES
 from tests.believed import part as believed_part
-from tests.mending import SQUARE
+from tests.mending import SQUARE, coarsely
 from tests.promised import BENT, CIRCLE, ENDER3, HEALTHY, measured, scanned
 
 
@@ -62,7 +62,7 @@ def bent() -> SavedModel:
 
 def shape_mm(part: Path, corruption: Corruption) -> float:
     """Return how far a part as it is lies from its shape, RMS."""
-    path = check_gcode(part, exact_model(Twin.of(corruption, ENDER3).homed())).path
+    path = check_gcode(part, exact_model(coarsely(corruption))).path
     assert path is not None
     return float(np.sqrt(np.average(shape_of(path) ** 2, weights=path.weight)))
 
@@ -119,10 +119,10 @@ def test_figures_and_pictures_leave_the_same_shift_out(part: Path) -> None:
     view = look_at(part, part.with_name("out.gcode"), model.mechanism, shift_mm=done.shift_mm)
     assert view is not None
     assert np.sqrt(np.mean(view.before.off_mm**2)) == pytest.approx(figure, rel=0.05)
-    known = check_gcode(part, exact_model(Twin.of(BENT, ENDER3).homed()))  # its figures contain the place
+    known = check_gcode(part, exact_model(coarsely(BENT)))  # its figures contain the place
     assert not known.of_shape
     assert "These figures include the shift" in known.summary()
-    still = check_gcode(part, exact_model(Twin.of(HEALTHY, ENDER3).homed()))
+    still = check_gcode(part, exact_model(coarsely(HEALTHY)))
     assert (still.shift_words, still.shift_mm) == ("", pytest.approx((0.0, 0.0), abs=1e-9))
 
 
@@ -149,7 +149,7 @@ def test_less_is_promised_where_less_was_measured(bent: SavedModel, part: Path) 
 
 
 def test_a_model_that_says_nothing_of_its_doubt_promises_what_it_plans(part: Path) -> None:
-    after = check_gcode(part, exact_model(BENT.lower(ENDER3))).after
+    after = check_gcode(part, exact_model(coarsely(BENT))).after
     assert after.rms_low_mm == after.rms_mm == after.rms_high_mm == after.planning_rms_mm
     assert set(after.made_of) == {"planning"}
 

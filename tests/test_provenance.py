@@ -18,6 +18,7 @@ from printmend.model.model import exact_model, write_model
 from printmend.printer import read_printer
 from printmend.printer.toml import printer_section
 from printmend.provenance import Ledger, Model, NoModelError, Verdict, read_model, record_of
+from tests.mending import coarsely
 
 SQUARE = b"G28\nG90\nM83\nG1 Z0.2\nG1 X60 Y60 F6000\n" + b"".join(
     b"G1 X%d Y%d E1 F1800\n" % corner for corner in [(80, 60), (80, 80), (60, 80), (60, 60)]
@@ -25,8 +26,8 @@ SQUARE = b"G28\nG90\nM83\nG1 Z0.2\nG1 X60 Y60 F6000\n" + b"".join(
 
 
 def model_at(path: Path, slack_mm: float, printer: str = "ender3") -> Model:
-    machine = Corruption((Drive(belt=Play(slack_mm)), Drive(belt=Play(0.6)))).lower(read_printer(printer))
-    write_model(path, exact_model(machine))
+    drives = Drive(belt=Play(slack_mm)), Drive(belt=Play(0.6))
+    write_model(path, exact_model(coarsely(Corruption(drives), read_printer(printer))))
     return read_model(str(path))
 
 

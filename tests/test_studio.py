@@ -80,6 +80,7 @@ from printmend.studio.store import Store
 from printmend.twin import Twin
 from tests import naive_studio
 from tests.believed import SCENES, part
+from tests.mending import coarsely
 
 HERE = "http://127.0.0.1:8765"
 
@@ -204,7 +205,7 @@ def test_the_picture_shows_what_is_predicted(tmp_path: Path, monkeypatch: pytest
     (path := tmp_path / "part.gcode").write_text(PART)
     printer = read_printer("ender3")
     faults = Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.2)), Drive(belt=Play(0.3))))
-    model = exact_model(Twin.of(faults, printer).homed())
+    model = exact_model(coarsely(faults, printer))
     prediction = check_gcode(path, model)
     scene = _scene(path, model.mechanism)
     assert scene.mended_error_mm is not None
@@ -284,8 +285,7 @@ def test_a_job_names_files_as_they_were_sent(tmp_path: Path) -> None:
     uploads, printer = tmp_path / "uploads", tmp_path / "printers" / "p"
     for place in (uploads, printer, tmp_path / "job"):
         place.mkdir(parents=True)
-    loose = Twin.of(Corruption((Drive(belt=Play(0.3)), Drive())), read_printer("ender3"))
-    write_model(printer / work.MODEL, exact_model(loose.homed()))
+    write_model(printer / work.MODEL, exact_model(coarsely(Corruption((Drive(belt=Play(0.3)), Drive())))))
     (uploads / "a").write_text("G28\nG90\nM83\nG1 X60 Y60 Z0.2 F3000\nG1 X90\n")
     (uploads / "b").write_text("other")
     params: dict[str, Any] = {"printer": "p", "upload": "a", "name": "empty.gcode"}
@@ -455,7 +455,7 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
         with pytest.raises(StudioError, match="measure its test print first"):
             studio.mend(part, printer="Cellar", output=folder / "out.gcode")
         faults = Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.2)), Drive(belt=Play(0.3))))
-        model = exact_model(Twin.of(faults, read_printer("ender3")).homed())
+        model = exact_model(coarsely(faults))
         write_model(folder / "printers" / key / "printer.mend.json", model)
         result = studio.mend(part, printer="Cellar", output=folder / "out.gcode")
         mend_gcode(part, model, folder / "here.gcode")

@@ -26,7 +26,7 @@ from printmend.studio.play import Faults, Side, play_layer, preview
 from printmend.studio.scene import Scene, Tap, as_mended, as_printed, read_drawing, write_photo, write_thumb
 from printmend.studio.store import Store
 from printmend.studio.work import THUMB
-from printmend.twin import Twin
+from tests.mending import coarsely
 
 HERE = "http://127.0.0.1:8765"
 
@@ -189,7 +189,7 @@ def test_of_a_large_part_every_nth_layer_is_read_and_lies_where_it_would(
     path = tmp_path / "plate.gcode"
     path.write_bytes(plate.plate_gcode(printer))
     bent = Corruption((Drive(pulley=EccentricBore(0.5, 1.0), belt=Play(0.2)), Drive(belt=Play(0.1))))
-    model = exact_model(Twin.of(bent, printer).homed())
+    model = exact_model(coarsely(bent, printer))
     scenes = []
     for small_bytes in (10**9, 0):  # once all of it is read, and once every fifth layer
         monkeypatch.setattr(studio_scene, "_SMALL_BYTES", small_bytes)
