@@ -2,6 +2,8 @@
 
 import gc
 import os
+import pkgutil
+from collections.abc import Iterator
 from pathlib import Path
 
 # One thread a worker: threads that share small matrices wait for each other on busy cores, four times as long.
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 
 from printmend.printer import Printer, read_printer
+from tests.once import remembered
 
 gc.disable()  # until all tests are collected: that makes no garbage, and looking for some took a third of its time
 
@@ -28,6 +31,27 @@ def corpus() -> Path:
     if not CORPUS.is_dir():
         pytest.skip(f"the corpus of real files is not beside the checkout ({CORPUS})")
     return CORPUS
+
+
+ONCE = (
+    ("printmend.learn.learned._learned",),
+    ("printmend.mend.update.measured_again", "printmend.mend.verify.measured_again"),
+    ("printmend.mend.part.fit_walls",),
+    ("printmend.mend.fit.measure_part",),
+)
+
+
+@pytest.fixture(scope="module")
+def once() -> Iterator[None]:
+    """What a measurement says is worked out once in a file that asks for this, whether its tests or commands ask, and
+    with one round for each drawn machine: `test_infer` judges the draws."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("printmend.infer.posterior.ROUNDS", 1)
+        for names in ONCE:
+            asked = remembered(pkgutil.resolve_name(names[0]))
+            for name in names:
+                patch.setattr(name, asked)
+        yield
 
 
 @pytest.fixture

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+MOST = 16  # results of a function that are remembered: what was learned takes tens of megabytes
+
 
 def remembered(function: Callable) -> Callable:
     """Return a function that computes each result once: the same arguments, in content, give the same object again.
@@ -23,6 +25,8 @@ def remembered(function: Callable) -> Callable:
         if key not in known:
             result = function(*arguments, **options)
             known[key] = result, [each.bit_generator.state for each in generators]
+            if len(known) > MOST:
+                del known[next(iter(known))]
         result, states = known[key]
         for generator, state in zip(generators, states, strict=True):
             generator.bit_generator.state = state

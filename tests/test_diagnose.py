@@ -3,7 +3,6 @@
 import base64
 import html
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +24,7 @@ from printmend.corruption import (
 from printmend.diagnosis.advice import advise
 from printmend.effects.words import Fault as NamedFault
 from printmend.errors import GcodeError, InputError, TraceError
-from printmend.learn.learned import learn, learn_model, report
+from printmend.learn.learned import learn_model, report
 from printmend.measure.table import read_trace, write_trace
 from printmend.mend.mend import check_gcode
 from printmend.messages import catalogue, say
@@ -40,8 +39,8 @@ from printmend.twin import Twin
 from printmend.units import TURN_RAD, radius_mm
 from printmend_lab.greybox.greybox import Greybox
 from tests.mending import SQUARE
-from tests.once import remembered
 
+pytestmark = pytest.mark.usefixtures("once")
 ENDER3 = read_printer("ender3")
 BROKEN = Corruption(
     (Drive(pulley=EccentricBore(0.8, 1.0), belt=Play(0.6)), Drive(pulley=Ellipse(6.6, 6.1, 0.4))),
@@ -53,14 +52,6 @@ def probe_trace(corruption: Corruption, printer: Printer, noise_mm: float = 0.02
     marks = Twin.of(corruption, printer).follow(plan.waypoints_mm)[plan.rows]
     noise = np.random.default_rng(seed).normal(0, noise_mm, marks.shape)
     return plan.trace(marks + noise)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def learned_once() -> Iterator[None]:
-    """The broken printer's trace is learned once, whether a test or a command examines it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("printmend.report.examination.learn", remembered(learn))
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,6 @@ from printmend.fit.words import after_size_mm
 from printmend.gcode.container import open_gcode
 from printmend.gcode.read import read_gcode
 from printmend.gcode.sliced import sliced
-from printmend.learn.walls import fit_walls
 from printmend.measure.distance import choose_widths
 from printmend.measure.silhouette import Silhouette, find_edges
 from printmend.measure.walls import read_walls
@@ -41,8 +40,8 @@ from printmend.printer import read_printer
 from printmend.twin import Twin
 from printmend.twin.beads import print_beads
 from tests import foreign_part as foreign
-from tests.once import remembered
 
+pytestmark = pytest.mark.usefixtures("once")
 PRINTER = read_printer("ender3")
 LAYERS = 4  # the first, whose foot is wider, and some above it
 OUTLINE_MM, HOLE_MM, FOOT_MM, SHRINKS = 0.05, 0.12, 0.15, np.array([0.005, 0.002])
@@ -116,15 +115,6 @@ def test_the_twins_part_has_lost_its_skirt(tmp_path):
     assert len(beads[0]) == len(beads[1])
     for alone, within in zip(*beads, strict=True):
         np.testing.assert_allclose(alone[0][1:], within[0][1:], atol=1e-9)  # the first begins elsewhere
-
-
-@pytest.fixture(scope="module", autouse=True)
-def measured_once():
-    """A part is measured once from the same scan, and its walls' errors are told apart once."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("printmend.mend.fit.measure_part", remembered(measure_part))
-        patch.setattr("printmend.mend.part.fit_walls", remembered(fit_walls))
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,6 @@ from printmend.errors import GcodeError, RefusedError, ScanError, TraceError
 from printmend.gcode.read import read_gcode
 from printmend.gcode.sliced import is_test_print
 from printmend.learn.learned import learn_model
-from printmend.learn.walls import fit_walls
 from printmend.measure import page, read_trace, write_trace
 from printmend.measure.distance import choose_widths, scaled_by_widths
 from printmend.measure.image import read_image
@@ -32,19 +31,11 @@ from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.twin.scanner import CLEAN, render_scan
 from tests import foreign_layer as foreign
-from tests.once import remembered
 
+pytestmark = pytest.mark.usefixtures("once")
 PRINTER = read_printer("ender3")
 BROKEN = foreign.Machine(waves=(((1, 0.2, 0.5),), ((1, 0.1, 2.0), (2, 0.06, 1.0))), play=(0.25, 0.12))
 LIMIT_MM = 0.03
-
-
-@pytest.fixture(scope="module", autouse=True)
-def told_apart_once():
-    """The errors of the same walls are told apart once."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("printmend.mend.part.fit_walls", remembered(fit_walls))
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -24,6 +24,7 @@ from printmend.promise.belief import parse_belief
 from printmend.twin import Twin
 from tests.test_greybox_learning import stairs
 
+pytestmark = pytest.mark.usefixtures("once")
 ENDER3 = read_printer("ender3")
 NOISE_MM = 0.03
 
@@ -219,10 +220,10 @@ def test_the_command_says_what_changed_and_what_it_wrote_is_brought_up_to_date_a
     assert json.loads(new.read_text())["update"]["from"] == old.digest
     assert read_model(new).findings[0].startswith("X pulley eccentric")
     assert [event["event"] for event in read_history(new)] == ["learned", "updated"]
-    for day in ("2031-02-01", "2031-02-03"):  # the same again, with a date: it counts once
-        again = run("learn", "--update", tmp_path / "old.mend.json", tmp_path / "trace2.csv", "-o", new, "--date", day)
-        assert "The history has this measurement already: it counts once" in again.output
-        assert [event["time"][:10] for event in read_history(new)][1:] == [day]
+    day = "2031-02-03"  # the same again, with a date: it counts once
+    again = run("learn", "--update", tmp_path / "old.mend.json", tmp_path / "trace2.csv", "-o", new, "--date", day)
+    assert "The history has this measurement already: it counts once" in again.output
+    assert [event["time"][:10] for event in read_history(new)][1:] == [day]
     assert learned.read_text() == past
     (change,) = update(read_model(new), printed(machine(0.45), 200, 8), rng=np.random.default_rng(0)).changes
     assert (change.before, change.now) == (pytest.approx(0.35, abs=0.02), pytest.approx(0.45, abs=0.02))
