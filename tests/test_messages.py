@@ -6,6 +6,7 @@ import pickle
 import re
 import string
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import click
@@ -41,14 +42,21 @@ OPTION = re.compile(
 )
 
 
+@cache
+def parsed(path: Path) -> tuple[str, list[ast.AST]]:
+    """Return the text of a module and the nodes of its tree."""
+    text = path.read_text(encoding="utf-8")
+    return text, list(ast.walk(ast.parse(text)))
+
+
 def places(text: str) -> set[str]:
     return {name for _, name, _, _ in string.Formatter().parse(text) if name is not None}
 
 
 def said_in(path: Path) -> Iterator[tuple[str, int | None, int]]:
     """Yield each id that a module says, with how many values, None where that is not written there, and its line."""
-    text = path.read_text(encoding="utf-8")
-    for node in ast.walk(ast.parse(text)) if "from printmend.messages import" in text else ():
+    text, nodes = parsed(path)
+    for node in nodes if "from printmend.messages import" in text else ():
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("say", "say_count"):
             name, *values = node.args
             count = None if any(isinstance(value, ast.Starred) for value in values) else len(values)
@@ -76,7 +84,7 @@ def test_every_id_that_is_said_is_in_the_catalogue_and_the_other_way_round() -> 
             assert count in (None, needed) or (name.endswith(MANY) and count == needed + 1), (
                 f"{path.name}:{line} {name}"
             )
-        text = path.read_text(encoding="utf-8")
+        text, _ = parsed(path)
         used |= set(re.findall(r'"([a-z0-9-]+)"', text))
         for made in re.findall(r'say\(f"([a-z0-9{}_.-]+)"', text):  # an id that is put together
             used |= {name for name in catalogue() if re.fullmatch(re.sub(r"{[^}]*}", "[a-z0-9-]*", made), name)}
@@ -92,16 +100,16 @@ def test_a_count_is_said_in_the_singular_or_the_plural() -> None:
             assert places(catalogue()[name.removesuffix(MANY)][0]) <= places(catalogue()[name][0]), name
 
 
-def plain_words_of_errors(tree: ast.AST) -> Iterator[ast.expr]:
+def plain_words_of_errors(nodes: list[ast.AST]) -> Iterator[ast.expr]:
     """Yield what an error expects, found or advises where that is words without an id; numbers need none."""
     given = {
         (word.arg, word.value)
-        for call in ast.walk(tree) if isinstance(call, ast.Call)
+        for call in nodes if isinstance(call, ast.Call)
         for word in call.keywords if word.arg in ("wanted", "came", "todo")
     }  # fmt: skip
     named = {value.id for _, value in given if isinstance(value, ast.Name)}
     told = [value for _, value in given]
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id in named:
             told.append(node.value)
     for value in told:
@@ -114,13 +122,13 @@ def plain_words_of_errors(tree: ast.AST) -> Iterator[ast.expr]:
 
 def test_the_words_of_every_error_have_an_id() -> None:
     for path in SOURCES.rglob("*.py"):
-        for found in plain_words_of_errors(ast.parse(path.read_text(encoding="utf-8"))):
+        for found in plain_words_of_errors(parsed(path)[1]):
             raise AssertionError(f"{path.relative_to(SOURCES)}:{found.lineno} says {ast.unparse(found)} without an id")
 
 
 def test_what_an_error_is_about_has_an_id_or_is_a_file_an_option_or_a_format() -> None:
     for path in SOURCES.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in parsed(path)[1]:
             if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id.endswith("Error")):
                 continue
             if {"wanted", "came", "todo"} <= {word.arg for word in node.keywords} and node.args:
@@ -141,7 +149,7 @@ def test_what_an_error_is_about_has_an_id_or_is_a_file_an_option_or_a_format() -
 @pytest.mark.parametrize("words", ['"a file"', 'f"{n} files"', '"none" if n else say("none")', "came"])
 def test_words_without_an_id_are_seen(words: str) -> None:
     source = f'came = "some words"\nraise InputError(path, wanted={words}, came=say("none"), todo=say("rename"))'
-    assert list(plain_words_of_errors(ast.parse(source)))
+    assert list(plain_words_of_errors(list(ast.walk(ast.parse(source)))))
 
 
 def test_the_page_names_no_option_of_the_command_line() -> None:
