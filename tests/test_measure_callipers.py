@@ -147,10 +147,9 @@ def test_a_single_slip_is_not_believed():
     assert model_by_hand(distances, readings, printer).is_healthy
 
 
-def test_a_misread_distance_is_named(case):
-    printer, distances = case
-    rng = np.random.default_rng(2)
-    readings = read_off(distances, broken(printer), rng)
+def test_a_misread_distance_is_named():
+    printer, distances = case_of("ender3")
+    readings = read_off(distances, broken(printer), np.random.default_rng(0))
     assert not any("misread" in line for line in model_by_hand(distances, readings, printer).findings)
     readings[4] += 1.0
     (said,) = (line for line in model_by_hand(distances, readings, printer).findings if "misread" in line)
