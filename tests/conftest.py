@@ -43,14 +43,20 @@ ONCE = (
 
 @pytest.fixture(scope="module")
 def once() -> Iterator[None]:
-    """What a measurement says is worked out once in a file that asks for this, whether its tests or commands ask, and
-    with one round for each drawn machine: `test_infer` judges the draws."""
+    """What a measurement says is worked out once in a file that asks for this, whether its tests or commands ask."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("printmend.infer.posterior.ROUNDS", 1)
         for names in ONCE:
             asked = remembered(pkgutil.resolve_name(names[0]))
             for name in names:
                 patch.setattr(name, asked)
+        yield
+
+
+@pytest.fixture(scope="module")
+def one_round() -> Iterator[None]:
+    """Each machine is drawn by one round of its chain, where no test is of the draws, as those of `test_infer` are."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("printmend.infer.posterior.ROUNDS", 1)
         yield
 
 

@@ -159,7 +159,7 @@ def test_bad_input_is_refused(ender5: Printer) -> None:
 
 
 def test_a_row_of_the_families_table() -> None:
-    case = drawn_case("families", "play+screw", "damaged", 0.3, 0, 1)
+    case = drawn_case("families", "play+screw", "damaged", 1.0, 0, 1)
     assert corruption_of(case).screw is not None
     naive, grey, best = evaluate(case, ("naive+greedy@0", "greybox+optimal@0", "oracle+optimal@0"))
     for result in (naive, grey, best):

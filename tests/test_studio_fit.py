@@ -22,6 +22,7 @@ from printmend.studio.places import Places
 from tests import foreign_part as foreign
 from tests.test_studio import _german
 
+pytestmark = pytest.mark.usefixtures("once")
 HERE = "http://127.0.0.1:8000"
 
 

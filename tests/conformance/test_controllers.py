@@ -1,7 +1,10 @@
 """What every registered controller must keep, whatever tables the model has."""
 
+from functools import cache
+
 import pytest
 
+from printmend.twin import Twin
 from printmend_lab.conformance import controllers
 from printmend_lab.conformance.controllers import CHECKS, ControllerCandidate
 from printmend_lab.control.area import LeastArea
@@ -18,8 +21,15 @@ BEAM = (
 )  # fmt: skip
 
 
+class Printed:
+    """The twins of the checks, each made once for all controllers."""
+
+    of = staticmethod(cache(Twin.of))
+
+
 @pytest.mark.parametrize("name", controller_names())
 def test_keeps_what_a_controller_must(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(controllers, "Twin", Printed)
     checks = CHECKS
     if name == "beam":
         whole = controllers.LAYER

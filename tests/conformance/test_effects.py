@@ -8,6 +8,6 @@ from tests.conformance import broken_by
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
-def test_keeps_what_an_effect_must(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("printmend.infer.posterior.ROUNDS", 1)
+@pytest.mark.usefixtures("one_round")
+def test_keeps_what_an_effect_must(name: str) -> None:
     assert broken_by(EffectCandidate(name), CHECKS) == {}
