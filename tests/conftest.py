@@ -34,21 +34,17 @@ def corpus() -> Path:
 
 
 ONCE = (
-    ("printmend.learn.learned._learned",),
-    ("printmend.mend.update.measured_again", "printmend.mend.verify.measured_again"),
-    ("printmend.mend.part.fit_walls",),
-    ("printmend.mend.fit.measure_part",),
-)
+    "learn.learned._learned", "mend.update.measured_again", "mend.verify.measured_again", "mend.part.fit_walls",
+    "mend.fit.measure_part",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def once() -> Iterator[None]:
     """What a measurement says is worked out once in a file that asks for this, whether its tests or commands ask."""
     with pytest.MonkeyPatch.context() as patch:
-        for names in ONCE:
-            asked = remembered(pkgutil.resolve_name(names[0]))
-            for name in names:
-                patch.setattr(name, asked)
+        for name in ONCE:
+            patch.setattr(f"printmend.{name}", remembered(pkgutil.resolve_name(f"printmend.{name}")))
         yield
 
 

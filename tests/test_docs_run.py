@@ -136,6 +136,7 @@ def test_blocks_say_their_language() -> None:
     assert sum(block.language == "sh" for block in ALL) > 40
 
 
+@pytest.mark.usefixtures("one_round")
 def test_an_owners_commands_run(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the order of the pages. A probe would replace the small one that was scanned: elsewhere.
 
