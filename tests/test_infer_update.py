@@ -12,7 +12,7 @@ from printmend.infer.fit import Fit, fitted
 from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
 from printmend.infer.posterior import Posterior, posterior_of
 from printmend.infer.update import Renewed, both_seen, directions, rebased, renewed, turned
-from printmend.path import Trace
+from printmend.path import FLATBED, Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
 from tests.test_greybox_learning import stairs
@@ -60,6 +60,27 @@ def test_the_same_machine_is_known_better(old: tuple[Fit, Posterior]) -> None:
         assert sd < before
         assert abs(mean - play_mm) < 4 * sd
         assert acts == pytest.approx(mean, abs=sd)
+
+
+def test_a_print_that_tells_everything_ends_where_learning_anew_ends() -> None:
+    """A few distances tell play by a tenth of a millimetre, and some of their machines have none; then one belt was
+    tightened, and a scan of the middle of the bed follows."""
+    rng = np.random.default_rng(3)
+    tight = printed(Corruption((Drive(belt=Play(0.1)), Drive(belt=Play(0.2)))), 300, 5)
+    scan = replace(tight, placed=False, instrument=FLATBED)
+    now, whole = (scene_of(each, ENDER3, (40.0, 40.0)) for each in (scan, printed(Corruption(), 50, 0, 6.0, 214.0)))
+    drawn_mm = np.array([[0.5], [0.2]]) + 0.08 * rng.standard_normal((2, DRAWS))
+    has = np.arange(DRAWS) % 24 > 0
+    parts = tuple(
+        Part("play", at, (), each[has].mean(keepdims=True), (each * has)[None]) for at, each in enumerate(drawn_mm)
+    )
+    mechanism, _ = machine_of(whole, those_acting(parts))
+    found, anew = renewed(parts, mechanism, scan, both_seen(whole, now), rng), posterior_of(fitted(scan, now), rng)
+    for motor in range(2):
+        (acts, mean, sd), (best, _, best_sd) = (size(each.parts, "play", motor) for each in (found.now, anew))
+        assert acts == pytest.approx(best, abs=best_sd)
+        assert mean == pytest.approx(acts, abs=sd)
+        assert sd < 2 * best_sd
 
 
 def test_a_cause_of_two_possible_shapes_stays_one_as_large() -> None:

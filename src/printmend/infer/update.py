@@ -13,7 +13,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Places, Scene
+from printmend.effects import EFFECTS, Acts, Of, Places, Scene, scene_of
 from printmend.effects.breathing import HARMONICS as BREATHS
 from printmend.effects.effect import SCALE_MM, SEED, TIMES_FINER, TINY_MM, Key, belt_places
 from printmend.effects.elastic import HARMONICS as STRETCHES
@@ -310,16 +310,17 @@ def renewed(
     # machines of a homing of their own are drawn by a generator of their own: other figures stay as they are
     story, whole, turned_rad = Story(homed_again(before, scene, np.random.default_rng(SEED)), refit=refit), trace, 0.0
     wearing = Wearing(math.sqrt(max(months, 0.0)), grown or {}, scene, spread_mm(scene))
+    seen = replace(scene, bed_span_mm=scene_of(trace, scene.printer).bed_span_mm)  # no mark tells a border elsewhere
     at: _Pass | None = None
     for number in range(PASSES):
         trace = turned_back(whole, turned_rad, scene)
         contacts, places, rows = looked(trace, scene, mechanism, is_first=at is None)
         weighed_by = partial(_weighed_stories, story, wearing, places, rows, scene)
-        at = weighed_by(stories=stories and number == PASSES - 1)
+        at = weighed_by(blocks_of(seen), stories=stories and number == PASSES - 1)
         found = [at.sums.dictionary.blocks[b].effect for b, _ in at.state.members]
         doubtful = number == 0 and any(effect in LIKE_PLAY for effect in found)
         if doubtful:  # the next pass knows where play lets the belts touch
-            at = weighed_by(stories=False, names=unlike_play())
+            at = weighed_by(blocks_of(seen, names=unlike_play()), stories=False)
         story = at.story
         now = _now(at, before, contacts, scene, rng)
         mechanism, _ = machine_of(scene, those_acting(now.now.parts))
@@ -352,11 +353,9 @@ class _Pass:
 
 
 def _weighed_stories(
-    story: Story, wearing: Wearing, places: Places, rows: Rows, scene: Scene, *, stories: bool,
-    names: Sequence[str] | None = None,
-) -> _Pass:  # fmt: skip
+    story: Story, wearing: Wearing, places: Places, rows: Rows, scene: Scene, offered: Sequence[Block], *, stories: bool
+) -> _Pass:
     like, doubted = told_apart(story.parts)
-    offered = blocks_of(scene, names=names)
     changes = tuple(replace(block, positive=False, needs=()) for block in offered)  # play may become less
     dictionary = _with_shapes(dictionary_of(changes, places, rows, scene), doubted, places, rows, scene)
     old = side_by_side((part.key for part in like), places, rows, scene)
@@ -544,9 +543,13 @@ def _now(at: _Pass, before: tuple[Part, ...], contacts: Contacts, scene: Scene, 
     changes = np.zeros((at.sums.own, DRAWS))
     for part in found.parts:
         changes[where[part.key]] = part.draws_mm
-    likely_mm = found.likely.laid_out_mm(at.sums.own)[:, None]
-    draws, acts = at.left.drawn_mm(changes, rng), at.left.sizes_mm(likely_mm)[:, 0]
+    likely_mm = found.likely.laid_out_mm(at.sums.own)
+    draws, acts = at.left.drawn_mm(changes, rng), at.left.sizes_mm(likely_mm[:, None])[:, 0]
     kept = {part.key: part for part in at.story.parts}
+
+    def does(part: Part) -> bool:
+        return EFFECTS[part.effect].acts is not Acts.NOT
+
     # What nothing sees stays as it was drawn, and shapes of which a machine has one or the other.
     alike = Counter(part.key[:2] for part in at.like)
     parts = {key: part for key, part in kept.items() if key not in where}
@@ -556,18 +559,17 @@ def _now(at: _Pass, before: tuple[Part, ...], contacts: Contacts, scene: Scene, 
         if not part.is_likely or alike[part.key[:2]] > 1:
             parts[part.key] = kept[part.key]
         else:
-            does = EFFECTS[part.effect].acts is not Acts.NOT
-            parts[part.key] = replace(part, acts_mm=acts[own] * does, draws_mm=draws[own])
+            parts[part.key] = replace(part, acts_mm=acts[own] * does(part), draws_mm=draws[own])
     for part in found.parts:
         had = parts.get(part.key)
         parts[part.key] = part if had is None else replace(
-            had, acts_mm=had.acts_mm + part.acts_mm, draws_mm=had.draws_mm + part.draws_mm
+            had, acts_mm=had.acts_mm + likely_mm[where[part.key]] * does(part), draws_mm=had.draws_mm + part.draws_mm
         )  # fmt: skip
     seldom = {key for key in kept if parts.get(key) is kept[key]}  # these act as they did
     now = tuple(part if key in seldom else after_homing(part, scene) for key, part in parts.items())
     posterior = replace(found, parts=now)
     told = tuple(block.key for block in _changes(at))
-    homed_mm = _homed_mm(at.left.shifts(likely_mm), scene)
+    homed_mm = _homed_mm(at.left.shifts(likely_mm[:, None]), scene)
     return Renewed(posterior, before, at.story, told, fit, homed_mm)
 
 
