@@ -30,6 +30,7 @@ from printmend.measure.callipers import (
 )
 from printmend.mend.prediction import advice_of
 from printmend.mend.update import update
+from printmend.mend.verify import verify
 from printmend.model import exact_model, read_model
 from printmend.printer import read_printer
 from printmend.probe import design_probe
@@ -284,6 +285,15 @@ def test_what_callipers_left_open_is_no_change_when_a_scan_tells_it(fault, now, 
     marks[np.arange(len(marks)) % 3 > 0] = np.nan  # a third of them shows it as well
     found = update(model, plan.trace(marks + rng.normal(0, 0.006, marks.shape)), rng=np.random.default_rng(0))
     assert bool(found.changes or found.anew) == changed
+    assert not found.model.findings[1:]  # what was left open is not any more
+
+
+def test_a_print_that_nothing_mends_is_as_far_off_as_before(sound):
+    """What acts is nothing, what is believed is not."""
+    printer, distances = case_of("ender3")
+    marks = Twin(broken(printer).homed()).follow(distances.plan.waypoints_mm)[distances.plan.rows]
+    verdict = verify(sound, distances.plan.trace(marks))
+    assert verdict.before_mm == pytest.approx(verdict.promised_mm, rel=0.1)
 
 
 def test_the_play_of_a_corexy_motor_is_no_axis_of_marlins():

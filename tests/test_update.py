@@ -102,6 +102,20 @@ def test_a_healthy_printer_stays_healthy_after_a_small_print() -> None:
     assert not any("elsewhere" in each["words"] for each in model.document["misfit"]["found"])
 
 
+def test_what_a_print_left_open_is_open_until_another_shows_it() -> None:
+    def learned(old: SavedModel | None, low: float, high: float) -> SavedModel:
+        way = stairs(300, low, high)
+        noise = np.random.default_rng(int(high)).normal(0, NOISE_MM, way.shape)
+        trace = Trace(way, Twin.of(machine(), ENDER3).follow(way) + noise, homed=True)
+        rng = np.random.default_rng(0)
+        return learn_model(trace, ENDER3, rng=rng) if old is None else update(old, trace, rng=rng).model
+
+    part = learned(None, 100, 125)
+    assert len(part.findings[1:]) == 2  # 25 of the 40 mm of a turn of X, and of Y
+    assert learned(part, 101, 125).findings[1:] == part.findings[1:]
+    assert not learned(part, 60, 130).findings[1:]
+
+
 def test_an_oval_pulley_did_not_turn_by_half(old: SavedModel) -> None:
     updated = update(old, printed(machine(0.15), 200, 2001), rng=np.random.default_rng(0))
     assert [change.kind for change in updated.changes] == ["play"]

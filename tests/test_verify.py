@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,8 +18,8 @@ from printmend.measure.table import write_trace
 from printmend.mend import mend_gcode
 from printmend.mend.filament import printed_in, update_in, updated_in, verify_in
 from printmend.mend.history import read_history, rows_of
-from printmend.mend.update import Updated
-from printmend.mend.verify import BROKEN, KEPT, UNSURE, expectation, made, update_words, updated, verify
+from printmend.mend.update import Updated, measured_again
+from printmend.mend.verify import BROKEN, KEPT, UNSURE, Verdict, expectation, made, update_words, updated, verify
 from printmend.model import SavedModel, exact_model, read_model, write_model
 from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.printer import read_printer
@@ -174,6 +175,21 @@ def test_a_broken_promise_says_what_may_be_wrong(
     bent: SavedModel, corruption: Corruption, is_mended: bool, words: str
 ) -> None:
     assert words in verify(bent, checked(bent, corruption, 0.03, is_mended=is_mended)).words
+
+
+@pytest.mark.parametrize(
+    ("figures", "words"),
+    [
+        ({}, "kept (100 points); but it is farther off than before mending"),
+        ({"promised_high_mm": 0.1}, "broken, and farther off than before mending"),
+        ({"promised_high_mm": 0.1, "before_mm": 0.16}, "broken, and as far off as before mending"),
+        ({"now_low_mm": 0.0, "now_high_mm": 0.7}, "too coarse: it shows only errors above 0.762 mm. Scan the print"),
+        ({"now_low_mm": 0.0, "now_high_mm": 0.7, "scanned": True}, "This scan shows only errors above 0.762 mm. Mend"),
+    ],
+)
+def test_words_say_what_the_figures_say(figures: dict[str, Any], words: str) -> None:
+    verdict = Verdict(100, 0.1, 0.15, 0.12, 0.18, 0.2, 0.1, 0.3, unlike_mm=0.2)
+    assert words in replace(verdict, **figures).words
 
 
 def test_what_measures_may_wander_and_breaks_no_promise(bent: SavedModel) -> None:

@@ -1,6 +1,6 @@
 """Advice for an owner: what a fault means, what to repair, what the software corrects, and what to print next."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from printmend.effects.effect import NEARLY_ALL
 from printmend.effects.wobble import LEAST_TURNS, turns_of
 from printmend.effects.words import REPAIR_MM, SOON_MM, Care, Fault, fault_of, plain_kind
 from printmend.infer.fit import FEWEST_READ, Fit
+from printmend.infer.machine import Part
 from printmend.messages import is_one_of, say, together, within
 from printmend.model.model import REFITTED, SavedModel, said_of
 from printmend.units import SELDOM_SDS
@@ -35,10 +36,12 @@ class Sight:
     backward: int
 
 
-def gaps_of(fit: Fit, *, heights: bool = False) -> tuple[str, ...]:
-    """Return the gaps of a trace, motor by motor, a sentence each; with ``heights`` those of Z, too."""
+def gaps_of(fit: Fit, known: Sequence[Part] = (), *, heights: bool = False) -> tuple[str, ...]:
+    """Return the gaps of a trace, motor by motor, a sentence each; with ``heights`` those of Z, too. Parts of the
+    machine may be ``known`` beside those that the trace was searched for."""
     printer, places = fit.scene.printer, fit.places.at(np.unique(fit.rows.mark))
-    plays = {block.where for block in fit.blocks if block.effect in ("play", "breathing", "friction")}
+    found = [*(block.slot for block in fit.blocks), *(part.key[:2] for part in known if part.is_likely)]
+    plays = {motor for effect, motor in found if effect in ("play", "breathing", "friction")}
     gaps = []
     for motor, (name, turn_mm) in enumerate(zip(printer.motors, fit.scene.turns_mm, strict=True)):
         seen = sight(places.motor_mm[:, motor], places.side[:, motor], turn_mm)

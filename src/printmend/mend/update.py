@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from printmend.diagnosis.advice import gaps_of
 from printmend.diagnosis.named import (
     Z_SAID,
     Lift,
@@ -50,12 +51,13 @@ from printmend.learn.learned import (
 from printmend.learn.order import once_in_order
 from printmend.measure.checks import check_origin, digest_of, heights_alone, with_heights
 from printmend.mend.history import Ageing
-from printmend.messages import say, say_count, together
+from printmend.messages import Said, is_one_of, say, say_count, together
 from printmend.model import SavedModel, saved_model, screw_of, with_screw
 from printmend.model.model import DIGESTS, REFITTED, REFUSAL, Misfit, found_in, misfit_section
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, belief_section, says_nothing
+from printmend.promise.filament import UNTOLD
 from printmend.promise.scatter import Scatter
 from printmend.promise.words import seen_scales
 
@@ -217,10 +219,9 @@ def _updated(
     free = 2 * int(trace.measured_rows.sum())
     scatter = belief.scatter if own_mm is None else Scatter.of(noise_mm**2, free, own_mm)
     names = tuple(old.printer.motors[motor].upper() for motor in found.story.anew)
-    gaps = [gap for gap in old.findings[1:] if not gap.startswith(("Z ", *(f"{name} " for name in names)))]
     before, seen = lift_of(old), find_lift(trace, old.printer)
     lift = renewed_lift(before, seen or Lift())
-    diagnosis = diagnose(parts, scene, gaps, lift)
+    diagnosis = diagnose(parts, scene, _left_open(old, found), lift)
     changes = [*changes_of(found), *_lift_changes(before, lift)]
     details: dict[str, Any] = {
         "diagnosis": [fault.row for fault in diagnosis.faults],
@@ -250,6 +251,22 @@ def _updated(
         findings=(diagnosis.summary, *diagnosis.gaps), details=details,
     )  # fmt: skip
     return Updated(with_z(model, lift, push_of(parts)), tuple(changes), names)
+
+
+def _left_open(old: SavedModel, found: Renewed) -> list[str]:
+    """Return the gaps of a new trace that no old one closed for a motor that is still the same, and what is open of a
+    scale."""
+    anew = [found.now.scene.printer.motors[motor].upper() for motor in found.story.anew]
+    before, now = (
+        [gap for gap in gaps if isinstance(gap, Said)]
+        for gaps in (old.findings[1:], gaps_of(found.fit, found.now.parts))
+    )
+    known = [(gap.id, gap.values.get("a")) for gap in before]
+    no_trace = "trace" not in old.document
+    return [
+        *(gap for gap in now if no_trace or gap.values["a"] in anew or (gap.id, gap.values["a"]) in known),
+        *(gap for gap in before if is_one_of(gap, UNTOLD)),
+    ]
 
 
 def _lift_changes(before: Lift, now: Lift) -> Iterator[Change]:

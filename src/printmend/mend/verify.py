@@ -51,12 +51,13 @@ KEPT, BROKEN, UNSURE = "kept", "broken", "cannot tell"
 class Verdict:
     """Distances of the marks from their wanted places, root mean square [mm].
 
-    ``before_mm`` is the unmended print's error, by the model. By this measurement, the error is now between
-    ``now_low_mm`` and ``now_high_mm``. The promise has a 90 % range. ``unlike_mm`` is the distance from where the model
-    puts the marks of an unmended print. A common shift is subtracted, and ``stretch_percent`` of scale that may be the
-    instrument's own. ``stated``: the measurement states its own noise. ``wanders_mm`` is how far place and scale may
-    be off because the instrument drifts. ``changed`` lists the sure changes of the machine, and a shift that no usual
-    homing makes. ``ways_known``: way-points between the marks show from which side each was reached.
+    ``before_mm`` is the unmended print's error, the median of what the model believes. By this measurement, the error
+    is now between ``now_low_mm`` and ``now_high_mm``. The promise has a 90 % range. ``unlike_mm`` is the distance from
+    where the model puts the marks of an unmended print. A common shift is subtracted, and ``stretch_percent`` of scale
+    that may be the instrument's own. ``stated``: the measurement states its own noise. ``wanders_mm`` is how far place
+    and scale may be off because the instrument drifts. ``changed`` lists the sure changes of the machine, and a shift
+    that no usual homing makes. ``ways_known``: way-points between the marks show from which side each was reached.
+    ``scanned``: a picture was measured.
     """
 
     marks: int
@@ -73,6 +74,7 @@ class Verdict:
     wanders_mm: float = 0.0
     changed: tuple[str, ...] = ()
     ways_known: bool = True
+    scanned: bool = False
 
     @property
     def result(self) -> str:
@@ -102,15 +104,18 @@ class Verdict:
             numbers = say("scale-taken-off", numbers, f"{self.stretch_percent:+.2f}")
         if self.result == KEPT:
             kept = say_count("verdict-kept", self.marks, numbers)
-            return say("kept-but", kept, together("; ", self.changed)) if self.changed else kept
+            but = [say("mending-did-not-help")] * (self.now_low_mm > self.before_mm) + [*self.changed]
+            return say("kept-but", kept, together("; ", but)) if but else kept
         if self.result == UNSURE:
             if self.wanders_mm:
                 return say("verdict-wanders", numbers, f"{self.wanders_mm:.2f}")
-            words = say("verdict-coarse" if self.stated else "verdict-unstated", numbers, f"{self.shows_from_mm:.3f}")
+            coarse = "verdict-scan" if self.scanned else "verdict-coarse" if self.stated else "verdict-unstated"
+            words = say(coarse, numbers, f"{self.shows_from_mm:.3f}")
             return words if self.ways_known else together(". ", [words, say("verdict-no-ways")])
         if self.now_mm > _UNMENDED_SHARE * self.before_mm:
-            same = self.unlike_mm < _SAME_FAULT_SHARE * self.now_mm
-            return say("verdict-as-before-mending" if same else "verdict-another-fault", numbers)
+            if self.unlike_mm < _SAME_FAULT_SHARE * self.now_mm:
+                return say("verdict-as-before-mending", numbers)
+            return say("verdict-farther-off" if self.now_low_mm > self.before_mm else "verdict-another-fault", numbers)
         return say("verdict-broken", numbers)
 
     def json(self) -> dict[str, Any]:
@@ -157,15 +162,16 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     # a random walk imitates place and scale as far as its end strays: 6 times its mean square about its mean
     low2 = float(np.quantile(surely_mm, LOW) ** 2 - 6 * np.median(wanders_mm) ** 2) if _is_beyond(found) else 0.0
     high = float(np.sqrt(np.quantile(whole_mm, HIGH) ** 2 + beyond_mm**2 + _unseen_mm(found) ** 2))
-    after = outlook.after
+    before, after = outlook.before, outlook.after
     error = (trace.measured_mm - trace.commanded_mm)[known]
-    unlike, off = (each - each.mean(axis=0) for each in (error - off, off))
+    unlike = error - off - (error - off).mean(axis=0)
     return Verdict(
-        len(known), float(np.sqrt(np.mean(np.sum(off**2, axis=1)))), now, float(np.sqrt(max(low2, 0.0))), high,
+        len(known), PLANE_FACTOR * before.rms_mm, now, float(np.sqrt(max(low2, 0.0))), high,
         PLANE_FACTOR * after.rms_mm, PLANE_FACTOR * after.rms_low_mm, PLANE_FACTOR * after.rms_high_mm,
         float(np.sqrt(max(np.mean(np.sum(unlike**2, axis=1)) - (PLANE_FACTOR * noise_mm) ** 2, 0.0))),
         _stretch_percent(found), bool(len(stated)), float(np.median(wanders_mm)),
         (*(change.words for change in changes_of(found)), *_moved_words(found)), len(known) < len(trace) - 1,
+        trace.instrument is not None,
     )  # fmt: skip
 
 
