@@ -19,6 +19,7 @@ from printmend.errors import TraceError
 from printmend.gcode.read import read_gcode
 from printmend.infer.gram import seen
 from printmend.infer.machine import DRAWS
+from printmend.infer.search import search_of
 from printmend.infer.update import Renewed
 from printmend.learn.learned import PLANE_FACTOR, known_digests
 from printmend.learn.walls import with_walls
@@ -208,8 +209,11 @@ def _is_beyond(found: Renewed) -> bool:
 
 
 def _unseen_mm(found: Renewed) -> float:
-    """Return the largest error at the marks from more play of a motor that this print would not show."""
-    search, state = found.fit.search, found.fit.state
+    """Return the largest error at the marks from more play of a motor that this print would not show, be it a change or
+    what the model left open."""
+    fit = found.fit
+    search = search_of(fit.dictionary, fit.rows, fit.rows.weight)  # the old machine is not summed out
+    state = search.posterior(fit.state.members, fit.state.sigma_mm, rounds=0)
     blocks, most_mm = search.dictionary.blocks, 0.0
     for number, block in enumerate(blocks):
         if block.effect != _ASKED or number in {b for b, _ in state.members}:
