@@ -296,6 +296,15 @@ def test_a_print_that_nothing_mends_is_as_far_off_as_before(sound):
     assert verdict.before_mm == pytest.approx(verdict.promised_mm, rel=0.1)
 
 
+def test_all_dots_of_a_print_show_the_play_that_distances_left_open():
+    printer, distances = case_of("ender3")
+    machine, rng = broken(printer, play=0.2), np.random.default_rng(0)
+    model = model_by_hand(distances, read_off(distances, machine, rng), printer)
+    marks = Twin(machine.homed()).follow(distances.plan.waypoints_mm)[distances.plan.rows]
+    verdict = verify(model, distances.plan.trace(marks + rng.normal(0, 0.01, marks.shape)))
+    assert verdict.now_high_mm < 1.5 * verdict.now_mm  # more play than that would have shown
+
+
 def test_the_play_of_a_corexy_motor_is_no_axis_of_marlins():
     known = exact_model(broken(case_of("corexy")[0], play=0.8))
     with pytest.raises(RefusedError, match="a CoreXY motor moves both axes"):
