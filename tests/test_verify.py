@@ -18,7 +18,7 @@ from printmend.measure.table import write_trace
 from printmend.mend import mend_gcode
 from printmend.mend.filament import printed_in, update_in, updated_in, verify_in
 from printmend.mend.history import read_history, rows_of
-from printmend.mend.update import Updated, measured_again
+from printmend.mend.update import Updated
 from printmend.mend.verify import BROKEN, KEPT, UNSURE, Verdict, expectation, made, update_words, updated, verify
 from printmend.model import SavedModel, exact_model, read_model, write_model
 from printmend.path import FLATBED, Instrument, Trace, last_way
