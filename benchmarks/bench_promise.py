@@ -42,7 +42,7 @@ from printmend.infer.distances import choose_distances
 from printmend.learn.by_hand import model_by_hand
 from printmend.learn.learned import learn_model
 from printmend.measure.distance import scaled_by
-from printmend.measure.measurement import instrument_on_bed, scanner_axes
+from printmend.measure.measurement import instrument_on_bed, scanner_axes, without_lens
 from printmend.mend import check_gcode, mend_gcode
 from printmend.model.model import SavedModel
 from printmend.path import FLATBED, Instrument, Motion, Trace
@@ -90,6 +90,7 @@ def settled_scan(ends: np.ndarray, noise_mm: float, rng: np.random.Generator) ->
     ways = [np.array([[np.cos(t), -np.sin(t)], [np.sin(t), np.cos(t)]]) for t in turns]
     middle = ends.mean(axis=0)
     scans = [(ends - middle) @ way.T @ glass.T + rng.normal(0, noise_mm, ends.shape) for way in ways]
+    scans, instrument, _ = without_lens(scans, FLATBED)
     axes, _, _ = scanner_axes(scans)
     upright = [scan @ np.linalg.inv(axes).T @ way for scan, way in zip(scans, ways, strict=True)]
     measured = (upright[0] + upright[1]) / 2
@@ -97,7 +98,7 @@ def settled_scan(ends: np.ndarray, noise_mm: float, rng: np.random.Generator) ->
     distance_mm = float(np.hypot(*(ends[span[1]] - ends[span[0]]))) + DOT_MM + rng.normal(0, CALLIPERS_SD_MM)
     dots_mm = DOT_MM * np.hypot(*glass).mean() + rng.normal(0, noise_mm, 2)
     measured, instrument, _ = scaled_by(
-        distance_mm, span, dots_mm, measured, instrument_on_bed(FLATBED, np.eye(2), settled=True)
+        distance_mm, span, dots_mm, measured, instrument_on_bed(instrument, np.eye(2), settled=True)
     )
     return measured + np.array([80.0, 95.0]), instrument
 

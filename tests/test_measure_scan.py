@@ -15,13 +15,13 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import ScanError, TraceError
 from printmend.measure import write_plan
 from printmend.measure.image import read_image, write_image, write_words
-from printmend.measure.measurement import SETTLED_AXES_SD, measure_scans, wave_left_mm
+from printmend.measure.measurement import SETTLED_AXES_SD, measure_scans, wave_left_mm, without_lens
 from printmend.measure.page import exposure, resolution
 from printmend.measure.plan import ProbePlan
 from printmend.measure.resampled import is_resampled
 from printmend.measure.table import read_trace
 from printmend.messages import GERMAN
-from printmend.path import FLATBED, RESIZED
+from printmend.path import FLATBED, RESIZED, distorted
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.probe.tags import write_sheet
@@ -116,6 +116,37 @@ def test_a_quarter_turn_removes_the_scanners_own_axes(tmp_path, plan, printed):
     assert two_scanners.instrument.wave_mm > 0.01
 
 
+def test_a_quarter_turn_removes_the_scanners_lens(tmp_path, plan, printed):
+    lens = replace(CLEAN, lens_mm=(0.6, -0.8, 0.4))
+    paths = []
+    for turns in (0, 1):
+        scan = render_scan(printed, plan, dpi=300, degradations=lens, rng=np.random.default_rng(3), quarter_turns=turns)
+        paths.append(saved(tmp_path / f"scan{turns}.png", scan.image, dpi=300))
+    single, double = measure_scans(paths[:1], plan), measure_scans(paths, plan)
+    assert rms(error_mm(single.measured_mm, printed, scale=True)) > 0.01
+    assert rms(error_mm(double.measured_mm, printed, scale=True)) < 0.002
+    assert any("the scanner distorts by up to 0.0" in note for note in double.notes)
+    assert not any("disagree" in note for note in double.notes)
+    assert double.instrument.lens_mm < 0.2 * single.instrument.lens_mm
+
+
+@pytest.mark.parametrize(("quarter_turns", "known"), [(1, [0, 1, 2]), (2, [0, 2]), (0, [])])
+def test_turned_scans_give_back_what_the_lens_did(rng: np.random.Generator, quarter_turns: int, known: list[int]):
+    """A half turn shows what is even, and no turn shows anything: what is not shown stays as it was."""
+    print_mm, lens_mm = rng.uniform(-90, 90, (500, 2)), np.array([0.2, -0.3, 0.1])
+    turned = [print_mm, print_mm @ np.linalg.matrix_power(np.array([[0.0, 1.0], [-1.0, 0.0]]), quarter_turns)]
+    seen = [place + distorted(place, 0) @ lens_mm + rng.normal(0, 0.003, place.shape) for place in turned]
+    without, instrument, _ = without_lens(seen, FLATBED)
+    columns = distorted(seen[0], 0).reshape(-1, 3)
+    taken = np.linalg.lstsq(columns, (seen[0] - without[0]).ravel(), rcond=None)[0]
+    assert taken[known] == pytest.approx(lens_mm[known], abs=0.006)
+    if len(known) == 3:
+        assert instrument.lens_mm < 1.05 * FLATBED.carriage_mm
+    else:
+        assert instrument.lens_mm == pytest.approx(FLATBED.lens_mm, rel=0.02)
+        assert np.abs(np.delete(taken, known)).max() < 0.1
+
+
 def test_a_half_turn_says_that_it_cannot_tell_the_axes(tmp_path, plan, printed):
     paths = [
         saved(
@@ -164,7 +195,7 @@ def test_the_command_writes_trace_and_overlay(tmp_path, plan, printed):
     result = CliRunner().invoke(command, [*arguments, "--overlay", str(tmp_path / "seen.png")], catch_exceptions=False)
     assert "300 dpi" in result.output
     rows = (tmp_path / "trace.csv").read_text().splitlines()
-    doubts = "scale_sd,axes_sd,lean_sd,wave_mm,carriage_mm,resized_sd"
+    doubts = "scale_sd,axes_sd,lean_sd,wave_mm,carriage_mm,lens_mm,resized_sd"
     assert rows[0] == f"x_mm,y_mm,x_measured_mm,y_measured_mm,sigma_mm,placed,{doubts},printer,kinematics,probe"
     assert rows[1].endswith(f"{plan.printer},{plan.kinematics},{plan.origin.probe}")
     assert len(rows) == len(plan.waypoints_mm) + 1

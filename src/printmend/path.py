@@ -31,7 +31,8 @@ class Instrument:
 
     ``scale_sd`` of its scale, ``axes_sd`` of half the difference between the scales of x and y (shares), ``lean_sd``
     [rad] of half the angle by which these lean, ``wave_mm`` of a slow unevenness, ``carriage_mm`` of a wave that a
-    scanner's carriage may make along one axis, ``resized_sd`` of the scale of a picture that was taken at another
+    scanner's carriage may make along one axis, ``lens_mm`` of what its lens does 100 mm from the middle (by the square
+    and by the cube of the place along its sensor), ``resized_sd`` of the scale of a picture that was taken at another
     resolution than it says, or of a sheet that was fitted to its page (a share). All 0 for one that is exact. Once one
     length is known, the first three are known together better than each: ``scale_axes``, ``scale_lean`` and
     ``axes_lean`` are their correlations.
@@ -42,6 +43,7 @@ class Instrument:
     lean_sd: float = 0.0
     wave_mm: float = 0.0
     carriage_mm: float = 0.0
+    lens_mm: float = 0.0
     resized_sd: float = 0.0
     scale_axes: float = 0.0
     scale_lean: float = 0.0
@@ -69,15 +71,29 @@ class Instrument:
         return self == Instrument()
 
 
-DOUBTS = ("scale_sd", "axes_sd", "lean_sd", "wave_mm", "carriage_mm", "resized_sd")  # of an `Instrument`, none below 0
+# of an `Instrument`, none below 0
+DOUBTS = ("scale_sd", "axes_sd", "lean_sd", "wave_mm", "carriage_mm", "lens_mm", "resized_sd")
 
 # Flatbeds state their resolution to one or two parts in a thousand, their two axes by themselves, and their carriages
-# run uneven by micrometres, some in waves of ten times that, 30 µm (physics.md §4).
-FLATBED = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.002, carriage_mm=0.015)
+# run uneven by micrometres, some in waves of ten times that, 30 µm (physics.md §4). Their lenses distort by
+# tenths of a millimetre over a page (effects/priors.toml).
+FLATBED = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.002, carriage_mm=0.015, lens_mm=0.3)
 # The same where the file does not state its resolution, or the picture was resized since: a scale to one digit.
 RESIZED = replace(FLATBED, resized_sd=0.04)
 # The same where it is not known how the plate lay on the glass: at 45° axes that differ look as if they leaned.
 FLATBED_ANY_TURN = replace(FLATBED, axes_sd=0.0008, lean_sd=0.0008)
+
+LENS_MM = 100.0  # distance from the middle of a sensor line for which ``lens_mm`` holds
+
+
+def distorted(off_mm: np.ndarray, axis: int) -> np.ndarray:
+    """Return how a scanner's sensor line along an axis of the picture shifts places [N, 2], counted from its middle, as
+    [N, 2, 3] mm: along it by the square and the cube of the place on it, and across it by the square."""
+    along = off_mm[:, axis] / LENS_MM
+    out = np.zeros((len(off_mm), 2, 3))
+    out[:, axis, 0] = out[:, 1 - axis, 2] = along**2
+    out[:, axis, 1] = along**3
+    return out
 
 
 @dataclass(frozen=True)

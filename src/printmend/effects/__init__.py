@@ -26,6 +26,7 @@ from printmend.effects.joint import Joint
 from printmend.effects.lag import Lag
 from printmend.effects.lag_wear import LagWear
 from printmend.effects.layer import Layer
+from printmend.effects.lens import Lens
 from printmend.effects.loose import Loose
 from printmend.effects.origin import Origin
 from printmend.effects.place import Place
@@ -66,7 +67,7 @@ _ALL: tuple[Effect, ...] = (
     Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Crooked(), Joint(), Distortion(), Racking(), Tilt(), Lag(),
     LagWear(), Loose(), SoftPlay(), Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Sheet(), Skip(),
     Warmth(), Wear(), Wander(), Wobble(), Layer(), Origin(), Shift(), Turn(), Stretch(), Resized(), Carriage(),
-    CarriageWave(), Halves(), Bead(), Shrinkage(),
+    CarriageWave(), Lens(), Halves(), Bead(), Shrinkage(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")
 

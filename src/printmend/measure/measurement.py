@@ -18,7 +18,7 @@ from printmend.measure.marks import find_pose, turn_onto
 from printmend.measure.plan import LEAST_SHARED, ProbePlan, read_plan
 from printmend.measure.scan import Reading, affine_of, image_px, mean_motion, motion_of, read_scan
 from printmend.messages import Tell, say
-from printmend.path import FLATBED, Instrument, Motion, Trace
+from printmend.path import FLATBED, Instrument, Motion, Trace, distorted
 from printmend.units import MM_PER_INCH
 
 # Align scans: of one print turned on the glass, of its parts, or of sheets that show the same marks.
@@ -77,6 +77,54 @@ def scanner_axes(places_mm: Sequence[np.ndarray]) -> tuple[np.ndarray, str, bool
         say("scanner-s-axes-differ-lean-removed", f"{200 * even:+.2f}", f"{np.degrees(2 * skew):+.3f}"),
         True,
     )
+
+
+def without_lens(
+    places_mm: Sequence[np.ndarray], instrument: Instrument
+) -> tuple[list[np.ndarray], Instrument, list[str]]:
+    """Return what the scans [K × [S, 2]] of one print show without the scanner's lens, the instrument with what remains
+    of that, and a note. Places count from the middle of their picture.
+
+    The lens shifts places along the picture's width, the carriage along its height, both by low powers of the place:
+    f(q) = F(q)·c. Two scans are linked by A, so q₂ − A·q₁ = F(q₂)·c − A·F(q₁)·c, but for what a linear map holds. Least
+    squares give c, with a ridge by the instrument's uncertainty.
+    """
+    sds_mm = np.repeat([instrument.lens_mm, instrument.carriage_mm], 3)
+    if len(places_mm) == 1 or not sds_mm.all():
+        return list(places_mm), instrument, []
+    rows = [np.empty((0, 7))]
+    for other in places_mm[1:]:
+        both = _shared(places_mm[0], other)
+        first, second = places_mm[0][both], other[both]
+        if len(first) < LEAST_SHARED:
+            continue
+        off = _beyond_linear(first, second)
+        link = np.linalg.lstsq(first - first.mean(axis=0), second - second.mean(axis=0), rcond=None)[0].T
+        columns = _low_powers(second - off) - link @ _low_powers(first)  # free of what the second one reads wrongly
+        columns = _beyond_linear(first, columns.reshape(len(first), -1)).reshape(-1, 6)
+        rows.append(np.hstack([columns, off.reshape(-1, 1)]))
+    table, seen = np.split(np.vstack(rows), [6], axis=1)
+    noise = seen - table @ np.linalg.lstsq(table, seen, rcond=None)[0]
+    variance = float(np.mean(np.append(noise, LEAST_DISAGREEMENT_MM) ** 2))
+    inverse = np.linalg.inv(table.T @ table + variance * np.diag(sds_mm**-2))
+    moved = [_low_powers(place) @ (inverse @ table.T @ seen)[:, 0] for place in places_mm]
+    left_mm = math.sqrt(variance * np.diag(inverse)[:3].max())
+    known = np.isfinite(moved[0]).all(axis=1)
+    bent_mm = np.hypot(*_beyond_linear(places_mm[0][known], moved[0][known]).T).max()
+    note = say("scanner-lens-removed", f"{bent_mm:.3f}", f"{left_mm:.3f}")
+    without = [place - by for place, by in zip(places_mm, moved, strict=True)]
+    return without, replace(instrument, lens_mm=left_mm), [note]
+
+
+def _beyond_linear(places_mm: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Return what of shifts [N, P] no linear map of places [N, 2] holds."""
+    line = np.hstack([places_mm, np.ones((len(places_mm), 1))])
+    return np.asarray(moved - line @ np.linalg.lstsq(line, moved, rcond=None)[0])
+
+
+def _low_powers(off_mm: np.ndarray) -> np.ndarray:
+    """Return how a scanner's lens and its carriage shift places [N, 2] of a picture, as [N, 2, 6] mm."""
+    return np.concatenate([distorted(off_mm, axis) for axis in range(2)], axis=2)
 
 
 def aligned(place: np.ndarray, first: np.ndarray, reading: Reading) -> np.ndarray:
@@ -307,10 +355,11 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     """Return the marks [M, 2] on the bed, their standard deviations [M], the instrument's uncertainty, and notes."""
     number = shared_number(plan)
     mine = [plan.sheet_of == reading.sheet for reading in readings]
-    places, settled, notes, stretch = [], False, [], np.eye(2)
+    places, settled, stretch = [], False, np.eye(2)
     for reading, own in zip(readings, mine, strict=True):
         places.append(np.full((int(number.max()) + 1, 2), np.nan))
-        places[-1][number[own]] = reading.image_mm
+        places[-1][number[own]] = reading.image_mm - reading.middle_mm
+    places, instrument, notes = without_lens(places, readings[0].instrument)
     if len(readings) > 1:
         stretch, note, settled = scanner_axes(places)
         places = [place @ np.linalg.inv(stretch).T for place in places]
@@ -334,7 +383,9 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     measured, sigma = _merged(on_bed, sigmas)
     _, first = np.unique(number, return_index=True)
     wave_mm = wave_left_mm(laid, plan.marks_mm[first])
-    instrument = replace(readings[0].instrument, wave_mm=max(readings[0].instrument.wave_mm, wave_mm))
+    instrument = replace(
+        instrument, wave_mm=max(instrument.wave_mm, wave_mm), lens_mm=math.hypot(instrument.lens_mm, wave_mm)
+    )
     instrument = instrument_on_bed(instrument, pose.matrix, settled=settled)
     if wave_mm > LEAST_DISAGREEMENT_MM:
         notes.append(say("scans-disagree-mm-where-dots-lie", f"{wave_mm:.3f}"))
@@ -438,7 +489,7 @@ def _described(reading: Reading, *, several: bool) -> str:
 
 
 def _without_image(reading: Reading) -> Reading:
-    return replace(reading, image=np.empty((0, 0, 3), np.uint8))
+    return replace(reading, image=np.broadcast_to(np.uint8(0), reading.image.shape))
 
 
 def draw_overlay(path: Path, reading: Reading, asked: tuple[int, ...] = (), *, tell: Tell = str) -> None:

@@ -40,9 +40,9 @@ from printmend.path import FLATBED, RESIZED, Instrument
 from printmend.units import MM_PER_INCH
 
 USUAL_DPI = 600.0  # default resolution, if neither the owner nor the file states one
-# The uncertainty of a sheet of tags: its printer may have fitted it to a page; in a photo, the lens adds to it.
+# The uncertainty of a sheet of tags: its printer may have fitted it to a page; a photo of it shows its own lens.
 SHEET = replace(RESIZED, axes_sd=0.0007, lean_sd=0.0003)
-PHOTO = replace(RESIZED, wave_mm=0.005, carriage_mm=0.0)
+PHOTO = replace(RESIZED, wave_mm=0.005, carriage_mm=0.0, lens_mm=0.0)
 # Standard deviations (shares) of a focal length: of one that the file states, and of a telephone's usual one.
 STATED_FOCAL_SD, USUAL_FOCAL_SD = 0.04, 0.15
 PAPER_RIM_MM = 3.0  # width of the paper's rim that is ignored: the shadow of its edge is no plastic

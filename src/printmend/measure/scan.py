@@ -83,6 +83,12 @@ class Reading:
         places[found] = self.dots_mm[self.marks.match.dot[found]]
         return places
 
+    @property
+    def middle_mm(self) -> np.ndarray:
+        """The middle of the image [2] mm."""
+        height, width = self.image.shape[:2]
+        return np.array([width / 2, height / 2, 1.0]) @ affine_of(self.dots.centre_px, self.dots_mm)
+
 
 def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None) -> Reading:
     """Read the marks of ``plan``, or of the one of its sheets that is shown, from an image file.

@@ -14,7 +14,7 @@ import numpy as np
 from printmend.errors import InputError
 from printmend.measure.plan import ProbePlan
 from printmend.messages import say
-from printmend.path import Trace
+from printmend.path import Trace, distorted
 from printmend.units import A4_MM, MM_PER_INCH
 
 MARGIN_MM = 5.0  # margin of glass around the plate
@@ -49,6 +49,7 @@ class Degradations:
     uneven_light: float = 0.08  # share, peak to peak
     stretch: float = 0.001  # of each of the scanner's axes, share
     wave_mm: float = 0.004  # amplitude of the carriage's uneven run
+    lens_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)  # what the sensor line does, as `distorted` has it
     angle_deg: float = 1.5  # of the plate against the scanner
     jpeg_quality: int | None = 92
 
@@ -110,6 +111,7 @@ def render_scan(
     marks = marks + rng.normal(0.0, d.shift_mm, marks.shape)
     wavelength, phase = rng.uniform(20, 60), rng.uniform(0, 2 * np.pi)
     marks[:, 1] += d.wave_mm * np.sin(2 * np.pi * marks[:, 1] / wavelength + phase)
+    marks += distorted(marks - np.array(size_mm) / 2, 0) @ np.array(d.lens_mm)
     width, height = (round(side * px_per_mm) for side in size_mm)
     ink = np.zeros((height, width), np.uint8)
     present = rng.random(len(plan)) >= d.missing
