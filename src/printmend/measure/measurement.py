@@ -85,46 +85,42 @@ def without_lens(
     """Return what the scans [K × [S, 2]] of one print show without the scanner's lens, the instrument with what remains
     of that, and a note. Places count from the middle of their picture.
 
-    The lens shifts places along the picture's width, the carriage along its height, both by low powers of the place:
-    f(q) = F(q)·c. Two scans are linked by A, so q₂ − A·q₁ = F(q₂)·c − A·F(q₁)·c, but for what a linear map holds. Least
-    squares give c, with a ridge by the instrument's uncertainty.
+    The lens shifts places along the picture's width, the carriage along its height, both by low powers of the place,
+    and its axes differ and lean: f(q) = F(q)·c. A turn R links two scans, so q₂ − R·q₁ = F(q₂)·c − R·F(q₁)·c but for
+    how the print lay, and its scale. Least squares give c, with a ridge by the instrument's uncertainty.
     """
-    sds_mm = np.repeat([instrument.lens_mm, instrument.carriage_mm], 3)
-    if len(places_mm) == 1 or not sds_mm.all():
+    sds = np.repeat([instrument.lens_mm, instrument.carriage_mm, instrument.axes_sd, instrument.lean_sd], [3, 3, 1, 1])
+    if len(places_mm) == 1 or not sds.all():
         return list(places_mm), instrument, []
-    rows = [np.empty((0, 7))]
+    rows = [np.empty((0, len(sds) + 1))]
     for other in places_mm[1:]:
         both = _shared(places_mm[0], other)
         first, second = places_mm[0][both], other[both]
         if len(first) < LEAST_SHARED:
             continue
-        off = _beyond_linear(first, second)
-        link = np.linalg.lstsq(first - first.mean(axis=0), second - second.mean(axis=0), rcond=None)[0].T
-        columns = _low_powers(second - off) - link @ _low_powers(first)  # free of what the second one reads wrongly
-        columns = _beyond_linear(first, columns.reshape(len(first), -1)).reshape(-1, 6)
-        rows.append(np.hstack([columns, off.reshape(-1, 1)]))
-    table, seen = np.split(np.vstack(rows), [6], axis=1)
+        turn = turn_onto(first, second)
+        laid = first @ turn + (second - first @ turn).mean(axis=0)
+        columns = _own(laid) - turn.T @ _own(first)
+        found = np.concatenate([columns, (second - laid)[:, :, None]], axis=2).reshape(2 * len(first), -1)
+        shifts, turned = np.broadcast_to(np.eye(2), (len(laid), 2, 2)), laid[:, ::-1] * [-1.0, 1.0]
+        free = np.concatenate([shifts, np.stack([laid, turned], axis=2)], axis=2).reshape(2 * len(first), -1)
+        rows.append(found - free @ np.linalg.lstsq(free, found, rcond=None)[0])
+    table, seen = np.split(np.vstack(rows), [-1], axis=1)
     noise = seen - table @ np.linalg.lstsq(table, seen, rcond=None)[0]
     variance = float(np.mean(np.append(noise, LEAST_DISAGREEMENT_MM) ** 2))
-    inverse = np.linalg.inv(table.T @ table + variance * np.diag(sds_mm**-2))
-    moved = [_low_powers(place) @ (inverse @ table.T @ seen)[:, 0] for place in places_mm]
+    inverse = np.linalg.inv(table.T @ table + variance * np.diag(sds**-2))
+    moved = [_own(place)[..., :6] @ (inverse @ table.T @ seen)[:6, 0] for place in places_mm]
     left_mm = math.sqrt(variance * np.diag(inverse)[:3].max())
-    known = np.isfinite(moved[0]).all(axis=1)
-    bent_mm = np.hypot(*_beyond_linear(places_mm[0][known], moved[0][known]).T).max()
-    note = say("scanner-lens-removed", f"{bent_mm:.3f}", f"{left_mm:.3f}")
+    most_mm = np.nanmax(np.hypot(*moved[0].T))
+    note = say("scanner-lens-removed", f"{most_mm:.3f}", f"{left_mm:.3f}")
     without = [place - by for place, by in zip(places_mm, moved, strict=True)]
     return without, replace(instrument, lens_mm=left_mm), [note]
 
 
-def _beyond_linear(places_mm: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Return what of shifts [N, P] no linear map of places [N, 2] holds."""
-    line = np.hstack([places_mm, np.ones((len(places_mm), 1))])
-    return np.asarray(moved - line @ np.linalg.lstsq(line, moved, rcond=None)[0])
-
-
-def _low_powers(off_mm: np.ndarray) -> np.ndarray:
-    """Return how a scanner's lens and its carriage shift places [N, 2] of a picture, as [N, 2, 6] mm."""
-    return np.concatenate([distorted(off_mm, axis) for axis in range(2)], axis=2)
+def _own(off_mm: np.ndarray) -> np.ndarray:
+    """Return how a scanner's lens, its carriage and its axes shift places [N, 2] of a picture, as [N, 2, 8]."""
+    linear = np.stack([off_mm * [1.0, -1.0], off_mm[:, ::-1]], axis=2)
+    return np.concatenate([distorted(off_mm, 0), distorted(off_mm, 1), linear], axis=2)
 
 
 def aligned(place: np.ndarray, first: np.ndarray, reading: Reading) -> np.ndarray:
