@@ -19,12 +19,13 @@ from printmend.learn.learned import learn_model
 from printmend.machine import healthy_mechanism
 from printmend.measure import read_trace, write_trace
 from printmend.mend.filament import learn_in, parse_travel, printed_in, shrunk, update_in
+from printmend.mend.prediction import answer_to
 from printmend.messages import is_one_of
 from printmend.model import SavedModel, model_text, parse_model
 from printmend.path import Instrument, Trace
 from printmend.printer import Printer, read_printer
 from printmend.promise.belief import parse_belief
-from printmend.promise.filament import CLAIM_SD, UNTOLD, Entry, known_filaments, parse_entries, split
+from printmend.promise.filament import CLAIM_SD, UNTOLD, Entry, known_filaments, parse_entries, scale_cause, split
 from printmend.promise.words import axis_scales
 from printmend.report.examination import examine
 from printmend.twin import Twin
@@ -91,6 +92,10 @@ def test_a_part_shrinks_though_nobody_names_its_filament():
         export_supported(model, "klipper")
     truth = MACHINE - SHRINKS["pla-black"]
     assert np.allclose([-part.acts_mm[0] for part in known_filaments(model)[UNNAMED]], SCALE_MM * truth, atol=0.05)
+    assert scale_cause(model) == "filament"  # to name it would narrow more than another distance would
+    assert "--filament" in str(answer_to(model, scale_cause(model)))
+    doubted = replace(walls, instrument=Instrument(scale_sd=0.02), placed=False)
+    assert scale_cause(learn_in(doubted, printer, None)) == "instrument"
 
 
 def test_what_is_printed_in_the_filament_is_mended_all_the_same(one):

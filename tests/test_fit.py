@@ -205,6 +205,10 @@ def test_a_picture_of_an_unknown_size_tells_no_shrinkage(part):
     assert known.corrections.shrinkage > unknown.corrections.shrinkage == 0.0
     assert (unknown := unknown.estimate).first is not None
     assert unknown.first.outline_mm == pytest.approx(OUTLINE_MM + FOOT_MM, abs=0.03)
+    assert known.estimate.shown is None
+    (first,) = known.estimate.sides  # what a prior says of a scale is no size
+    assert unknown.first.came_mm == pytest.approx(first.came_mm, abs=3 * max(first.came_sd_mm))
+    assert max(unknown.first.came_sd_mm) < 0.05
 
 
 def test_the_command_line_writes_what_it_says(part, tmp_path):

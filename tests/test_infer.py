@@ -55,7 +55,9 @@ def scenes() -> Iterator[Scene]:
         scene = scene_for(read_printer(preset))
         yield scene
         layers = (0.2, 16.2, 17.0)
-        yield replace(scene, placed=False, instrument=RESIZED, walls=True, shrinkage_sd=0.002, layers=layers)
+        yield replace(
+            scene, placed=False, instrument=RESIZED, walls=True, shrinkage_sd=0.002, layers=layers, step_mm=0.1
+        )
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
@@ -77,7 +79,7 @@ def test_an_effect_keeps_its_promises_to_inference(name: str) -> None:
                     assert columns_of(name, places, term.where, shape, scene).shape == columns.shape
                 if scene.homed and effect.of is Of.MACHINE and effect.from_home:
                     assert np.abs(columns_of(name, home_of(scene), term.where, term.shape, scene)).max() < 1e-12
-        by_scene = ("origin", "stretch", "bead", "turn", "pulley", "shrinkage", "halves")
+        by_scene = ("origin", "stretch", "bead", "turn", "pulley", "shrinkage", "halves", "digits")
         if name not in by_scene:  # nor always there
             for odds in by_place.values():
                 assert odds / (1 + odds) == pytest.approx(share_of(name), rel=1e-6)

@@ -83,10 +83,12 @@ def test_says_what_is_wrong_and_how_sure_it_is(tmp_path: Path) -> None:
     path = tmp_path / "left Ender.json"
     done = run("learn", trace_file(tmp_path, BENT), "--printer", "ender3", "-o", path)
     assert done.exit_code == 0, done.output
-    first, second, written, last = done.output.strip().splitlines()
+    first, second, not_shown, tower, written, last = done.output.strip().splitlines()
     assert re.match(r"X (?=.*pulley eccentric 0\.2\d+ ± )(?=.*belt play 0\.3\d+ ± )", first)
     assert first.endswith("; Y healthy")
     assert float(second.split("scatters by ")[1].split()[0]) == pytest.approx(np.hypot(0.05, 0.05), rel=0.1)
+    assert not_shown.startswith("Not shown by this trace: Z wobble")
+    assert "tower" in tower
     assert written == f"Written: {path}"
     assert last == f"Next: printmend mend part.gcode -m '{path}' --report part.html"
     model = read_model(path)
@@ -103,7 +105,9 @@ def test_json_is_for_programs(tmp_path: Path) -> None:
     assert (value["healthy"], value["misfit"]) == (True, [])
     model = read_model(tmp_path / "m.json")
     assert value["digest"] == model.digest
-    assert value["findings"] == ["X healthy; Y healthy"]
+    summary, of_z = value["findings"]
+    assert summary == "X healthy; Y healthy"
+    assert of_z.startswith("Z wobble")
     for severity, healthy in ((NOTE, True), (WARNING, False)):
         told = [asdict(Misfit("racking", severity, 0.05, 9.0, "the gantry racks"))]
         said = replace(model, document={**model.document, "misfit": {"found": told}}).summary

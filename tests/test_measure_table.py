@@ -160,6 +160,20 @@ def test_empty_cells_mean_not_measured(tmp_path):
     assert trace.measured_rows.sum() == len(commanded) - 2
 
 
+@pytest.mark.parametrize("step", [1.0, 0.5, 0.1, 0.01, 0.001])
+def test_the_step_of_a_rounded_table_is_seen(tmp_path: Path, step: float) -> None:
+    commanded, measured = points()
+    trace = read_trace(table(tmp_path, lines(commanded, step * np.round(measured / step))), PRINTER)
+    assert trace.step_mm == (step if step > 0.001 else 0.0)  # a finer one is the noise of any instrument
+    write_trace(tmp_path / "again.csv", trace)
+    assert read_trace(tmp_path / "again.csv", PRINTER).step_mm == trace.step_mm
+
+
+def test_walls_have_no_step(tmp_path: Path) -> None:
+    rows = "".join(f"{x},{x / 2},,,1,0,0.1\n" for x in range(5, 60))
+    assert not read_trace(table(tmp_path, f"{HEADER},nx,ny,offset_mm\n0,0,,,,,\n{rows}"), PRINTER).step_mm
+
+
 def test_a_trace_that_does_not_start_at_home_is_not_homed(tmp_path):
     commanded, measured = points()
     assert not read_trace(table(tmp_path, lines(commanded[1:], measured[1:])), PRINTER).homed

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, Drive, Play, Polygon
+from printmend.diagnosis.named import is_gap_of_z
 from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import at_places
 from printmend.effects.prior import share_of, size_mm
@@ -30,6 +31,7 @@ from printmend.messages import say
 from printmend.model.model import SavedModel, exact_model
 from printmend.path import FLATBED, Trace
 from printmend.printer import read_printer
+from printmend.probe import design_probe
 from printmend.promise.belief import Belief, belief_section, parse_belief
 from printmend.promise.predict import (
     DrawnCause,
@@ -552,8 +554,44 @@ def test_most_of_a_doubt_is_told_before_printing(bent: SavedModel) -> None:
     assert advice_of(bent, fine) == ()  # no callipers for three micrometres
 
 
+@pytest.mark.parametrize(("step_mm", "noise_mm"), [(0.1, 0.005), (0.1, 0.02), (0.5, 0.06)])
+def test_a_rounded_table_makes_no_ripple(step_mm: float, noise_mm: float) -> None:
+    """A last digit is an error of the instrument: it acts on nothing, and no point is left out for it."""
+    plan = design_probe(ENDER3)
+    rng = np.random.default_rng(3)
+    for corruption in (HEALTHY, BENT):
+        places = Twin.of(corruption, ENDER3).follow(plan.waypoints_mm)
+        places = places + rng.normal(0, noise_mm, places.shape)
+        measured_mm = np.full_like(places, np.nan)
+        measured_mm[plan.rows] = step_mm * np.round(places[plan.rows] / step_mm)
+        sigma_mm = np.full(len(places), 0.03)
+        trace = Trace(plan.waypoints_mm, measured_mm, sigma_mm=sigma_mm, homed=True, step_mm=step_mm)
+        model = learn_model(trace, ENDER3)
+        kinds = {row["kind"].rstrip("0123456789-") for row in model.document["diagnosis"]}
+        assert kinds == (set() if corruption is HEALTHY else {"harmonic", "play"})
+        assert "left_out" not in model.document["trace"]
+        assert model.is_healthy == (corruption is HEALTHY)
+
+
+def test_a_tall_part_is_told_that_a_flat_print_shows_no_screw(bent: SavedModel, tmp_path: Path) -> None:
+    low = "G21\nG90\nM83\nG28\n" + "".join(
+        f"G1 Z{z} F600\nG0 X{60 + z} Y60 F6000\nG1 X120 E5 F1800\nG1 Y120 E5\n" for z in (0.2, 0.4, 0.6)
+    )
+    for text, is_tall in ((low, False), (low.replace("Z0.6", "Z1.6"), True)):  # a turn is 8 mm
+        (tmp_path / "part.gcode").write_text(text)
+        prediction = check_gcode(tmp_path / "part.gcode", bent)
+        assert any("within each layer" in each for each in prediction.json()["advice"]) == is_tall
+    assert any(is_gap_of_z(gap) for gap in bent.findings)
+
+
 @pytest.mark.parametrize(
-    ("cause", "said"), [("creep", "a shift that slows down"), ("parameters", "measure mo"), ("shrinkage", "measure mo")]
+    ("cause", "said"),
+    [
+        ("creep", "a shift that slows down"),
+        ("parameters", "whole `printmend probe`"),
+        ("instrument", "--distance"),
+        ("rounding", "measure more"),
+    ],
 )
 def test_a_refusal_names_what_would_have_to_be_put_right(
     cause: str, said: str, bent: SavedModel, tmp_path: Path

@@ -131,6 +131,7 @@ class Trace:
     printed, what is believed of that is taken off: ``shrunk``, a share, about the middle of the bed. ``shrinkage_sd``
     is the standard deviation of what is left of it along either axis, a share. ``motion`` is what lines printed at
     speed showed. ``blank_rows`` are those that stood empty between others in a table, and are not among the N.
+    ``step_mm`` is the step to which measured places were rounded, 0 where it is too small to show.
     ``taken`` are the hexadecimal digits over the measurement from which this one was made, None for one as it was
     taken.
     """
@@ -152,6 +153,7 @@ class Trace:
     shrunk: float = 0.0
     motion: Motion | None = None
     taken: str | None = None
+    step_mm: float = 0.0
 
     def __post_init__(self) -> None:
         for name, dtype in (
@@ -175,6 +177,11 @@ class Trace:
     def instrument_doubt(self) -> Instrument:
         """The uncertainty of the instrument."""
         return self.instrument or (Instrument() if self.placed else FLATBED_ANY_TURN)
+
+    @property
+    def rounding_mm(self) -> float:
+        """The standard deviation that rounding to a step makes: that of an even chance over it."""
+        return self.step_mm / 12**0.5
 
     @property
     def measured_rows(self) -> np.ndarray:

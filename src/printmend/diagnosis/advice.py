@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.named import WARNED_MM, too_low
+from printmend.diagnosis.named import WARNED_MM
 from printmend.effects import EFFECTS
 from printmend.effects.effect import NEARLY_ALL
-from printmend.effects.wobble import LEAST_TURNS, turns_of
+from printmend.effects.wobble import shows_push
 from printmend.effects.words import REPAIR_MM, SOON_MM, Care, Fault, fault_of, plain_kind
 from printmend.infer.fit import FEWEST_READ, Fit
 from printmend.infer.machine import Part
@@ -36,9 +36,9 @@ class Sight:
     backward: int
 
 
-def gaps_of(fit: Fit, known: Sequence[Part] = (), *, heights: bool = False) -> tuple[str, ...]:
-    """Return the gaps of a trace, motor by motor, a sentence each; with ``heights`` those of Z, too. Parts of the
-    machine may be ``known`` beside those that the trace was searched for."""
+def gaps_of(fit: Fit, known: Sequence[Part] = ()) -> tuple[str, ...]:
+    """Return the gaps of a trace, motor by motor, a sentence each, and how exactly its layers tell a push of Z. Parts
+    of the machine may be ``known`` beside those that the trace was searched for."""
     printer, places = fit.scene.printer, fit.places.at(np.unique(fit.rows.mark))
     found = [*(block.slot for block in fit.blocks), *(part.key[:2] for part in known if part.is_likely)]
     plays = {motor for effect, motor in found if effect in ("play", "breathing", "friction")}
@@ -50,15 +50,11 @@ def gaps_of(fit: Fit, known: Sequence[Part] = (), *, heights: bool = False) -> t
     if not _crosses(one, two) and not _crosses(two, one):
         first, second = (name.upper() for name in printer.motors)
         gaps.append(say("moved-together-only-so-crooked-frame", first, second))
-    return (*gaps, *_wobble_gap(fit)) if heights and fit.scene.layers else tuple(gaps)
+    return (*gaps, *_wobble_gap(fit)) if shows_push(fit.scene) else tuple(gaps)
 
 
 def _wobble_gap(fit: Fit) -> Iterator[str]:
     """Say how exactly the layers tell a push of Z once a turn, found or not, where that is not enough."""
-    if (turns := turns_of(fit.scene)) < LEAST_TURNS:
-        lead_mm = fit.scene.printer.z.mm_per_turn
-        yield too_low("wobble", turns * lead_mm, lead_mm)
-        return
     blocks, state = fit.dictionary.blocks, fit.state
     if not any(block.effect == "wobble" for block in fit.blocks):
         tried = next(b for b, block in enumerate(blocks) if block.effect == "wobble")

@@ -13,7 +13,7 @@ import numpy as np
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, title_of
 from printmend.effects.effect import FEW_LAYERS, HARDLY_ANY, NEARLY_ALL, drawn_places
 from printmend.effects.homing import lasting
-from printmend.effects.wobble import LEAST_TURNS, OFTEN
+from printmend.effects.wobble import LEAST_TURNS, OFTEN, shows_push, span_mm
 from printmend.effects.words import (
     LEAST_SHOWN,
     NAMED_SIGMAS,
@@ -46,7 +46,7 @@ from printmend.printer import Printer
 KINDS = ("lead", "periodic", "backlash")
 _GAPS = (  # messages: gaps of Z
     "z-heights-span-mm-turn-screw", "z-told-mm-only-measure-more", "z-backlash-no-height-measured-after",
-    "z-lead-backlash-no-heights-were",
+    "z-lead-backlash-no-heights-were", "z-wobble-flat-print",
 )  # fmt: skip
 Z_SAID = "z"  # the document's key of what was said of the lift, kind by kind
 
@@ -202,6 +202,13 @@ def too_low(what: str, span_mm: float, lead_mm: float) -> str:
     return say("z-heights-span-mm-turn-screw", say(f"z-{what}"), f"{span_mm:.1f}", f"{lead_mm:g}")
 
 
+def _push_gap(scene: Scene) -> str:
+    """Say that the measured layers do not show how the screw pushes them aside."""
+    if not scene.layers:
+        return say("z-wobble-flat-print")
+    return too_low("wobble", span_mm(scene), scene.printer.z.mm_per_turn)
+
+
 def _sizes(terms: np.ndarray) -> np.ndarray:
     """Return the amplitude of each harmonic of (a_1, b_1, a_2, …)."""
     return np.hypot(terms[::2], terms[1::2])
@@ -239,23 +246,25 @@ def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = (), lift
     screw = [say("motor-has", "Z", together(", ", of_z))] if of_z else []
     screw = screw or ([say("motor-healthy", "Z")] if "lead" in lifts.known else [])
     summary = together("; ", [*motors, *frame, *screw])
-    return Diagnosis((*faults, *lifts.faults), summary, (*gaps, *lifts.gaps.values()))
+    of_push = [] if shows_push(scene) else [_push_gap(scene)]
+    return Diagnosis((*faults, *lifts.faults), summary, tuple(dict.fromkeys((*gaps, *of_push, *lifts.gaps.values()))))
 
 
 def _unnamed(parts: Sequence[Part], motor: int, scene: Scene) -> str:
-    """Say of a motor without a named fault whether what acts on it, or what most drawn machines have, moves a print all
-    the same, and whether that is what no mechanism holds."""
+    """Say of a motor without a named fault whether what acts on it, or what most drawn machines have and the
+    measurement tells from its own errors, moves a print all the same, and whether that is what no mechanism holds."""
     own = [
         one for one in gathered(parts)
         if one.where == motor and is_of_motor(one.law) and (one.acts or one.chance >= LIKELY)
         and (one.law.of is Of.MACHINE or one.law.acts is Acts.DRIVE)
     ]  # fmt: skip
-    places, moved_mm = drawn_places(scene), np.zeros((1, 2))
-    for one in own:
-        moved_mm = moved_mm + one.columns(places, scene) @ one.sizes_mm
-    size_mm = float(np.sqrt(np.mean(np.square(moved_mm).sum(axis=1))))
-    name = scene.printer.motors[motor].upper()
-    if size_mm < LEAST_SHOWN:
+    places, name = drawn_places(scene), scene.printer.motors[motor].upper()
+    size_mm = _rms_mm(sum((one.columns(places, scene) @ one.sizes_mm for one in own), np.zeros((1, 2))))
+    drawn_mm = sum((one.columns(places, scene) @ one.draws_mm for one in own), np.zeros((1, 2, 1)))
+    drawn_mm = drawn_mm[:, :, drawn_mm.any(axis=(0, 1))]
+    sd_mm = float(np.sqrt(drawn_mm.var(axis=2).sum(axis=1).mean())) if drawn_mm.size else 0.0
+    is_sure = size_mm > NAMED_SIGMAS * sd_mm or any(one.acts for one in own)
+    if size_mm < LEAST_SHOWN or not is_sure:
         return say("motor-healthy", name)
     return say(
         "motor-not-held" if any(_is_told(one) and not one.acts for one in own) else "motor-unclear",
@@ -470,7 +479,12 @@ def _excludes(found: Found, other: Found) -> bool:
 
 def _moved_mm(found: Found, sizes_mm: np.ndarray, places: Places, scene: Scene) -> float:
     """Return by how much an effect moves places, root mean square."""
-    return float(np.sqrt(np.mean(np.square(found.columns(places, scene) @ sizes_mm).sum(axis=1))))
+    return _rms_mm(found.columns(places, scene) @ sizes_mm)
+
+
+def _rms_mm(moved_mm: np.ndarray) -> float:
+    """Return the root mean square of how far places move [N, 2]."""
+    return float(np.sqrt(np.mean(np.square(moved_mm).sum(axis=1))))
 
 
 def _one_of_each(found: Sequence[Misfit]) -> list[Misfit]:

@@ -15,6 +15,7 @@ from printmend.effects.carriage import Carriage
 from printmend.effects.carriage_wave import CarriageWave
 from printmend.effects.creep import Creep
 from printmend.effects.crooked import Crooked
+from printmend.effects.digits import Digits
 from printmend.effects.distortion import Distortion
 from printmend.effects.drift import Drift
 from printmend.effects.effect import Acts, Effect, Of, Places, Scene, Term, home_of, places_of, scene_of
@@ -67,7 +68,7 @@ _ALL: tuple[Effect, ...] = (
     Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Crooked(), Joint(), Distortion(), Racking(), Tilt(), Lag(),
     LagWear(), Loose(), SoftPlay(), Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Sheet(), Skip(),
     Warmth(), Wear(), Wander(), Wobble(), Layer(), Origin(), Shift(), Turn(), Stretch(), Resized(), Carriage(),
-    CarriageWave(), Lens(), Halves(), Bead(), Shrinkage(),
+    CarriageWave(), Lens(), Halves(), Bead(), Shrinkage(), Digits(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")
 

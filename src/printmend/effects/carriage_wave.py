@@ -34,5 +34,6 @@ class CarriageWave(Usual):
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size_mm = float(np.linalg.norm(found.sizes_mm)) / 2**0.5
-        words = say("wave-mm-scanner-carriage-makes-too", "XY"[found.where], f"{size_mm:.3f}")
-        yield Told("carriage", words, is_harmless=True)
+        scans_disagree = scene.instrument.carriage_mm == scene.instrument.wave_mm  # of a plate at two turns
+        message = "wave-of-scanner-carriage" if scans_disagree else "wave-mm-scanner-carriage-makes-too"
+        yield Told("carriage", say(message, "XY"[found.where], f"{size_mm:.3f}"), is_harmless=True)

@@ -82,7 +82,7 @@ class Scene:
     between two homings along one axis, each with its standard deviation.
     ``layers`` are the lowest and the highest layer [mm] and how many were measured, empty for fewer than `FEW_LAYERS`.
     ``shrinkage_sd`` is the uncertainty of the measured part's shrinkage, as a share; None where nothing can shrink.
-    ``longest_mm`` is the longest move that led to a mark, at most `LONG_MM`.
+    ``longest_mm`` is the longest move that led to a mark, at most `LONG_MM`; ``step_mm`` is the trace's.
     """
 
     printer: Printer
@@ -100,6 +100,7 @@ class Scene:
     layers: tuple[float, ...] = ()
     unseen_share: float = 0.0
     longest_mm: float = LONG_MM
+    step_mm: float = 0.0
 
     @property
     def corexy(self) -> bool:
@@ -429,7 +430,7 @@ def scene_of(trace: Trace, printer: Printer, turns_mm: tuple[float, float] | Non
         printer, turns_mm or printer.mm_per_turn, spans(motor), spans(bed), way, trace.placed, trace.homed,
         instrument=trace.instrument_doubt, walls=bool(trace.wall_rows.any()), shrinkage_sd=trace.shrinkage_sd,
         layers=() if trace.z_mm is None else layers_of(trace.z_mm[known]), unseen_share=unseen / max(way, 1e-9),
-        longest_mm=min(longest_mm, LONG_MM),
+        longest_mm=min(longest_mm, LONG_MM), step_mm=trace.step_mm,
     )  # fmt: skip
 
 

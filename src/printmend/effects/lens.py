@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual
 from printmend.effects.prior import alternatives, profile_of
-from printmend.effects.words import LEAST_SHOWN_MM, PLACES, Found, Numbers, Told
+from printmend.effects.words import LEAST_SHOWN, PLACES, Found, Numbers, Told
 from printmend.messages import say
 from printmend.path import distorted
 
@@ -33,6 +33,6 @@ class Lens(Usual):
         off_mm[:, found.where] = np.linspace(-0.5, 0.5, PLACES) * np.ptp(scene.bed_span_mm[found.where])
         moved, line = distorted(off_mm, found.where) @ found.sizes_mm, np.hstack([np.ones((PLACES, 1)), off_mm])
         size_mm = float(np.hypot(*(moved - line @ np.linalg.lstsq(line, moved, rcond=None)[0]).T).max())
-        if size_mm >= LEAST_SHOWN_MM:
+        if size_mm >= LEAST_SHOWN:
             words = say("scanner-lens-distorts-along-up", "XY"[found.where], f"{size_mm:.2f}")
             yield Told("lens", words, is_harmless=True)

@@ -23,7 +23,7 @@ class Wobble(Usual):
     keys = Waves(tuple(map(int, HARMONICS)))
 
     def carriers(self, scene: Scene) -> range:
-        return range(2 if turns_of(scene) >= LEAST_TURNS else 0)
+        return range(2 if shows_push(scene) else 0)
 
     def profiles(self, where: int, scene: Scene) -> Profiles:
         return [2 * profile_of(self.name)]
@@ -51,6 +51,11 @@ class Wobble(Usual):
         return Care(say("z-screw-bent"), meaning, fault.size, say("roll-z-screw-flat-table-replace"))
 
 
-def turns_of(scene: Scene) -> float:
-    """Return how many turns of the screw the layers span."""
-    return (scene.layers[1] - scene.layers[0]) / scene.printer.z.mm_per_turn if scene.layers else 0.0
+def shows_push(scene: Scene) -> bool:
+    """Tell whether the layers span enough of a turn of the screw to show how it pushes them."""
+    return span_mm(scene) >= LEAST_TURNS * scene.printer.z.mm_per_turn
+
+
+def span_mm(scene: Scene) -> float:
+    """Return the height that the layers span."""
+    return scene.layers[1] - scene.layers[0] if scene.layers else 0.0

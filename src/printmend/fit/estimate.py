@@ -174,12 +174,14 @@ class Side:
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """The estimate of a part from one or two scanned layers. ``scale`` [2] are the shares by which it is too large in X
-    and Y, ``scale_sd`` [2] their standard deviations; ``is_machine_off``: the machine's own are already removed."""
+    and Y, ``scale_sd`` [2] their standard deviations; ``is_machine_off``: the machine's own are already removed.
+    ``shown`` [2] are the scales in a picture of an unknown size, as its sizes have them, None for another's."""
 
     sides: tuple[Side, ...]
     scale: tuple[float, float]
     scale_sd: tuple[float, float]
     is_machine_off: bool
+    shown: tuple[float, float] | None = None
 
     @property
     def first(self) -> Side | None:
@@ -224,16 +226,22 @@ def estimated(layers: Sequence[Layer], printer: Printer, instrument: Instrument 
     sds = [OFFSET_SD_MM, HOLE_SD_MM, TURN_SD_MM, SHIFT_SD_MM, SHIFT_SD_MM]
     prior[shared:, shared:] = np.diag(np.square(np.tile(sds, len(blocks))))
     values, covariance, left, sigma = _solved(columns, wanted, mean, prior)
+    shows = np.zeros((2, count))
+    shows[:, :2] = np.eye(2) / SHARE_MM
+    if by.resized_sd:  # nobody knows the part's own scale, and what the prior says is no size
+        shows[:, 2:4] = np.array([[1.0, 1.0], [1.0, -1.0]]) / SHARE_MM
     sides, first = [], 0
     for at, (layer, block) in enumerate(zip(layers, blocks, strict=True)):
         rows = slice(first, first := first + len(block.wanted))
         own_at = slice(shared + at * own, shared + (at + 1) * own)
-        sides.append(_side(layer, block, values, covariance, own_at, left[rows], sigma))
+        sides.append(_side(layer, block, values, covariance, shows, own_at, left[rows], sigma))
     scale_sd = np.sqrt(np.diag(covariance)[:2]) / SHARE_MM
-    return Estimate(
-        tuple(sides), (float(values[0] / SHARE_MM), float(values[1] / SHARE_MM)),
-        (float(scale_sd[0]), float(scale_sd[1])), is_machine_off,
-    )  # fmt: skip
+    shown = _pair(shows @ values) if by.resized_sd else None
+    return Estimate(tuple(sides), _pair(values / SHARE_MM), _pair(scale_sd), is_machine_off, shown)
+
+
+def _pair(values: np.ndarray) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,24 +297,24 @@ def _solved(
 
 
 def _side(
-    layer: Layer, block: _Block, values: np.ndarray, covariance: np.ndarray, own: slice, left: np.ndarray, sigma: float
-) -> Side:
+    layer: Layer, block: _Block, values: np.ndarray, covariance: np.ndarray, shows: np.ndarray, own: slice,
+    left: np.ndarray, sigma: float,
+) -> Side:  # fmt: skip
+    """Return the estimate of one layer; ``shows`` [2, P] of the values are the scales that its sizes have."""
     outline, hole = own.start, own.start + 1
     sd = np.sqrt(np.diag(covariance))
     has_holes = bool((block.group > OUTER).any())
     apart = covariance[hole, hole] + covariance[outline, outline] - 2 * covariance[outline, hole]
-    scale = values[:2] / SHARE_MM
     edge_sd = EDGE_SD_MM if layer.number == 1 else UPPER_SD_MM
     rounds = [
-        _hole(one, edge_sd, float(values[hole]), covariance, hole, scale, left[block.group == one.number], sigma)
+        _hole(one, edge_sd, values, covariance, hole, shows, left[block.group == one.number], sigma)
         for one in layer.outline.rounds
     ]
     edge = layer.outline.edge_mm[layer.outline.group == OUTER]
     size = edge.max(axis=0) - edge.min(axis=0) if len(edge) else np.zeros(2)
-    came = size * (1 + scale) + 2 * values[outline]
-    pick = np.zeros((2, len(values)))
+    pick = size[:, None] * shows
     pick[:, outline] = 2.0
-    pick[[0, 1], [0, 1]] = size / SHARE_MM
+    came = size + pick @ values
     came_sd = np.sqrt(np.einsum("ap,pq,aq->a", pick, covariance, pick) + (2 * edge_sd) ** 2)
     return Side(
         layer.number, float(values[outline]), float(np.hypot(sd[outline], edge_sd)),
@@ -319,15 +327,15 @@ def _side(
 
 # Its many parameters are the layer's values that a hole needs.
 def _hole(
-    one: Round, edge_sd: float, hole_mm: float, covariance: np.ndarray, hole: int, scale: np.ndarray,
+    one: Round, edge_sd: float, values: np.ndarray, covariance: np.ndarray, hole: int, shows: np.ndarray,
     left: np.ndarray, sigma: float,
 ) -> Hole:  # fmt: skip
     """Return a round hole as it came out, from all holes' offset and the mean residual of its own places."""
     free = max(len(left) * 0.25, 1.0)
     spread = sigma / np.sqrt(free)
     own = float(np.mean(np.clip(left, -3 * sigma, 3 * sigma))) if len(left) else 0.0
-    diameter = one.diameter_mm * (1 + float(scale.mean())) - 2 * (hole_mm + own)
-    pick = np.zeros(len(covariance))
-    pick[hole], pick[:2] = -2.0, one.diameter_mm / 2 / SHARE_MM
+    pick = one.diameter_mm * shows.mean(axis=0)
+    pick[hole] = -2.0
+    diameter = one.diameter_mm + float(pick @ values) - 2 * own
     sd = np.sqrt(pick @ covariance @ pick + (2 * spread) ** 2 + (2 * edge_sd) ** 2)
     return Hole(one, diameter, float(sd), own)

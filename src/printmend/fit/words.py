@@ -22,7 +22,7 @@ def fit_words(
     filament: str | None, height_mm: float, slicers: Sequence[str] | None = None,
 ) -> list[str]:  # fmt: skip
     """Return the report for a terminal: sizes, causes, settings. A ± is half of a 90 % range."""
-    lines: list[str] = [say("fit-title")]
+    lines: list[str] = [say("fit-title"), *_picture_lines(estimate)]
     own = SLICERS.get(file.maker, SLICERS["orcaslicer"])
     for side in estimate.sides:
         lines += _size_lines(side, estimate, file, corrections, own)
@@ -41,8 +41,13 @@ def fit_words(
 def fit_sizes(estimate: Estimate, file: Sliced, corrections: Wanted) -> list[str]:
     """Return only the sizes, for the end of `measure`."""
     own = SLICERS.get(file.maker, SLICERS["orcaslicer"])
-    lines: list[str] = [say("fit-title-sizes")]
+    lines: list[str] = [say("fit-title-sizes"), *_picture_lines(estimate)]
     return lines + [line for side in estimate.sides for line in _size_lines(side, estimate, file, corrections, own)]
+
+
+def _picture_lines(estimate: Estimate) -> list[str]:
+    """Say that the sizes are those in a picture of an unknown size."""
+    return [say("fit-in-picture")] if estimate.shown else []
 
 
 def _layer_words(side: Side) -> str:
@@ -56,7 +61,7 @@ def after_hole_mm(
     hole, held = side.rounds[number], slicer.holds(corrections)
     foot = held.foot_mm if side.layer == 1 else 0.0
     drawn = (hole.at.diameter_mm + 2 * file.outward_mm(hole=True, layer=side.layer)) * (1 - file.shrinkage)
-    scale = sum(estimate.scale) / 2
+    scale = sum(estimate.shown or estimate.scale) / 2
     cut = drawn / (1 - held.shrinkage) - 2 * (held.hole_mm - foot)
     return drawn, cut * (1 + scale) - 2 * ((side.hole_mm or 0.0) + hole.own_mm)
 
@@ -69,7 +74,8 @@ def after_size_mm(
     foot = held.foot_mm if side.layer == 1 else 0.0
     drawn = (side.size_mm[axis] - 2 * file.outward_mm(hole=False, layer=side.layer)) * (1 - file.shrinkage)
     cut = drawn / (1 - held.shrinkage) + 2 * (held.outline_mm - foot)
-    return drawn, cut * (1 + estimate.scale[axis]) + 2 * side.outline_mm
+    scale = (estimate.shown or estimate.scale)[axis]
+    return drawn, cut * (1 + scale) + 2 * side.outline_mm
 
 
 def _size_lines(side: Side, estimate: Estimate, file: Sliced, corrections: Wanted, slicer: Slicer) -> list[str]:
@@ -152,6 +158,7 @@ def fit_json(
     return {
         "filament": filament,
         "machine_taken_off": estimate.is_machine_off,
+        "sizes_in_picture": estimate.shown is not None,
         "shrinkage": {a: value(-s, sd) for a, s, sd in zip("xy", estimate.scale, estimate.scale_sd, strict=True)},
         "line_width_mm": None
         if upper is None

@@ -436,7 +436,7 @@ def first_sigma_mm(left_mm: np.ndarray, weight: np.ndarray) -> float:
 def weighed(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
     """Return the weights [M] of rows from their residuals, with a scale from the median."""
     away = np.abs(left_mm) * np.sqrt(rows.weight)
-    return rows.weight * weights_of(away, scale_of(away, LEAST_SIGMA_MM))
+    return rows.weight * weights_of(away, scale_of(away, max(LEAST_SIGMA_MM, rows.least_mm)))
 
 
 def shared(rows: Rows, left_mm: np.ndarray) -> Rows:
@@ -477,7 +477,7 @@ def rows_of(trace: Trace, contacts: Contacts, places: Places, scene: Scene, most
     )
     share = np.concatenate([np.ones(len(mark) - len(walls)), np.full(len(walls), NEWS)])
     weight = weight[mark]
-    return Rows(mark, along, error, weight, share)
+    return Rows(mark, along, error, weight, share, trace.rounding_mm)
 
 
 def _was_read(trace: Trace, dots: np.ndarray, axis: int) -> bool:
@@ -495,7 +495,7 @@ def _was_read(trace: Trace, dots: np.ndarray, axis: int) -> bool:
 # Effects that do not turn, and those that decide where a belt touches.
 STILL = (
     "place", "scale", "bend", "play", "soft_play", "loose", "friction", "skew", "aspect", "wobble", "skip", "origin",
-    "shift", "turn", "stretch",
+    "shift", "turn", "stretch", "digits",
 )  # fmt: skip
 LIKE_PLAY = ("loose", "soft_play")  # play resembles them where belts are thought to touch elsewhere
 FEW = (*STILL, "pulley", "breathing", "elastic", "idler", "bent")

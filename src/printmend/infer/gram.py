@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -73,17 +73,19 @@ def laid_side_by_side(blocks: Sequence[Block]) -> tuple[Block, ...]:
 class Rows:
     """M measured numbers: ``mark`` [M] is the place that each is of, ``along`` [M, 2] the direction in which it was
     measured, ``error_mm`` [M] how far the mark lies from where it was commanded, ``weight`` [M] its relative weight.
-    ``share`` [M] is how much of it is news, beside its neighbours."""
+    ``share`` [M] is how much of it is news, beside its neighbours. None scatters less than ``least_mm``."""
 
     mark: np.ndarray
     along: np.ndarray
     error_mm: np.ndarray
     weight: np.ndarray
     share: np.ndarray
+    least_mm: float = 0.0
 
     def some(self, which: slice) -> "Rows":
         """Return some of the rows."""
-        return Rows(*(getattr(self, each.name)[which] for each in fields(self)))
+        mark, along, error_mm = self.mark[which], self.along[which], self.error_mm[which]
+        return Rows(mark, along, error_mm, self.weight[which], self.share[which], self.least_mm)
 
     @cached_property
     def by_axis(self) -> tuple[tuple[_Numbers, _Numbers], tuple[_Numbers, _Numbers], np.ndarray]:
@@ -234,7 +236,7 @@ class Table:
 class Gram:
     """Weighted sums of products: of a ``table``'s columns [P] or those ``at`` some places, less what was summed out,
     whose products ``out`` [K, P] makes; ``slope`` [P] of each column with the errors, ``square`` of the errors;
-    ``count`` rows tell something of their own."""
+    ``count`` rows tell something of their own, and none scatters less than ``least_mm``."""
 
     table: Table
     slope: np.ndarray
@@ -242,6 +244,7 @@ class Gram:
     count: float
     at: np.ndarray | None = None
     out: np.ndarray | None = None
+    least_mm: float = 0.0
 
     def between(self, first: np.ndarray, second: np.ndarray | None = None) -> np.ndarray:
         """Return the products [A, B] of some columns with others, or with all."""
@@ -298,19 +301,21 @@ def products(half: np.ndarray) -> np.ndarray:
 
 def gram_of(columns: np.ndarray, rows: Rows, weight: np.ndarray) -> Gram:
     """Return the sums of products of columns [M, P] and errors of rows with weights [M]."""
-    weight, count = weight * rows.share, columns.shape[1]
-    table = Table(columns, weight, np.empty((count, count)), np.zeros(count, bool))
+    weight, width = weight * rows.share, columns.shape[1]
+    table = Table(columns, weight, np.empty((width, width)), np.zeros(width, bool))
     pull = weight * rows.error_mm
-    return Gram(table, columns.T @ pull, float(pull @ rows.error_mm), NORMAL_SQUARE * float(rows.share.sum()))
+    count = NORMAL_SQUARE * float(rows.share.sum())
+    return Gram(table, columns.T @ pull, float(pull @ rows.error_mm), count, least_mm=rows.least_mm)
 
 
-def summed(grams: Iterable[Gram], count: int) -> Gram:
-    """Return the sums of the same ``count`` columns over all rows of some, one after the other: a trace may be long."""
-    every = np.arange(count)
-    whole = Gram(_told(np.zeros((count, count))), np.zeros(count), 0.0, 0.0)
+def summed(grams: Iterable[Gram], width: int) -> Gram:
+    """Return the sums of the same ``width`` columns over all rows of some, one after the other: a trace may be long."""
+    every = np.arange(width)
+    whole = Gram(_told(np.zeros((width, width))), np.zeros(width), 0.0, 0.0)
     for each in grams:
         table = _told(whole.table.matrix + each.between(every, every))
-        whole = Gram(table, whole.slope + each.slope, whole.square + each.square, whole.count + each.count)
+        slope, square, count = whole.slope + each.slope, whole.square + each.square, whole.count + each.count
+        whole = Gram(table, slope, square, count, least_mm=each.least_mm)
     return whole
 
 

@@ -102,7 +102,8 @@ class Search:
         matrix, slope = self.gram.between(columns, columns), self.gram.slope[columns]
         scaled, scaled_slope = matrix * (sd[:, None] * sd), slope * sd
         one = np.eye(len(sd))
-        newer = max(sigma_mm, LEAST_SIGMA_MM) ** 2
+        least_mm = max(LEAST_SIGMA_MM, self.gram.least_mm)
+        newer = max(sigma_mm, least_mm) ** 2
         for at in range(rounds + 1):
             variance = newer
             factor = np.linalg.cholesky(one + scaled / variance)
@@ -113,7 +114,7 @@ class Search:
                 break
             left = self.gram.square - 2 * mean @ scaled_slope + mean @ scaled @ mean
             left += variance * (len(sd) - np.sum(np.square(inverse)))  # what the sizes' covariance adds
-            newer = max(float(left) / max(self.gram.count, 1), LEAST_SIGMA_MM**2)
+            newer = max(float(left) / max(self.gram.count, 1), least_mm**2)
             if abs(newer - variance) < SETTLED_SHARE * variance:
                 break
         log_det = 2 * np.log(np.diag(factor)).sum()

@@ -163,7 +163,7 @@ def searched_model(
     posterior = replace(posterior, parts=enlarged(posterior.parts, 1.0 / times_seen(posterior.parts)))
     mechanism, branches = machine_of(fit.scene, those_acting(posterior.parts))
     left_mm = fit.left_by_mark_mm(trace)
-    lost = lost_rows(left_mm)
+    lost = lost_rows(left_mm, trace.rounding_mm)
     kept_mm = left_mm[np.isfinite(left_mm).all(axis=1) & ~lost]
     kept_mm = kept_mm if len(kept_mm) else fit.left_mm()[:, None]  # walls are no dots
     noise_mm = float(np.sqrt(np.mean(kept_mm**2)))
@@ -184,7 +184,7 @@ def searched_model(
     push_mm = push_of(posterior.parts)
     if lift is None and push_mm.any():
         lift = Lift(gaps={"lead": say("z-lead-backlash-no-heights-were")})
-    diagnosis = diagnose(posterior.parts, fit.scene, gaps_of(fit, heights=lift is not None), lift)
+    diagnosis = diagnose(posterior.parts, fit.scene, gaps_of(fit), lift)
     details: dict[str, Any] = {
         "diagnosis": [fault.row for fault in diagnosis.faults],
         "trace": trace_section(trace, fit, posterior.parts, PLANE_FACTOR * noise_mm, lost),
@@ -281,7 +281,7 @@ def instrument_scatter_mm(trace: Trace) -> float | None:
     stated = stated[np.isfinite(stated) & (stated > 0)]
     if not len(stated) or trace.wall_rows.any():
         return None
-    return float(np.hypot(np.median(stated), trace.instrument_doubt.wave_mm))
+    return float(np.hypot(max(np.median(stated), trace.rounding_mm), trace.instrument_doubt.wave_mm))
 
 
 def errors_mm(trace: Trace, fit: Fit, parts: Iterable[Sized], told: np.ndarray) -> np.ndarray:

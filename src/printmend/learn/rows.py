@@ -42,12 +42,12 @@ def said_of_rows(posterior: Posterior, trace: Trace, left_mm: np.ndarray, lost: 
     )
 
 
-def lost_rows(left_mm: np.ndarray) -> np.ndarray:
-    """Return the points [N] that a model leaves out."""
+def lost_rows(left_mm: np.ndarray, least_mm: float = FINEST_MM) -> np.ndarray:
+    """Return the points [N] that a model leaves out, by their residuals [N, 2] and the least that these scatter."""
     known = np.isfinite(left_mm).all(axis=1)
     if not known.any():
         return np.zeros(len(left_mm), bool)
-    sigma = np.array([scale_of(each[known], FINEST_MM) for each in left_mm.T])
+    sigma = np.array([scale_of(each[known], max(least_mm, FINEST_MM)) for each in left_mm.T])
     with np.errstate(invalid="ignore"):
         away = np.abs(left_mm)
         return np.asarray(known & ((away > LOST_SIGMAS * sigma) & (away > LOST_MM)).any(axis=1))

@@ -45,6 +45,16 @@ _LARGEST_MM = 1e9  # larger values are clipped to this: they are wrong all the s
 # error reaches this, but a wrong unit does.
 _SAME_PLACES_SHARE = 0.35
 _MOST_MOTION_MM2 = 1.0  # a head that strays by a millimetre prints nothing
+STEPS_MM = (
+    1.0,
+    0.5,
+    0.2,
+    0.1,
+    0.05,
+    0.02,
+    0.01,
+)  # of a last digit: what finer ones hide is below the noise of any instrument
+_EXACT_MM = 1e-9  # by which a decimal number may miss its binary one
 _MOST_LAYERS = 1_000_000  # largest number of a layer
 _FILLED_SHARE, _HOME_APART_MM = 0.5, 0.5  # least share of the bed that a test print spans; how far home may lie outside
 _FARTHEST_WALL_MM = 50.0  # largest distance of a wall from its commanded place
@@ -99,6 +109,7 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
         origin=origin,
         blank_rows=blank_rows,
         motion=_motion(path, columns),
+        step_mm=_step_mm(measured[both]),
     )
 
 
@@ -144,6 +155,14 @@ def _instrument(path: Path, columns: dict[str, np.ndarray]) -> Instrument | None
             came=", ".join(f"{getattr(instrument, name):g}" for name in TOGETHER), todo=say("leave-these-columns-out"),
         )  # fmt: skip
     return instrument if found else None
+
+
+def _step_mm(places_mm: np.ndarray) -> float:
+    """Return the largest step of which all measured places [N, 2] are multiples, 0 where `STEPS_MM` has none."""
+    for step in STEPS_MM if len(places_mm) else ():
+        if np.abs(places_mm - step * np.round(places_mm / step)).max() < _EXACT_MM:
+            return step
+    return 0.0
 
 
 def _motion(path: Path, columns: dict[str, np.ndarray]) -> Motion | None:

@@ -20,8 +20,8 @@ from printmend.gcode.container import GcodeFile, Part, Text, open_gcode
 from printmend.gcode.read import MachineState, e_warning, guessed_e_rule, starting_state
 from printmend.gcode.sliced import Corners, Described, described, find_mark, find_test_print, lost_mark, marked, sliced
 from printmend.gcode.write import Plan, TimePlace, follow, rewrite
-from printmend.mend.prediction import Prediction, prediction_of, with_doubt
-from printmend.messages import say, say_count, together
+from printmend.mend.prediction import Prediction, answer_to, prediction_of, with_doubt
+from printmend.messages import say, say_count, together, within
 from printmend.model.model import PHASE_TODO, REFITTED, SavedModel, refusals, said_of
 from printmend.plan import Fineness, Planner, is_identity, start
 from printmend.printer import Printer
@@ -481,7 +481,9 @@ def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Predict
             came = say("expected-but-no-gain", came, max(1, round(100 * worse)))
             cause = max(prediction.after.made_of.items(), key=lambda item: item[1], default=("", 0.0))[0]
             is_printers = cause in EFFECTS and EFFECTS[cause].of.is_printers
-            todo = say("put-right-cause", in_words(cause)) if is_printers else say("measure-more-or-original")
+            answer = None if is_printers else answer_to(model, cause)
+            todo = say("answer-or-original", within(answer)) if answer else say("measure-more-or-original")
+            todo = say("put-right-cause", in_words(cause)) if is_printers else todo
         raise RefusedError(file.name, wanted=say("smaller-error-after-mending-surely"), came=came, todo=todo)
 
 

@@ -9,13 +9,16 @@ import numpy as np
 
 from printmend.clock import Duration
 from printmend.diagnosis.advice import work_words
+from printmend.effects import Scene
 from printmend.effects.effect import HARDLY_ANY
+from printmend.effects.wobble import shows_push
+from printmend.filament import UNNAMED
 from printmend.messages import is_one_of, parts_of, say, say_count, together
 from printmend.model.model import SavedModel, said_of
 from printmend.plan import Planner
 from printmend.plan import layout as k
 from printmend.promise.belief import parse_belief
-from printmend.promise.filament import UNTOLD
+from printmend.promise.filament import UNTOLD, known_filaments
 from printmend.promise.predict import Errors, PathPlaces, Promise, best_shift, promised, shape_of, without_doubt
 from printmend.promise.words import in_a_line, in_words, is_resized, knows_a_length, knows_all_but_a_reading
 
@@ -33,6 +36,7 @@ _WORTH_CAUSE_MM = (
 )
 _MAIN_SHARE = 0.5  # a cause is named if it is more than this share of the mean square error
 _BEYOND_MM = 5.0  # a part that lies farther outside the measured places gets a warning
+_TALL_TURNS = 0.1  # of the Z screw, in which a bent one pushes layers aside by up to half as much as it is bent
 _WHOLE_MARKS = 400  # a whole test print has at least this many marks
 # Largest share of drawn machines that may print no better mended, after a measurement by hand: a few distances leave
 # most of what is drawn to the prior.
@@ -312,7 +316,8 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     return replace(
         prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers),
         advice=(
-            *prediction.advice, *_beyond_seen(model, prediction), *_taken_off(model, prediction),
+            *prediction.advice, *_beyond_seen(model, prediction), *_beyond_a_layer(belief.scene, prediction),
+            *_taken_off(model, prediction),
             *advice_of(model, outlook.after),
         ),
         most_worse_share=_MOST_WORSE_SHARE_BY_HAND if belief.by_hand else HARDLY_ANY,
@@ -352,6 +357,14 @@ def _beyond_seen(model: SavedModel, prediction: Prediction) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _beyond_a_layer(scene: Scene, prediction: Prediction) -> tuple[str, ...]:
+    """Say of a part that is tall that the errors are those within its layers, where no measured ones show how the Z
+    screw pushes them aside."""
+    heights_mm = [row["z_mm"] for row in prediction.layers]
+    is_tall = heights_mm and np.ptp(heights_mm) > _TALL_TURNS * scene.printer.z.mm_per_turn
+    return (say("figures-hold-within-layer"),) if is_tall and not shows_push(scene) else ()
+
+
 def _taken_off(model: SavedModel, prediction: Prediction) -> tuple[str, ...]:
     """Say beside a print's shift that another one, which learning took off its test print, is no part of it."""
     return (say("shift-taken-off"),) if prediction.shift_words and said_of(model.document, "moved") else ()
@@ -374,27 +387,33 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
         or name in ("planning", "rounding", "motion")
     ):
         return ()
+    return (answer_to(model, name) or say("rest-is-cause", in_words(name)),)
+
+
+def answer_to(model: SavedModel, cause: str) -> str | None:
+    """Name the main cause of an error, and the measurement that would narrow it; None where none would."""
     by_hand = model.document.get("promise", {}).get("by_hand")  # there is no scan to settle
-    if name == "parameters" or by_hand:
+    if cause == "parameters" or by_hand:
         gaps = [gap for gap in model.findings[1:] if is_one_of(gap, _OF_TURNS)]
         whole = model.document.get("trace", {}).get("measured", 0) >= _WHOLE_MARKS
         if gaps:
-            return (say("rest-not-shown", gaps[0]),)
+            return say("rest-not-shown", gaps[0])
         if whole:
-            return (say("rest-left-open", say("second-test-print-taken-printmend-learn")),)
-        return (say("rest-not-shown", say("whole-printmend-probe-printed-measured-settles")),)
-    untold = [gap for gap in model.findings[1:] if is_one_of(gap, UNTOLD)]
-    if name == "instrument" and untold:
-        return (say("rest-untold", untold[0]),)
-    if name == "instrument" and knows_all_but_a_reading(model):
-        return (say("rest-is-callipers"),)
-    if name == "instrument" and knows_a_length(model):
-        return (say("rest-is-scanner-across"),)
-    if name == "instrument":
-        return (say("rest-is-picture" if is_resized(parse_belief(model)) else "rest-is-scanner"),)
-    if name == "homing":
-        return (say("rest-is-homing"),)
-    return (say("rest-is-cause", in_words(name)),)
+            return say("rest-left-open", say("second-test-print-taken-printmend-learn"))
+        return say("rest-not-shown", say("whole-printmend-probe-printed-measured-settles"))
+    if cause == "homing":
+        return say("rest-is-homing")
+    if cause not in ("instrument", "filament"):
+        return None
+    if cause == "filament" and UNNAMED in known_filaments(model):
+        return say("rest-is-filament")
+    if untold := [gap for gap in model.findings[1:] if is_one_of(gap, UNTOLD[: 2 if cause == "filament" else 1])]:
+        return say("rest-untold", untold[0])
+    if knows_all_but_a_reading(model):
+        return say("rest-is-callipers")
+    if knows_a_length(model):
+        return say("rest-is-scanner-across")
+    return say("rest-is-picture" if is_resized(parse_belief(model)) else "rest-is-scanner")
 
 
 def _path_places(samples: np.record, layer_z_mm: np.ndarray) -> PathPlaces:

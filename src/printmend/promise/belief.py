@@ -17,7 +17,7 @@ from printmend.messages import say
 from printmend.model import SavedModel
 from printmend.model.branches import number, numbers, refuse, section_of
 from printmend.path import Motion
-from printmend.promise.filament import MOST, known_filaments
+from printmend.promise.filament import MOST, known_filaments, scale_cause
 from printmend.promise.scatter import NO_OUTLIERS, NO_SCATTER, Outliers, Scatter
 
 VERSION = 2  # of the model file's section
@@ -33,6 +33,7 @@ class Belief:
     scatter beyond what their instrument says, along one coordinate, ``outliers`` those that fit no model. ``placed``:
     the measurement says where on the bed things lie; else errors are counted from home. ``by_hand``: a few distances
     were measured, and most is assumed. ``motion`` is what lines at speed showed, None where none were measured.
+    ``scale_cause`` names what leaves the scale open where no place was measured.
     """
 
     scene: Scene
@@ -42,6 +43,7 @@ class Belief:
     outliers: Outliers = NO_OUTLIERS
     by_hand: bool = False
     motion: Motion | None = None
+    scale_cause: str = "instrument"
 
     def of(self, effect: str, where: int | None = None) -> tuple[Part, ...]:
         """Return the parts of one effect, at one place where that is given."""
@@ -120,7 +122,14 @@ def parse_belief(model: SavedModel) -> Belief | None:
     if model.filament is not None:
         parts = (*parts, *known_filaments(model)[model.filament])
     return Belief(
-        scene, parts, placed, _scatter(section), _outliers(section), bool(section.get("by_hand")), _motion(section)
+        scene,
+        parts,
+        placed,
+        _scatter(section),
+        _outliers(section),
+        bool(section.get("by_hand")),
+        _motion(section),
+        scale_cause(model),
     )
 
 

@@ -6,7 +6,7 @@ the posterior is a mixture of Gaussians, in closed form.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -139,6 +139,19 @@ def _check_name(name: Any) -> None:
         material_of(name if isinstance(name, str) else "")
     except Exception:
         refuse(_SUBJECT, say("names-filaments"), repr(name)[:40])
+
+
+def scale_cause(model: SavedModel) -> str:
+    """Return the cause that leaves the scale of a model's prints most open: the filament, where its shrinkage would
+    narrow it more than an exact picture, else the instrument."""
+    entries = parse_entries(model) or ()
+    if model.filament is not None or all(each.filament is None for each in entries):
+        return "instrument"
+    grown, exact = (
+        sum(split([replace(each, **known) for each in entries], axis).sd for axis in range(2))
+        for known in ({"filament": None}, {"sd": (0.0, 0.0)})
+    )
+    return "filament" if grown < exact else "instrument"
 
 
 def known_filaments(model: SavedModel) -> dict[str, tuple[Part, Part]]:

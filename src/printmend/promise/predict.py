@@ -309,8 +309,8 @@ def _parts(
     for was, part, drawn in zip(belief.parts, homed, fates, strict=True):
         effect, fate, acts = EFFECTS[part.effect], EFFECTS[part.effect].fate, part.acts_mm[:, None]
         name = part.effect
-        if not belief.placed and not belief.by_hand and name in LINEAR:
-            name = "instrument"
+        if not belief.placed and not belief.by_hand and name in (*LINEAR, "shrinkage"):
+            name = belief.scale_cause
         elif effect.of is Of.MACHINE and part.acts_mm.any():
             name = "parameters"
         if name == "parameters":

@@ -137,6 +137,7 @@ _CAUSES = {
     "scatter": (say("cause-scatter"), say("budget-scatter"), "A"),
     "homing": (say("cause-homing"), say("budget-homing"), "B"),
     "instrument": (say("cause-instrument"), say("budget-instrument"), "B"),
+    "filament": (say("cause-filament"), say("budget-filament"), "B"),
     "motion": (say("cause-motion"), say("budget-motion"), "B"),
     "rounding": (say("cause-rounding"), say("budget-rounding"), "B"),
     "planning": (say("cause-planning"), say("budget-planning"), "B"),
