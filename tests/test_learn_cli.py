@@ -148,7 +148,7 @@ def test_a_table_says_where_a_belt_rests_in_its_play_even_where_home_was_not_mea
     """Less what that homing may have done to it, which is all of the shift of a belt without play."""
     fault = Corruption((Drive(belt=Play(0.9)), Drive()))
     twin = Twin.of(fault, ENDER3)
-    aside = np.array([0.3, -0.2])
+    aside = np.array([0.3, -0.06])
     marks = twin.follow(PLAN.waypoints_mm)[PLAN.rows] + aside
     marks += np.random.default_rng(5).normal(0, 0.005, marks.shape)
     model = learn_model(replace(PLAN.trace(marks), placed=True), ENDER3, rng=np.random.default_rng(0))
