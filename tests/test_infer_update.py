@@ -109,7 +109,7 @@ def test_what_wears_is_known_less_after_a_year(old: tuple[Fit, Posterior]) -> No
 
 def test_wear_that_was_foretold_moves_what_is_expected(old: tuple[Fit, Posterior]) -> None:
     few = printed(machine(), 30, 5)
-    few = replace(few, measured_mm=np.where(np.arange(len(few))[:, None] < 6, few.measured_mm, np.nan))
+    few = replace(few, measured_mm=np.where(np.arange(len(few))[:, None] < 3, few.measured_mm, np.nan))
     usual, grown = (again(old, few, **more) for more in ({}, {"grown": {("play", 0): (0.1, 0.01)}}))
     assert size(grown.now.parts, "play", 0)[1] - size(usual.now.parts, "play", 0)[1] > 0.02
 

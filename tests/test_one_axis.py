@@ -19,7 +19,7 @@ def traverse() -> Trace:
     error = WAVE_MM * np.sin(2 * np.pi * x / TURN_MM) + np.where(back, PLAY_MM, 0.0)
     measured = x + error + np.random.default_rng(4).normal(0, NOISE_MM, len(x))
     y = np.full(len(x), 110.0)
-    measured[[0, len(out) + 1]] = np.nan  # where it turns, the belt is still in its play
+    measured[0] = measured[back & (x > out[-1] - PLAY_MM)] = np.nan  # where it turns, the belt is still in its play
     return Trace(np.stack([x, y], axis=1), np.stack([measured, np.where(np.isnan(measured), np.nan, y)], axis=1))
 
 

@@ -77,10 +77,9 @@ def host(tmp_path: Path):
     return Host()
 
 
-@pytest.mark.parametrize("more", ['[homing]\nswitch = "phase"\n', "[limits]\ncrossing_mm_s2 = 15000.0\n"])
-def test_what_an_owner_changes_in_the_firmware_makes_no_other_printer(more: str, models, tmp_path: Path) -> None:
-    plain = tomli_w.dumps(printer_section(read_printer("ender3")))
-    (tmp_path / "mine.toml").write_text(plain + more)
+@pytest.mark.parametrize("more", [{"homing": {"switch": "phase"}}, {"limits": {"crossing_mm_s2": 15000.0}}])
+def test_what_an_owner_changes_in_the_firmware_makes_no_other_printer(more: dict, models, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(tomli_w.dumps(printer_section(read_printer("ender3")) | more))
     changed = model_at(tmp_path / "changed.json", 0.4, str(tmp_path / "mine.toml"))
     assert changed.digest != models["new"].digest
     assert changed.printer == models["new"].printer

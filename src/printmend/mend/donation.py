@@ -38,7 +38,7 @@ _TOKEN = re.compile(r"[\w.+%°-]{1,40}|printmend model")
 _KEY = re.compile(r"[a-z0-9_-]{1,40}")
 # Keys whose values are words of printmend's own; under all other keys only numbers are kept.
 _WORDS = {"effect", "event", "format", "home_side", "kind", "kinematics", "learner", "part", "program", "pulley",
-          "result", "severity", "state", "unit"}  # fmt: skip
+          "result", "severity", "state", "switch", "unit"}  # fmt: skip
 _MODEL = ("format", "version", "program", "learner", "printer", "motors", "frame", "screw", "noise_mm", "diagnosis",
           "trace", "promise", "misfit")  # fmt: skip
 
