@@ -55,6 +55,7 @@ def scene_of_printer(printer: Printer, way_mm: float = 1.0) -> Scene:
     return Scene(
         printer, printer.mm_per_turn, (spans[0], spans[1]), (bed[0], bed[1]), way_mm, homed=True, instrument=RESIZED,
         walls=True, shrinkage_sd=material_of("petg").sd, layers=(printer.z.min_mm, printer.z.max_mm, MOST_LAYERS),
+        step_mm=0.1,
     )  # fmt: skip
 
 

@@ -170,7 +170,12 @@ def learning_finds_it(candidate: EffectCandidate) -> str:
     seen = candidate.twin(printer).seen(path) + np.random.default_rng(1).normal(0.0, NOISE_MM, path.shape)
     read = law.of is Of.INSTRUMENT
     trace = Trace(
-        path, np.where(dots[:, None], seen, np.nan), homed=True, placed=not read, instrument=RESIZED if read else None
+        path,
+        np.where(dots[:, None], seen, np.nan),
+        homed=True,
+        placed=not read,
+        instrument=RESIZED if read else None,
+        step_mm=scene_of_printer(printer).step_mm if read else 0.0,
     )
     scene = scene_of(trace, printer)
     fit = fitted(trace, scene)
