@@ -45,7 +45,6 @@ def part(tmp_path: Path) -> Path:
     return tmp_path / "part.gcode"
 
 
-pytestmark = pytest.mark.usefixtures("one_round")
 BLANK = np.full((64, 64, 3), 200, np.uint8)
 STRETCH = np.diag([0.0013, 0.0013])
 

@@ -26,8 +26,13 @@ from printmend.promise.belief import Belief
 
 def after_homing(belief: Belief) -> Belief:
     """Return what is believed of the machine once it has homed again, each draw with a homing of its own."""
-    by_mm = drawn_shifts_mm(belief.scene, DRAWS, np.random.default_rng(SEED))
+    by_mm = _homings_mm(belief.scene)
     return replace(belief, parts=tuple(part.moved(by_mm, belief.scene) for part in belief.parts))
+
+
+def _homings_mm(scene: Scene, homings: int = 2) -> np.ndarray:
+    """Return the same homings for a machine each time, independent of what else is drawn."""
+    return drawn_shifts_mm(scene, DRAWS, np.random.default_rng(SEED).spawn(1)[0], homings=homings)
 
 
 PACES = 6  # that the next print may have
@@ -160,7 +165,7 @@ def _outlook(
     paces = np.ones(DRAWS) if at_rest else _paces()
     both, homed = _places(mechanism, path, belief.scene, at_rest), after_homing(belief).parts
     sides = [_parts(belief, homed, path, places, fates, paces) for places in both]
-    homes_mm = drawn_shifts_mm(belief.scene, DRAWS, np.random.default_rng(SEED), homings=1)
+    homes_mm = _homings_mm(belief.scene, homings=1)
     if not belief.placed:
         homes_mm = homes_mm + _rests_mm(mechanism, rng)
         sides = [{name: _unturned(cause, path) for name, cause in each.items()} for each in sides]
