@@ -70,6 +70,11 @@ class Instrument:
     def is_exact(self) -> bool:
         return self == Instrument()
 
+    @property
+    def is_settled(self) -> bool:
+        """Tell whether two turns of a plate have shown its axes: its carriage makes no larger waves than are left."""
+        return self.carriage_mm <= self.wave_mm
+
 
 # of an `Instrument`, none below 0
 DOUBTS = ("scale_sd", "axes_sd", "lean_sd", "wave_mm", "carriage_mm", "lens_mm", "resized_sd")

@@ -34,6 +34,5 @@ class CarriageWave(Usual):
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size_mm = float(np.linalg.norm(found.sizes_mm)) / 2**0.5
-        scans_disagree = scene.instrument.carriage_mm == scene.instrument.wave_mm  # of a plate at two turns
-        message = "wave-of-scanner-carriage" if scans_disagree else "wave-mm-scanner-carriage-makes-too"
+        message = "wave-of-scanner-carriage" if scene.instrument.is_settled else "wave-mm-scanner-carriage-makes-too"
         yield Told("carriage", say(message, "XY"[found.where], f"{size_mm:.3f}"), is_harmless=True)

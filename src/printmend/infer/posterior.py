@@ -371,7 +371,7 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     staying: Set = tuple(member for member in sure if not few.dictionary.blocks[member[0]].positive)
     few = few.given(staying, likeliest.sigma_mm)
     few = replace(few, gram=summed([few.gram], len(few.gram.slope)))  # every chain asks for the same products
-    numbered = [[tuple(number[member] for member in choice) for choice in choices] for choices in families]
+    numbered = [[tuple(sorted(number[member] for member in choice)) for choice in choices] for choices in families]
     chain = _Chain(few, staying, likeliest.sigma_mm)
     sets: list[Set] = [tuple(member for member in every if member not in staying)] * DRAWS
     for some in rivals * ROUNDS:
@@ -418,7 +418,7 @@ class _Chain:
         blocks = {b for choice in choices for b, _ in choice}
         others = tuple(member for member in members if member[0] not in blocks)
         own = tuple(sorted(member for member in members if member[0] in blocks))
-        every = list(dict.fromkeys([own, *(tuple(sorted(choice)) for choice in choices)]))
+        every = list(dict.fromkeys([own, *choices]))
         state = self.search.posterior(others, self.sigma_mm, rounds=0)
         odds = _chances(self.search.beside(state).together(every))
         for choice in drawn_by(odds, count, rng).tolist():

@@ -10,7 +10,7 @@ must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard 
 """
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -164,23 +164,19 @@ class Search:
     def families(self) -> list[list[Set]]:
         """The sets that a set may have of each family: all of its effects that are likely before the rows say anything,
         and none twice at a place."""
-        blocks, found = self.dictionary.blocks, []
-        for names in FAMILIES:
-            slots: dict[tuple[str, int], Set] = {}
-            for b, block in enumerate(blocks):
-                if block.effect in names and not block.shape:
-                    slots[block.slot] = (*slots.get(block.slot, ()), *((b, v) for v in range(len(block.log_odds))))
-            sure = {slot for slot, ((b, variant), *_) in slots.items() if blocks[b].log_odds[variant] >= 0}
-            some = (each for count in range(MOST_ALIKE + 1) for each in itertools.combinations(slots, count))
-            found.append(
-                [
-                    choice
-                    for each in some
-                    if sure <= {*each}
-                    for choice in itertools.product(*map(slots.__getitem__, each))
-                ]
-            )
-        return found
+        return [list(self._choices(names)) for names in FAMILIES]
+
+    def _choices(self, names: Sequence[str]) -> Iterator[Set]:
+        """Yield the sets that a set may have of some effects."""
+        blocks, slots = self.dictionary.blocks, dict[tuple[str, int], Set]()
+        for b, block in enumerate(blocks):
+            if block.effect in names and not block.shape:
+                slots[block.slot] = (*slots.get(block.slot, ()), *((b, v) for v in range(len(block.log_odds))))
+        sure = {slot for slot, ((b, variant), *_) in slots.items() if blocks[b].log_odds[variant] >= 0}
+        for count in range(MOST_ALIKE + 1):
+            for some in itertools.combinations(slots, count):
+                if sure <= {*some}:
+                    yield from itertools.product(*(slots[slot] for slot in some))
 
     def narrowed(self, blocks: Sequence[Block]) -> "Search":
         """Return the search among some of the blocks alone, in this order; each may have fewer alternatives in size."""

@@ -45,15 +45,8 @@ _LARGEST_MM = 1e9  # larger values are clipped to this: they are wrong all the s
 # error reaches this, but a wrong unit does.
 _SAME_PLACES_SHARE = 0.35
 _MOST_MOTION_MM2 = 1.0  # a head that strays by a millimetre prints nothing
-STEPS_MM = (
-    1.0,
-    0.5,
-    0.2,
-    0.1,
-    0.05,
-    0.02,
-    0.01,
-)  # of a last digit: what finer ones hide is below the noise of any instrument
+# Steps of a last digit: what finer ones hide is below the noise of any instrument.
+STEPS_MM = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)
 _EXACT_MM = 1e-9  # by which a decimal number may miss its binary one
 _MOST_LAYERS = 1_000_000  # largest number of a layer
 _FILLED_SHARE, _HOME_APART_MM = 0.5, 0.5  # least share of the bed that a test print spans; how far home may lie outside

@@ -122,15 +122,9 @@ def parse_belief(model: SavedModel) -> Belief | None:
     if model.filament is not None:
         parts = (*parts, *known_filaments(model)[model.filament])
     return Belief(
-        scene,
-        parts,
-        placed,
-        _scatter(section),
-        _outliers(section),
-        bool(section.get("by_hand")),
-        _motion(section),
+        scene, parts, placed, _scatter(section), _outliers(section), bool(section.get("by_hand")), _motion(section),
         scale_cause(model),
-    )
+    )  # fmt: skip
 
 
 def belief_of(model: SavedModel) -> Belief:
