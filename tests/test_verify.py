@@ -181,10 +181,13 @@ def test_a_broken_promise_says_what_may_be_wrong(
     ("figures", "words"),
     [
         ({}, "kept (100 points); but it is farther off than before mending"),
-        ({"promised_high_mm": 0.1}, "broken, and farther off than before mending"),
+        ({"promised_high_mm": 0.1}, "broken. It is farther off than before mending"),
         ({"promised_high_mm": 0.1, "before_mm": 0.16}, "broken, and as far off as before mending"),
         ({"now_low_mm": 0.0, "now_high_mm": 0.7}, "too coarse: it shows only errors above 0.762 mm. Scan the print"),
-        ({"now_low_mm": 0.0, "now_high_mm": 0.7, "scanned": True}, "This scan shows only errors above 0.762 mm. Mend"),
+        (
+            {"now_low_mm": 0.0, "now_high_mm": 0.7, "scanned": True},
+            "This picture shows only errors above 0.762 mm",
+        ),
     ],
 )
 def test_words_say_what_the_figures_say(figures: dict[str, Any], words: str) -> None:

@@ -355,11 +355,12 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     for reading, own in zip(readings, mine, strict=True):
         places.append(np.full((int(number.max()) + 1, 2), np.nan))
         places[-1][number[own]] = reading.image_mm - reading.middle_mm
-    places, instrument, notes = without_lens(places, readings[0].instrument)
+    places, instrument, of_lens = without_lens(places, readings[0].instrument)
+    notes: list[str] = []
     if len(readings) > 1:
         stretch, note, settled = scanner_axes(places)
         places = [place @ np.linalg.inv(stretch).T for place in places]
-        notes.append(note)
+        notes += [*(of_lens if settled else []), note]  # without a turn the scans say nothing of a lens
     check_sheets(readings, plan)
     seen = [own & np.isfinite(place[number, 0]) for place, own in zip(places, mine, strict=True)]
     together = np.any(seen, axis=0)
