@@ -186,7 +186,7 @@ def test_a_broken_promise_says_what_may_be_wrong(
         ({"now_low_mm": 0.0, "now_high_mm": 0.7}, "too coarse: it shows only errors above 0.762 mm. Scan the print"),
         (
             {"now_low_mm": 0.0, "now_high_mm": 0.7, "scanned": True},
-            "This picture shows only errors above 0.762 mm",
+            "This picture shows only errors above 0.762 mm. Mend",
         ),
     ],
 )
