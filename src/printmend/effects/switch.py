@@ -57,10 +57,18 @@ def drawn_shifts_mm(scene: Scene, count: int, rng: np.random.Generator, homings:
     that from where the end stops switch in the mean."""
     printer = scene.printer
     scatter = scatter_of(printer, scene.homed_again_mm)
-    which = rng.choice(len(scatter.weight), count, p=scatter.weight)
+    kind, *turned = _evenly(3, count, rng)
+    which = np.searchsorted(scatter.weight.cumsum()[:-1], kind)
     axes_mm = math.sqrt(homings) * scatter.sd_mm[which] * rng.standard_normal((2, count))
-    aside = rng.choice((-1.0, 1.0), (2, count)) * (rng.uniform(size=(2, count)) < scatter.turn[which])
+    aside = np.sign(np.array(turned) - scatter.turn[which] / 2) * (np.array(turned) < scatter.turn[which])
     return np.asarray(printer.to_motor(axes_mm.T).T + _turns_mm(printer)[:, None] * aside)
+
+
+def _evenly(rows: int, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw uniform numbers [rows, count]: in each row one in each of ``count`` equal intervals, in any order (a Latin
+    hypercube: McKay, Beckman, Conover 1979). So a rare event is as often among few draws as it is in truth."""
+    order = rng.permuted(np.tile(np.arange(count), (rows, 1)), axis=1)
+    return np.asarray((order + rng.uniform(size=order.shape)) / count)
 
 
 def homing_mm(
