@@ -18,7 +18,7 @@ from printmend.infer import kernels
 from printmend.infer.fit import fitted, home_sd_of, weighed, worn
 from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, gram_of, seen
 from printmend.infer.machine import DRAWS, Part, machine_of
-from printmend.infer.posterior import acting, central, drawn_by, drawn_of, drawn_sets, likely_set, posterior_of
+from printmend.infer.posterior import acting, central, drawn_by, drawn_of, drawn_sets, likely_set, posterior_of, seen_at
 from printmend.infer.scatter import inverse_of, log_below
 from printmend.infer.search import State, doubted, search_of, searched
 from printmend.learn.learned import learn, learn_model
@@ -560,6 +560,24 @@ def test_what_helps_only_together_acts_together_and_takes_nothing_else_with_it(r
     assert [part.acts_mm[0] for part in acting(scene, (*leans, play))] == [0.4, -0.3, 0.3]
     absent = [replace(each, draws_mm=np.zeros((1, DRAWS))) for each in leans]
     assert [part.acts_mm[0] for part in acting(scene, (*absent, play))] == [0.0, 0.0, 0.3]
+
+
+def test_what_acts_shifts_all_of_a_print_as_the_drawn_machines_do(rng: np.random.Generator) -> None:
+    """A gantry that racks moves home as well; it does not act, and the pulley's shape still does."""
+    scene = scene_for(read_printer("ender3"))
+    waves = np.zeros((64, DRAWS))
+    waves[0] = 0.03 + rng.normal(0, 0.002, DRAWS)
+    pulley = Part("pulley", 1, (), waves.mean(axis=1), waves)
+    racking = Part("racking", 1, (), np.zeros(2), np.array([[0.05], [0.0]]) + rng.normal(0, 0.002, (2, DRAWS)))
+    acts = acting(scene, (pulley, racking))
+    assert {part.effect for part in acts if part.acts_mm.any()} == {"pulley", "place"}
+    places = drawn_places(scene)
+    made, drawn = (
+        sum(seen_at(part, places, scene) @ sizes(part) for part in acts).mean(axis=1)
+        for sizes in (lambda part: part.acts_mm, lambda part: np.median(part.draws_mm, axis=1))
+    )
+    assert made == pytest.approx(drawn, abs=0.001)
+    assert not any(part.acts_mm.any() for part in acting(scene, (racking,)))
 
 
 def test_of_causes_that_look_alike_the_one_between_the_others_acts(rng: np.random.Generator) -> None:

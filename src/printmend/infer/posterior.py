@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
-from printmend.effects.effect import HARDLY_ANY, SHIFTS, drawn_places
+from printmend.effects.effect import HARDLY_ANY, drawn_places
 from printmend.effects.homing import lasting
 from printmend.infer.fit import Fit
 from printmend.infer.gram import Block, Dictionary, summed
@@ -217,12 +217,6 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     acting_mm = _acting_mm(fit.dictionary, [fit.state])[:, 0]
     order = dict.fromkeys([*(b for b, _ in fit.state.members), *drawn])
     parts = [replace(drawn[b], acts_mm=acting_mm[blocks[b].at]) for b in order]
-    # Of a shift all may last or nothing: what acts is the median.
-    shifts = [part.effect in SHIFTS and part.acts_mm.any() for part in parts]
-    parts = [
-        replace(part, acts_mm=np.median(part.draws_mm, axis=1)) if is_shift else part
-        for part, is_shift in zip(parts, shifts, strict=True)
-    ]
     return Posterior(fit.scene, tuple(acting(fit.scene, parts)), fit.state, _nats(fit))
 
 
@@ -257,7 +251,7 @@ def central(fit: Fit, drawn: Mapping[int, Part], states: Sequence[State]) -> Sta
     machines, prints = np.zeros((2 * len(places), len(states))), np.zeros((2 * len(places), DRAWS))
     for b, part in drawn.items():
         if EFFECTS[part.effect].of is Of.MACHINE:
-            columns = seen_at(part, places, fit.scene)
+            columns = seen_at(part, places, fit.scene).reshape(2 * len(places), -1)
             machines += columns @ sizes_mm[fit.dictionary.blocks[b].at]
             prints += columns @ part.draws_mm
     loss = np.square(machines).sum(axis=0) - 2 * prints.T @ machines  # [D, S], but for what all states share
@@ -275,10 +269,10 @@ def _acting_mm(dictionary: Dictionary, states: Sequence[State]) -> np.ndarray:
 
 
 def seen_at(part: Part, places: Places, scene: Scene) -> np.ndarray:
-    """Return how far a part moves places [2N, P] for one unit of each size, less what a shift or a turn of the whole
+    """Return how far a part moves places [2, N, P] for one unit of each size, less what a shift or a turn of the whole
     print does where nobody knows how it lay."""
     columns = columns_of(part.effect, places, part.where, part.shape, scene)
-    return (columns if scene.placed else of_shape(columns, places)).reshape(2 * len(places), -1)
+    return columns.transpose(1, 0, 2) if scene.placed else of_shape(columns, places)
 
 
 def drawn_of(state: State, positive: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -297,28 +291,26 @@ def after_homing(part: Part, scene: Scene) -> Part:
     return part if share is None else replace(part, acts_mm=share * part.acts_mm)
 
 
-def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
-    """Yield the parts; one acts no longer where the drawn machines' expected square error is smaller without it, or
+def acting(scene: Scene, parts: Sequence[Part]) -> list[Part]:
+    """Return the parts; one acts no longer where the drawn machines' expected square error is smaller without it, or
     where too many of these machines would gain nothing with it.
 
-    Errors count over the measured places, but where all of a print lies counts by its median: the next homing puts it
-    elsewhere. Parts that may act are taken in and left out one by one, those that help most first. They begin once with
-    all and once with none, for some help only beside others. Then the one without which most machines gain is left out.
-    Wear of the measured print acts beside parts of the machine alone: where a belt with new play rests at home, nobody
-    knows.
+    Errors count over the measured places, less what a shift of the whole print makes. Parts that may act are taken in
+    and left out one by one, those that help most first. They begin once with all and once with none, for some help only
+    beside others. Then the one without which most machines gain is left out. Wear of the measured print acts beside
+    parts of the machine alone: where a belt with new play rests at home, nobody knows.
     """
     places, machine = drawn_places(scene), np.array([EFFECTS[part.effect].of is Of.MACHINE for part in parts], bool)
-    acts, drawn = np.zeros((2 * len(places), len(parts))), np.zeros((2 * len(places), DRAWS))
+    acts, drawn = np.zeros((2, len(places), len(parts))), np.zeros((2, len(places), DRAWS))
     for at, part in enumerate(parts):
         if machine[at]:
             columns = seen_at(part, places, scene)
-            acts[:, at] = columns @ part.acts_mm
+            acts[..., at] = columns @ part.acts_mm
             drawn += columns @ part.draws_mm
-    if scene.placed:
-        shift = drawn.reshape(len(places), 2, DRAWS).mean(axis=0)
-        drawn -= np.tile(shift - np.median(shift, axis=1, keepdims=True), (len(places), 1))
+    shift_mm, drawn_mm = acts.mean(axis=1), np.median(drawn.mean(axis=1), axis=1)
+    acts, drawn = ((each - each.mean(axis=1, keepdims=True)).reshape(2 * len(places), -1) for each in (acts, drawn))
     products, pull = acts.T @ acts, acts.T @ drawn
-    mine = machine & np.array([part.acts_mm.any() for part in parts], bool)
+    mine = machine & np.array([part.acts_mm.any() and part.effect != "place" for part in parts], bool)
 
     def worse(kept: np.ndarray) -> tuple[float, float]:
         gained = 2 * kept @ pull - kept @ products @ kept
@@ -336,8 +328,22 @@ def acting(scene: Scene, parts: Sequence[Part]) -> Iterator[Part]:
     kept = min((helpful(mine), helpful(np.zeros_like(mine))), key=lambda each: worse(each)[1])
     while kept.any() and worse(kept)[0] > HARDLY_ANY:
         kept = min((kept & (np.arange(len(parts)) != at) for at in np.flatnonzero(kept)), key=worse)
-    for part, does in zip(parts, kept | (~machine & kept.any()), strict=True):
-        yield part if does else replace(part, acts_mm=np.zeros_like(part.acts_mm))
+    found = [
+        part if does else replace(part, acts_mm=np.zeros_like(part.acts_mm))
+        for part, does in zip(parts, kept | (~machine & kept.any()), strict=True)
+    ]
+    return _shifted(scene, found, drawn_mm - shift_mm @ kept) if scene.placed else found
+
+
+def _shifted(scene: Scene, parts: Sequence[Part], by_mm: np.ndarray) -> list[Part]:
+    """Return the parts, with places of the belts that shift all of the print by another ``by_mm`` [2]. Where nothing
+    else acts, only those act that most of the drawn machines have."""
+    found, is_any = {part.key: part for part in parts}, any(part.acts_mm.any() for part in parts)
+    for motor, belt_mm in enumerate(scene.printer.to_motor(by_mm)):
+        none = Part("place", motor, (), np.zeros(1), np.zeros((1, DRAWS)))
+        place = found.get(none.key, none)
+        found[none.key] = replace(place, acts_mm=np.array([belt_mm * (is_any or place.is_likely)]))
+    return list(found.values())
 
 
 def of_shape(moved_mm: np.ndarray, places: Places) -> np.ndarray:
