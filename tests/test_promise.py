@@ -400,6 +400,14 @@ def test_many_points_that_fit_no_model_are_the_printers_and_a_few_are_dirt() -> 
     assert 0.15 < np.median(told[130]) < told[130].max() <= 130 / 600
 
 
+def test_no_printer_throws_a_dot_to_where_a_wrong_cell_lies(rng: np.random.Generator) -> None:
+    near_mm, far_mm = (size * rng.standard_normal((60, 2)) for size in (0.1, 10.0))
+    assert Outliers.of(near_mm, 600).count > 50
+    assert Outliers.of(far_mm, 600).count < 5
+    both = Outliers.of(np.vstack([near_mm, far_mm]), 600)
+    assert math.sqrt(both.square_mm2) == pytest.approx(0.1, rel=0.5)
+
+
 @pytest.mark.parametrize(("by_hand", "words"), [(True, "check the table"), (False, "Look for dirt or damage")])
 def test_nobody_wrote_the_table_of_a_scan(by_hand: bool, words: str) -> None:
     (found,) = _left_out(np.full((120, 2), 0.1), np.zeros((120, 2)), 600, by_hand=by_hand)

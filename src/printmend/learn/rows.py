@@ -55,9 +55,7 @@ def lost_rows(left_mm: np.ndarray, least_mm: float = FINEST_MM) -> np.ndarray:
 
 def outliers_of(left_mm: np.ndarray, lost: np.ndarray) -> Outliers:
     """Return what the points that a model leaves out [N] say of those of a print, from their residuals [N, 2]."""
-    if not lost.any():
-        return Outliers()
-    return Outliers(int(lost.sum()), int(np.isfinite(left_mm).all(axis=1).sum()), float(np.mean(left_mm[lost] ** 2)))
+    return Outliers.of(left_mm[lost], int(np.isfinite(left_mm).all(axis=1).sum()))
 
 
 def skipped(trace: Trace, turned: Trace, printer: Printer) -> Iterator[Misfit]:

@@ -43,12 +43,22 @@ class Scatter:
 
 @dataclass(frozen=True)
 class Outliers:
-    """Marks that are left out because they fit no model: so many of so many ``measured``, and the mean square of their
-    coordinates' errors [mm²]."""
+    """Marks that are left out because they fit no model, so far as a printer may have made them: so many of so many
+    ``measured``, and the mean square of their coordinates' errors [mm²]."""
 
     count: int = 0
     measured: int = 0
     square_mm2: float = 0.0
+
+    @classmethod
+    def of(cls, left_mm: np.ndarray, measured: int) -> "Outliers":
+        """Return what errors [K, 2] of marks say. Each counts by the chance that a printer made an error of its size:
+        wrong cells and wrong marks are farther off."""
+        dirt_mm, own_mm = number_of("outliers", "dirt_mm"), number_of("outliers", "own_mm")
+        off_mm = np.hypot(*left_mm.T)
+        weight = 1 / (1 + own_mm / dirt_mm * np.exp(np.minimum(off_mm / own_mm - off_mm / dirt_mm, 500.0)))
+        count = round(float(weight.sum()))
+        return cls(count, measured, float(np.average(np.mean(left_mm**2, axis=1), weights=weight))) if count else cls()
 
     def drawn_mm2(self, draws: int, rng: np.random.Generator) -> np.ndarray:
         """Draw the mean square that such errors add to a coordinate of the print [draws]: nothing where an instrument
