@@ -63,7 +63,7 @@ _BLANK_LINE = re.compile(rb"\n[ \t]*(?=\n)")
 def read_trace(path: str | Path, printer: Printer) -> Trace:
     """Read a trace.csv; ``printer`` gives the bed that the points must lie on.
 
-    Raises `TraceError` for a missing or text cell, NaN, infinity, a wrong unit, too few points, points far outside
+    Raises `TraceError` for a missing or text cell, NaN, infinity, a wrong unit, too few points, most points far outside
     the bed and a table that names another printer.
     """
     path = Path(path)
@@ -464,6 +464,7 @@ def _check_bed(path: Path, commanded: np.ndarray, measured: np.ndarray, printer:
     with np.errstate(invalid="ignore"):
         outside = ((commanded < low) | (commanded > high)).any(axis=1)
         lost = ((measured < low - reach) | (measured > high + reach)).any(axis=1)
+    lost &= lost.sum() > len(lost) / 2  # a few are wrong cells, which learning leaves out
     for mask, points, what in ((outside, commanded, "commanded"), (lost, measured, "measured")):
         if mask.any():
             row = int(np.argmax(mask))
