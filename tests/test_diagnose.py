@@ -351,7 +351,7 @@ def test_a_report_says_of_ripple_what_mending_does(switch: Switch) -> None:
     assert advice.urgency == ("software" if is_mended else "left")
     assert ("leaves it" in advice.software) != is_mended
     assert ("corrects" in advice.software) == is_mended
-    assert f"1 {'left to the software' if is_mended else 'that is not mended'}" in examination.headline
+    assert f"1 {'left to the software' if is_mended else 'not mended'}" in examination.headline
 
 
 @pytest.mark.parametrize("kind", KINDS.split())

@@ -294,21 +294,21 @@ ABSOLUTE_TRAVELS = "".join(f"G1 X{i % 20} Y{i % 7} E{(i - i // 5) / 50:.3f}\n" f
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("START_PRINT\nG28\n" + RELATIVE, "before it says M82 or M83. Its numbers mean relative E"),
-        ("G28\nG90\n" + RELATIVE, "numbers mean relative E"),
-        (";FLAVOR:Marlin\nG28\nG90\n" + RELATIVE, "numbers mean relative E"),
+        ("START_PRINT\nG28\n" + RELATIVE, "before it sets M82 or M83. Its numbers look like relative E"),
+        ("G28\nG90\n" + RELATIVE, "numbers look like relative E"),
+        (";FLAVOR:Marlin\nG28\nG90\n" + RELATIVE, "numbers look like relative E"),
         ("G28\nM83\n" + RELATIVE, None),
         ("G28\nM83\nG90\n" + RELATIVE, None),
         ("G28\nM82\n" + ABSOLUTE, None),
         ("G28\n" + ABSOLUTE, None),
         ("G28\n" + ABSOLUTE_TRAVELS, None),
-        ("G28\n" + RELATIVE_TRAVELS, "numbers mean relative E"),
+        ("G28\n" + RELATIVE_TRAVELS, "numbers look like relative E"),
         ("; gcode_flavor = marlin2\nG28\nM83\nG90\n" + RELATIVE, "G91 makes E relative too"),
         ("G28\nM83\nG90\n" + ABSOLUTE, "G90 and G91 set E too"),
         ("G28\nM82\n" + LONG + "G91\nM82\nG92 E0\n" + RAISED, "G90 and G91 set E too"),
         ("G28\nM82\n" + LONG + "G91\nG1 Z5 E-1\nG90\n" + LONG, None),
         ("G28\nM83\nG91\nG1 Z5\nG90\n" + RELATIVE, None),
-        ("G28\nM82\n" + LONG + "G91\nM82\nG92 E0\n" + RELATIVE_STEPS, "printing moves concerned: 28"),
+        ("G28\nM82\n" + LONG + "G91\nM82\nG92 E0\n" + RELATIVE_STEPS, "Printing moves concerned: 28"),
     ],
 )
 def test_e_that_a_firmware_may_read_otherwise_is_said(text, said, tmp_path):
@@ -437,7 +437,7 @@ def test_equal_e_words_without_m83_are_read_as_relative(tmp_path):
     path = tmp_path / "part.gcode"
     path.write_text("G28\nG1 E1\n" + "".join(f"G1 X{10 * (i % 2)} Y{i} E1\n" for i in range(30)))
     with open_gcode(path) as file:
-        assert "Its numbers mean relative E" in e_warning(starting_state(file.parts[0]))
+        assert "Its numbers look like relative E" in e_warning(starting_state(file.parts[0]))
 
 
 def test_a_file_that_says_first_how_its_e_is_meant_is_not_guessed_at():

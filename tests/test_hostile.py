@@ -256,7 +256,7 @@ def test_a_fault_of_our_own_is_one_line(folder: Path, monkeypatch: pytest.Monkey
     assert caught.value.code == 1
     shown = capsys.readouterr().err
     assert shown.count("\n") == 1
-    assert "printmend itself failed" in shown
+    assert "a bug in printmend" in shown
 
 
 def test_any_locale_and_any_name(folder: Path) -> None:

@@ -260,7 +260,7 @@ def test_a_scan_that_is_cut_off_teaches_by_what_it_shows(tmp_path, plan, printed
     seen = clean.marks_px[:, 0] < clean.image.shape[1] * 0.6 - 20
     assert found[seen].mean() > 0.9  # but for a few at the cut
     assert rms(error_mm(measurement.measured_mm, printed, scale=False)) < 0.002
-    assert any("most at the right of the bed" in note for note in measurement.notes)
+    assert any("most of them at the right of the bed" in note for note in measurement.notes)
 
 
 @pytest.mark.parametrize("said_dpi", [600, 150])
@@ -334,7 +334,7 @@ def test_overlapping_scans_of_a_large_plate_are_joined(tmp_path, plan, printed):
     assert together < 1.3 * alone
     one = measure_scans(parts[:1], plan)
     assert len(one.missing) > len(joined.missing) + 0.2 * len(plan)
-    assert any("most at the" in note for note in one.notes)
+    assert any("most of them at the" in note for note in one.notes)
     narrow = saved(tmp_path / "c.png", again.image[int(low + 0.6 * (high - low)) :], 300)
     with pytest.raises(ScanError, match="overlap by a third"):
         measure_scans([parts[0], narrow], plan)

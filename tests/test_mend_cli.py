@@ -220,7 +220,7 @@ def test_relative_e_that_no_line_asks_for_is_said(folder: Path) -> None:
     (folder / "part.gcode").write_bytes(START.replace(b"M83\n", b"") + rows)
     for command in (["mend"], ["mend", "--overwrite", "--json"], ["check"], ["check", "--json"]):
         result = run(*command, folder / "part.gcode", "-m", folder / "printer.mend.json")
-        assert "this file prints before it says M82 or M83. Its numbers mean relative E" in result.output
+        assert "this file prints before it sets M82 or M83. Its numbers look like relative E" in result.output
 
 
 def test_twin(folder: Path) -> None:

@@ -256,7 +256,7 @@ def test_a_distance_that_slipped_makes_no_printer_faulty(rng: np.random.Generato
         settled_mm, left, note = scaled_by(given_mm, span, np.full(2, 1.6 * resized), seen, FLATBED)
         assert left.scale_sd > 0.003
         assert note.startswith("warning: by the callipers, the image is 1.")
-        assert "Measure again; until then only a part of it is corrected" in note
+        assert "Measure again; until then, only part of it is corrected" in note
         assert is_healthy(learn_model(Trace(points, settled_mm, homed=True, placed=False, instrument=left), ENDER3))
     twice = settled(0.02, 0.0, 140.0, settled(0.0, 0.0, 140.0, FLATBED)[1], reading_mm=0.01, slip_share=0.0)[0]
     assert twice[0, 0] == pytest.approx(1.02, abs=0.001)  # a ruler's lines do not slip, whatever was known before

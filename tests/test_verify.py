@@ -97,7 +97,7 @@ def test_a_tenth_more_play_breaks_a_promise_where_it_can_be_seen(
         assert 0.95 * verdict.now_low_mm < true_mm < 1.05 * verdict.now_high_mm
     if result == UNSURE:
         assert verdict.shows_from_mm > verdict.now_high_mm > 2 * verdict.promised_high_mm
-        assert "from which side each was reached is a guess" in verdict.words
+        assert "the direction from which each was reached is a guess" in verdict.words
         assert ("say in sigma_mm" in verdict.words) != is_stated
 
 

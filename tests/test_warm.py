@@ -21,5 +21,5 @@ def test_what_was_warmed_is_not_compiled_again(monkeypatch):
     monkeypatch.setattr(room, "STEPS", screw)
     said = CliRunner().invoke(command)
     assert said.exit_code == 0
-    assert said.stdout == "Nothing to do: all is compiled for this machine.\n"
+    assert said.stdout == "Nothing to do: everything is compiled for this machine.\n"
     assert len(learned) == 3

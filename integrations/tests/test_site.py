@@ -155,15 +155,15 @@ def test_the_page_mends_without_a_network_after_the_first_visit(site: Path) -> N
         page.wait_for_selector("#drawing")
         page.get_by_label("How far out of shape").first.fill("1.2")
         page.get_by_role("button", name="Mend it").click()  # a fault of one's own: planned in the browser
-        page.get_by_role("slider", name="Wipe between as it prints and mended").wait_for()
+        page.get_by_role("slider", name="Compare as it prints with mended").wait_for()
         before, after = (float(text.split()[0]) for text in page.locator(".number b").all_inner_texts()[:2])
         assert after < 0.01 < 0.3 < before
-        assert "the planner was told each fault exactly" in page.inner_text("body")
+        assert "the planner knows each fault exactly" in page.inner_text("body")
         watched.picture("site-own", whole=True)
         page.get_by_role("button", name="Change the faults").click()
         page.get_by_role("button", name="Wobbly pulley").click()
         page.get_by_role("button", name="Mend it").click()
-        page.get_by_role("slider", name="Wipe between as it prints and mended").wait_for()
+        page.get_by_role("slider", name="Compare as it prints with mended").wait_for()
         before, after = (float(text.split()[0]) for text in page.locator(".number b").all_inner_texts()[:2])
         assert after < 0.05 < 0.3 < before
         assert watched.foreign == []

@@ -181,14 +181,14 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     printed = plan.waypoints_mm.copy()
     printed[plan.rows] = _dots(print_gcode(check, twin).measured_mm, plan.marks_mm)
     page.set_input_files("input[type=file][accept*=csv]", _scan(tmp_path / "check.png", printed, plan_path, 2))
-    page.wait_for_selector("text=Take this measurement into the model")
+    page.wait_for_selector("text=Update the model with this measurement")
     page.reload()  # check print and verdict are there again
     expect(page.get_by_role("link", name="Download the check print")).to_be_visible()
     expect(page.get_by_role("heading", name="The promise was kept")).to_be_visible()
     # What keeps its promise is of this machine.
     expect(page.get_by_text("does not match the old model")).to_have_count(0)
-    page.get_by_role("button", name="Take this measurement").click()
-    page.wait_for_selector("text=Taken over")
+    page.get_by_role("button", name="Update the model").click()
+    page.wait_for_selector("text=Updated. Mend your parts")
     watched.picture("prove")
     page.get_by_role("link", name="My printers").click()
     mine = page.locator("a.pcard", has=page.get_by_role("heading", name=name, exact=True))
@@ -232,7 +232,7 @@ def test_broken_to_mended_on_the_play_screen(browser: Browser, server: Server) -
     assert off[1] < 0.05 < 0.3 < off[0], off
     expect(page.get_by_role("heading", name="X pulley is off its centre")).to_be_visible()
     until(lambda: page.locator("canvas").get_attribute("data-frame"))
-    handle = page.get_by_role("slider", name="Wipe between as it prints and mended")
+    handle = page.get_by_role("slider", name="Compare as it prints with mended")
     until(lambda: handle.get_attribute("aria-valuenow") == "50")
     handle.press("ArrowRight")
     expect(handle).to_have_attribute("aria-valuenow", "54")

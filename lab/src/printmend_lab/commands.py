@@ -11,8 +11,8 @@ COMMANDS = {
         "dataset": "Build, check and fetch data sets of bodies printed on broken printers.",
         "figures": "Draw the paper's figures and its Table I from a data set.",
         "selfrepair": "A broken printer prints its own timing pulley, again and again.",
-        "curiosity": "Choose test prints until a promise is met; beside other ways.",
+        "curiosity": "Choose test prints until a promise is met, and compare other ways.",
         "new": "Begin a package with a learner or a planner of your own.",
-        "conformance": "Does a learner, a planner or a fault of your own keep what it must?",
+        "conformance": "Check that a learner, a planner or a fault of your own obeys the laws.",
     }
 }

@@ -23,7 +23,7 @@ from printmend.messages import say
 )  # fmt: skip
 @all_or_none()
 def command(model_path: Path, firmware: str, folder: Path | None) -> None:
-    """Write the part of the fault that a firmware can hold by itself, and say what remains for `printmend mend`.
+    """Write the firmware settings that correct part of the faults, and say what remains for `printmend mend`.
 
     A setting whose gain is smaller than its uncertainty is left out; if none is left, nothing is written (exit code 3).
     Nothing is stored in the firmware: the files say how to undo their settings.

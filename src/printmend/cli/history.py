@@ -15,10 +15,10 @@ from printmend.messages import say
 @click.option("--picture", type=click.Path(path_type=Path, dir_okay=False), metavar="WEAR.png",
               help="Draw every fault over time, with its range and its trend.")  # fmt: skip
 @click.option("--refitted", multiple=True, metavar="MOTOR", help="Note that the belt or pulley of this motor (x, y; on "
-              "a CoreXY a, b) was worked on: nothing is mended until it was measured again.")  # fmt: skip
+              "a CoreXY a, b) was worked on: nothing is mended until it is measured again.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 def command(model_path: Path, picture: Path | None, refitted: tuple[str, ...], as_json: bool) -> None:
-    """Show the measurements of a printer in the order of time, and when a fault will matter.
+    """Show the measurements of a printer in order, and when a fault will matter.
 
     The history lies beside the model, printer.mend.history.jsonl: `learn`, `learn --update` and `verify` add to it.
     """

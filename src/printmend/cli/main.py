@@ -23,7 +23,7 @@ from printmend.messages import say
 # It is imported only when that command runs, so that `printmend --help` stays instant.
 GROUPS: dict[str, dict[str, str]] = {
     "For owners": {
-        "demo": "See a printer break, learn and print right again.",
+        "demo": "See a broken printer learn, and print right again.",
         "studio": "Open printmend in the browser: see, measure, mend, play.",
         "printer": "List the printer presets, or print one as TOML.",
         "probe": "Write a test print that shows every fault, and its plan.",

@@ -11,7 +11,7 @@ from printmend.messages import say_count
 
 EXIT_CODES = (
     ("0", "Done."),
-    ("1", "A fault of printmend itself."),
+    ("1", "A bug in printmend."),
     ("2", "A file, model, printer or option is not as it should be; standard error says how. Nothing is written."),
     ("3", "Mending would not help, and nothing is written; or `verify` found a promise broken."),
     ("130", "Stopped by Ctrl-C. What was written is whole."),

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", metavar="FILE|FOLDER|-", type=click.Path(path_type=Path),
               help="Default PART.mended.gcode; - is the standard output. For several files, a folder.")  # fmt: skip
 @click.option("--in-place", is_flag=True, help="Replace PART.gcode: for slicers' post-processing.")
-@click.option("--overwrite", is_flag=True, help="Write over an output that exists.")
+@click.option("--overwrite", is_flag=True, help="Overwrite an existing output.")
 @click.option("--report", metavar="FILE.html|json", type=click.Path(path_type=Path, dir_okay=False),
               help="Write the prediction: a page with pictures of the part, or all numbers.")  # fmt: skip
 @click.option("--force", is_flag=True,
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
               help="Acceleration of a motor while it crosses its slack and drives nothing.")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Files at a time.")
 @click.option("--json", "as_json", is_flag=True, help="A line of JSON for each file.")
-@click.option("--quiet", is_flag=True, help="Say only what went wrong.")
+@click.option("--quiet", is_flag=True, help="Print only errors.")
 @click.pass_context
 def command(
     ctx: click.Context, sources: tuple[Path, ...], model_path: Path, filament: str | None, output: Path | None,
@@ -55,8 +55,8 @@ def command(
     another folder (-o), each file keeps its place. An output that exists is replaced only with --overwrite.
 
     \b
-    Ends with 0  written
-              1  a fault of printmend itself
+    Exit code 0  written
+              1  a bug in printmend
               2  a file, a model or a printer is wrong; nothing written
               3  mending would not help, or take too long; nothing written
 

@@ -18,7 +18,7 @@ from printmend.messages import say
 @click.option("--name", default=socket.gethostname, help="Its name in the studio [default: this computer's name]")
 @click.option("--update", "newer", is_flag=True, help="Fetch a newer model, if there is one, and end.")
 def command(address: str | None, code: str | None, model: Path, name: str, newer: bool) -> None:
-    """Pair this computer with a printer of a studio: its model is fetched, and later each newer one.
+    """Pair this computer with a printer of a studio: fetch its model, and later each newer one.
 
     The studio shows ADDRESS and CODE (six digits) under the printer. The plug-ins of Moonraker and OctoPrint look for
     a newer model every ten minutes; --update does it by hand.

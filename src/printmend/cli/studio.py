@@ -22,7 +22,7 @@ from printmend.messages import say
               "[default: the system's folders for a user's programs]")  # fmt: skip
 @click.option("--device", metavar="NAME", help="Let in another device, print its address, and end.")
 @click.option("--user", default="", metavar="USER", help="With --device: whose printers it sees; all without one.")
-@click.option("--revoke", metavar="NAME", help="Let a device in no longer, and end.")
+@click.option("--revoke", metavar="NAME", help="Revoke a device, and end.")
 @click.option("--devices", is_flag=True, help="List the devices that are let in, and end.")
 @click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Jobs at a time.")
 @click.option(
@@ -74,11 +74,11 @@ def command(
               most_gb=most_gb, told=echo)  # fmt: skip
 
 
-@command.command("install-service", short_help="Let the studio start with the computer.")
+@command.command("install-service", short_help="Start the studio with the computer.")
 @click.option("--print", "only", is_flag=True, help="Show the file, and write nothing.")
 @click.pass_context
 def install_service(ctx: click.Context, only: bool) -> None:
-    """Let the studio start with the computer: a service of yours for systemd, launchd or Windows.
+    """Start the studio with the computer, as a user service of systemd, launchd or Windows.
 
     It gets the options that stand before `install-service`. Nothing is started: the commands for that are shown.
     """

@@ -38,7 +38,7 @@ def _show_effects(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 @click.option("--corruption", "broken", required=True, multiple=True, metavar="broken.toml|EFFECT[:KEY=VALUE,…]",
               help="The fault: a file (docs/corruptions.md) or an effect. May be repeated.")  # fmt: skip
 @click.option("--list", is_flag=True, is_eager=True, expose_value=False, callback=_show_effects,
-              help="Show every effect, what it is, and an example of it.")  # fmt: skip
+              help="List every effect, with an example.")  # fmt: skip
 @click.option("--noise-mm", type=Finite(min=0, max=10), default=0.05, show_default=True,
               help="Standard deviation of each measured coordinate.")  # fmt: skip
 @click.option(

@@ -37,10 +37,10 @@ def command(
 ) -> None:  # fmt: skip
     """Compare a check print with what was promised, and note the result in the model's history.
 
-    The check print is the G-code of a probe, mended with the model and printed. TRACE.csv has the wanted and the
-    measured places. The history is beside the model, printer.mend.history.jsonl. A broken promise ends with exit code
-    3, a measurement too coarse to tell with 0. With --filament, mend the check print with it if the model knows it, and
-    without it if not.
+    The check print is the G-code of a probe, mended with the model and printed. TRACE.csv has the intended and the
+    measured positions. The history is beside the model, printer.mend.history.jsonl. A broken promise ends with exit
+    code 3, a measurement too coarse to tell with 0. With --filament, mend the check print with it if the model knows
+    it, and without it if not.
     """
     from printmend.cli.terminal import spare
     from printmend.errors import RefusedError, of_file

@@ -8,7 +8,7 @@ from printmend.messages import say, say_count
 
 @click.command(epilog="Example: printmend warm")
 def command() -> None:
-    """Compile now what learn, check and mend would compile when they are first used on this machine."""
+    """Compile now what learn, check and mend would compile at their first use on this machine."""
     from printmend.cli.terminal import progress
     from printmend.mend.warm import STEPS, warm
 

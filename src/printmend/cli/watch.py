@@ -18,11 +18,11 @@ from printmend.messages import say, together
     help="What `printmend learn` wrote about this printer; read again when it changes.",
 )  # fmt: skip
 @click.option("--every", "every_s", type=Finite(min=0.1, max=3600), default=2.0, show_default=True,
-              help="Seconds between two looks; a file that changes between two is still being copied.")  # fmt: skip
+              help="Seconds between checks; a file that changes between two is still being copied.")  # fmt: skip
 @click.option("--once", is_flag=True, help="Mend what is there, and end.")
 @click.option("--force", is_flag=True, help="Write even if the prediction is not better.")
 @click.option("--json", "as_json", is_flag=True, help="A line of JSON for each file.")
-@click.option("--quiet", is_flag=True, help="Say only what went wrong.")
+@click.option("--quiet", is_flag=True, help="Print only errors.")
 @click.pass_context
 def command(
     ctx: click.Context, source: Path, target: Path, model_path: Path, every_s: float, once: bool, force: bool,
