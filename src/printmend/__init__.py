@@ -1,7 +1,6 @@
 """printmend: print straight on a broken 3-D printer.
 
-The commands do the work (`printmend --help`). From Python, a test print is measured and becomes a model of the machine,
-and the model rewrites G-code; here a simulated printer prints:
+Most users need only the commands (`printmend --help`). This does the same from Python, with a simulated printer:
 
     import printmend
 
@@ -16,7 +15,7 @@ and the model rewrites G-code; here a simulated printer prints:
     print(printmend.judge_gcode("part.gcode", "part.mended.gcode", broken).summary())
 
 The names are imported when they are first used. `learn.registry` knows the learners. The package printmend-lab has the
-planners and judges learners of one's own, anything with a name and a `fit` (`protocols`).
+planners, and judges your own learners: anything with a name and a `fit` (`protocols`).
 """
 
 import os

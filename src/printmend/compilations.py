@@ -1,4 +1,4 @@
-"""What was compiled since the program began."""
+"""The kernels that were compiled since the program started."""
 
 import time
 

@@ -76,7 +76,7 @@ def reason(error: Exception) -> str:
 
 
 class InputError(PrintmendError):
-    """A file or value from outside is not what was wanted."""
+    """A file or value from outside is not as expected."""
 
 
 class ConfigError(InputError):

@@ -16,9 +16,9 @@ from printmend.printer import Printer
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """N imagined machines: ``nominal_steps`` [N, 2] int64 (the sum of the controls, hence the motors' angles)
-    and ``position_steps`` [N, 2] float (where the carriage is). ``memory`` [N, M] is whatever else the model needs
-    to go on from here (the belts' positions in their play, the layer's start); planners pass it on unread."""
+    """N imagined machines: ``nominal_steps`` [N, 2] int64 (the sum of the controls, hence the motors' angles) and
+    ``position_steps`` [N, 2] float (where the carriage is). ``memory`` [N, M] is all else that the model needs to
+    continue (the belts' positions in their play, the layer's start); planners pass it on unread."""
 
     nominal_steps: np.ndarray
     position_steps: np.ndarray

@@ -1,4 +1,4 @@
-"""Units, sheets of paper, and what a median is worth. Inside printmend: mm, s, rad and integer full steps."""
+"""Units, sheets of paper, and the statistics of a median. Inside printmend: mm, s, rad and integer full steps."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Events of a print beside its machine's faults, named as effects are: a homing, a refit, a filament.
+"""Events of a print, named as effects are: a homing, a refit, a filament.
 
     homing:switch=sensorless          refit:on=x,teeth=3          filament:polymer=petg,hole_mm=0.1
 
@@ -25,7 +25,7 @@ SQUEEZED_MM = 0.1  # a first layer is pressed wider than the file says, on eithe
 
 @dataclass(frozen=True)
 class Beads:
-    """How far beads stand out [mm], beyond the effect `bead` on all of them: into holes, at corners, and at the foot of
+    """How far beads are too far out [mm], in addition to the effect `bead`: in holes, at corners, and at the foot of
     the first layer."""
 
     hole_mm: float = 0.0

@@ -1,4 +1,4 @@
-"""A crooked frame (physics.md eq. 14), and a bad Z screw, which pushes layers about (eq. 15)."""
+"""A crooked frame (physics.md eq. 14), and a bad Z screw, which pushes layers aside (eq. 15)."""
 
 import math
 from dataclasses import dataclass, replace

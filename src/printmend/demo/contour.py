@@ -1,4 +1,4 @@
-"""What the demonstrations print and break, where their pictures go, and how far a program lands from its path."""
+"""The part and the faults of the demonstrations, the folder of their pictures, and the contour error of a file."""
 
 from dataclasses import dataclass
 from importlib import resources
@@ -22,10 +22,10 @@ def demo_body_gcode() -> bytes:
 
 
 def demo_corruption(rng: np.random.Generator) -> Corruption:
-    """Draw an Ender-5's bad day: a bore off its centre on X, a small and oval pulley on Y, both belts a little slack.
+    """Draw the faults of an Ender-5: an eccentric bore on X, a small and oval pulley on Y, play in both belts.
 
-    Everyone can see it on the part, and a machine with it still moves. The play stays below what one control can take
-    up, 3 steps at the weakest angle, because the paper's greedy planner stands still beyond (physics.md eq. 25).
+    They are visible on the part, and the machine still moves. The play stays below what one control can take up, 3
+    steps at the weakest angle, because the paper's greedy planner stands still beyond (physics.md eq. 25).
     """
     bore_mm, phase_x, phase_y = rng.uniform(0.7, 1.2), rng.uniform(0, TURN_RAD), rng.uniform(0, TURN_RAD / 2)
     mean_mm, oval_mm = rng.uniform(5.7, 6.0), rng.uniform(0.5, 0.9)
@@ -84,7 +84,7 @@ def run(program: Program, twin: Twin) -> Way:
 def contour_error(ideal: Way, printed: Way) -> tuple[ContourError, np.ndarray]:
     """Measure how far the print's beads lie from the ideal strokes of their layers [mm]; also the shift [2] taken off.
 
-    The part as a whole counts as lying where it fits: a scan of a plate does not show where on the bed the plate lay.
+    The part is first shifted to its best fit, because a scan of a plate does not show its position on the bed.
     """
     beads = [printed.beads_mm(layer) for layer in ideal.layers]
     strokes = [ideal.strokes_mm(layer) for layer in ideal.layers]

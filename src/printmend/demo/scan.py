@@ -1,6 +1,6 @@
 """The owner's way as a demonstration: probe → broken twin → measure → learn → mend → the twin again.
 
-The measurement is two scans of the plate, or, where nothing reads images, what a ruler would say of each dot.
+The measurement is two scans of the plate or, without the extra `scan`, noisy positions of the dots.
 """
 
 import contextlib
@@ -42,7 +42,7 @@ TYPED_MM = 0.05  # noise of dots that nobody scanned
 
 @dataclass(frozen=True, eq=False)
 class ScanDemo:
-    """What came of it: how well the marks were read, what was learned, and the part's contour error on the twin.
+    """The result: how well the marks were read, what was learned, and the part's contour error on the twin.
 
     ``mark_mm`` is the RMS distance of the measured marks from where the twin put them, the plate's own place and turn
     taken off, and the scanner's scale, which is ``scale_percent`` wrong.

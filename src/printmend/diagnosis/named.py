@@ -1,7 +1,7 @@
-"""The belief about a printer in words: faults that act, the Z screw among them, and findings that fit no machine.
+"""The posterior of a printer in words: faults that act, the Z screw included, and findings that fit no machine.
 
-Each effect has its own words (`effects.words`). Here the drawn machines are gathered. Alternatives that hardly any
-drawn machine has both of are named together.
+Each effect has its own words (`effects.words`); this module gathers the drawn machines. If nearly every drawn machine
+has one of two effects and hardly any has both, the two are named together.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -109,7 +109,7 @@ def lift_of(model: SavedModel) -> Lift:
 
 
 def renewed_lift(old: Lift, new: Lift) -> Lift:
-    """Return an old lift with what new heights show, but what was known more surely and is not contradicted."""
+    """Return an old lift updated with new heights; a quantity that was known better, and is not contradicted, stays."""
     known = dict(old.known)
     for kind, now in new.known.items():
         was = old.known.get(kind)

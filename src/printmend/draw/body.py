@@ -1,6 +1,6 @@
 """Draw whole bodies from above, as in the paper's Fig. 5.
 
-Paths are drawn as beads, coloured by each point's distance from its wanted place.
+Paths are drawn as beads, coloured by each point's distance from its target.
 """
 
 from collections.abc import Callable, Sequence

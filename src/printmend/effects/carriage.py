@@ -1,5 +1,4 @@
-"""A scanner whose carriage runs unevenly: places are off along its way by a random process of the place, and across it
-where the carriage yaws."""
+"""A scanner whose carriage runs unevenly: a random error along its travel, and across it where the carriage yaws."""
 
 from collections.abc import Iterator, Sequence
 
@@ -13,8 +12,9 @@ from printmend.messages import say
 
 
 class Carriage(Usual):
-    """Cosines of the place along one axis of the picture, as of a random walk: of one coordinate, that along the
-    carriage's way, where steps of its motor jitter from line to line, or, more smoothly, of both."""
+    """Cosines of the position along one axis of the picture, weighted as for a random walk. They move the coordinate
+    along the carriage's travel, where its motor's steps jitter from line to line, or, more smoothly, both
+    coordinates."""
 
     name = "carriage"
     of = Of.INSTRUMENT

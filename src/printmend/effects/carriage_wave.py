@@ -1,4 +1,4 @@
-"""A wave that a scanner's carriage makes with its own screw or belt: along one axis of the picture alone."""
+"""A wave from the screw or belt of a scanner's carriage, along one axis of the picture."""
 
 from collections.abc import Iterator, Sequence
 

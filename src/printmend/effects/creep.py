@@ -1,4 +1,4 @@
-"""A shift that slows down, as a set screw that gives way or a clamp that settles."""
+"""A shift that slows down, as when a set screw gives way or a clamp settles."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""A crooked or dented guide without a pattern: it pushes the head aside by a Gaussian process of the place on it."""
+"""A crooked or dented guide: it pushes the head aside by a Gaussian process of the position along the guide."""
 
 from collections.abc import Iterator, Sequence
 
@@ -14,8 +14,8 @@ from printmend.messages import say
 class Crooked(Process):
     """Cosines over a span of one bed axis, which push along the other.
 
-    None of them has a slope at the ends of its span. So that a guide may have one where the measurement ends, the span
-    is longer than what was measured. Else a leaning axis would stand for that slope.
+    None of them has a slope at the ends of its span. A guide may have one at the end of the measurement, so the span is
+    longer than the measurement. Otherwise a skewed axis would explain that slope.
     """
 
     name = "crooked"

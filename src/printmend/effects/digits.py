@@ -1,4 +1,4 @@
-"""A table whose numbers are rounded: its last digit leaves a sawtooth of the true place."""
+"""A table whose numbers are rounded: the rounding error is a sawtooth of the true position."""
 
 from collections.abc import Iterator, Sequence
 
@@ -12,9 +12,9 @@ FINEST_MM = 0.05  # no motor or belt ripples finer: a shorter wave is the noise 
 
 
 class Digits(Usual):
-    """The first harmonics of a sawtooth of either axis; its shape is the step to which places were rounded.
+    """The first harmonics of a sawtooth of either axis; its shape is the step of the rounding.
 
-    Where a place of the machine scatters little, rounding to a step q moves it by Σ ±q/(πk) sin(2πkx/q).
+    If positions scatter little, rounding to a step q moves them by Σ ±q/(πk) sin(2πkx/q).
     """
 
     name = "digits"

@@ -1,4 +1,4 @@
-"""A distortion of the bed that neither axis makes alone: a Gaussian process of both places."""
+"""A distortion of the bed that no single axis explains: a Gaussian process of both coordinates."""
 
 from collections.abc import Iterator, Sequence
 

@@ -131,15 +131,15 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """N places of a print as effects see them.
+    """N places of a print, with all that effects depend on.
 
     ``motor_mm`` [N, 2] is where each motor was when it last moved its belt, ``side`` [N, 2] the branch that it touched:
-    −1 pushed forwards, +1 pulled back, 0 not known. ``bed_mm`` [N, 2] is the place on the bed that the belts give,
-    ``ways`` [N, 2] the direction in which each bed axis last moved. ``done`` [N] is the length printed so far over that
-    of the measured print; ``move_mm`` [N] the length of the last move up to there. ``normal`` [N, 2] points out of a
-    wall's plastic, 0 for other marks; ``z_mm`` [N] is the height, None for home's. ``heading`` [N, 2] is the direction
-    of the last move on the bed, of length 1, None for half-way between the axes'. ``strokes_mm`` [N, 2, STROKES] is how
-    far each motor has gone since its last reversal, since the one before it, and so on, infinite before the first; None
+    −1 pushed forwards, +1 pulled back, 0 not known. ``bed_mm`` [N, 2] is the position of the belts on the bed, ``ways``
+    [N, 2] the direction in which each bed axis last moved. ``done`` [N] is the length printed so far over that of the
+    measured print; ``move_mm`` [N] the length of the last move up to there. ``normal`` [N, 2] points out of a wall's
+    plastic, 0 for other marks; ``z_mm`` [N] is the height, None for home's. ``heading`` [N, 2] is the direction of the
+    last move on the bed, of length 1, None for half-way between the axes'. ``strokes_mm`` [N, 2, STROKES] is how far
+    each motor has gone since its last reversal, since the one before it, and so on, infinite before the first; None
     where all are far back.
     """
 
@@ -327,7 +327,7 @@ def held(places_mm: np.ndarray, span_mm: Sequence[float] | np.ndarray) -> np.nda
 
 
 def at_places(**known: np.ndarray) -> Places:
-    """Return places [N] of which only this is known: all else is 0, and none is of a wall."""
+    """Return places [N] of which only this is known; everything else is 0, and no place is on a wall."""
     count = len(next(iter(known.values())))
     two, one = np.zeros((count, 2)), np.zeros(count)
     unknown = {"motor_mm": two, "side": two, "bed_mm": two, "ways": two, "normal": two}

@@ -1,4 +1,4 @@
-"""A taut belt that stretches: odd harmonics of its pulley fade along it (physics.md eq. 8)."""
+"""A taut belt that stretches: the odd harmonics of its pulley fade along it (physics.md eq. 8)."""
 
 from collections.abc import Iterator, Sequence
 

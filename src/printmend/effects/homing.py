@@ -1,8 +1,8 @@
 """The effect of homing on a drive's effects: it shifts their waves along the motor.
 
-Each place of the carriage has one tooth of the belt, one angle of the pulley and one phase of the motor. So all waves
-of a drive shift together, as far as the end stops do (`effects.switch`). A motor's ripple repeats in an electrical
-turn, so such a turn leaves it unchanged.
+A position of the carriage fixes the tooth of the belt, the angle of the pulley and the phase of the motor. So all waves
+of a drive shift together, by the scatter of the end stop (`effects.switch`). A motor's ripple repeats every electrical
+turn, so a shift by such a turn leaves it unchanged.
 """
 
 import numpy as np

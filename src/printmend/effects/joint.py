@@ -1,4 +1,4 @@
-"""A guide in two pieces: past their joint everything is pushed aside."""
+"""A guide in two pieces: past the joint, everything is pushed aside."""
 
 from collections.abc import Iterator, Sequence
 

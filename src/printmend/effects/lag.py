@@ -1,4 +1,4 @@
-"""A head that has play in its guides, whichever motor turns: it lags within that play, as a belt does in its own."""
+"""A head with play in its guides: it lags within that play, whichever motor turns."""
 
 from collections.abc import Iterator, Sequence
 

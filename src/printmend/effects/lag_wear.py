@@ -1,4 +1,4 @@
-"""Play of a head in its guides that grows while it prints."""
+"""Play of a head in its guides that grows during the print."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""A scanner whose lens distorts, or whose sensor line is bowed: places are off by where they lie along the sensor."""
+"""A scanner whose lens distorts, or whose sensor line is bowed: the error depends on the position along the sensor."""
 
 from collections.abc import Iterator, Sequence
 

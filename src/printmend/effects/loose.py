@@ -1,4 +1,4 @@
-"""A nozzle or head that is loose: it lags behind wherever it goes, by as much whichever way that is."""
+"""A loose nozzle or head: it lags behind every move, by the same amount in every direction."""
 
 from collections.abc import Iterator, Sequence
 

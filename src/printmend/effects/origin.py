@@ -1,4 +1,4 @@
-"""A measurement with an origin of its own: a sheet lies anywhere on a scanner, and a print where its homing put it."""
+"""A measurement with an origin of its own: the position of a sheet on a scanner, or of a print after homing."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -13,8 +13,8 @@ from printmend.units import SELDOM_SDS
 
 
 class Origin(Usual):
-    """A shift of everything: of any size, or as large as the end stops scatter where the place on the bed is known.
-    Errors count from there, for the next print has an origin of its own."""
+    """A shift of everything: of any size or, if the position on the bed is known, as large as the scatter of the end
+    stops. Errors count from there, because the next print has an origin of its own."""
 
     name = "origin"
     of = Of.INSTRUMENT

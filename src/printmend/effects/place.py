@@ -1,4 +1,4 @@
-"""A belt that sits elsewhere: the end stop moved, or the belt rests within its play."""
+"""A shifted belt: the end stop moved, or the belt rests elsewhere in its play."""
 
 from collections.abc import Iterator, Sequence
 

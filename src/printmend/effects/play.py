@@ -1,4 +1,4 @@
-"""A belt, shaft or head that stays behind when its motor turns round (physics.md eq. 7)."""
+"""A belt, shaft or head that lags when its motor reverses (physics.md eq. 7)."""
 
 from collections.abc import Iterator, Sequence
 
@@ -27,7 +27,7 @@ class Play(Usual):
             yield Fault(motor_name(scene, found.where), "play", mean, sd, "mm", say("fault-play", amount(mean, sd)))
 
     def advice(self, fault: Fault, where: str) -> Care:
-        """Return what stands still at a change of direction, and what to tighten."""
+        """Return the advice for play: what stands still after a reversal, and what to tighten."""
         meaning = say("after-each-change-direction-stands-still", where, fault.shown)
         repair = where_seen(fault.size, say("tighten-belt-then-look-pulley-s"), say("nothing-tighten"))
         carries = say("printmend-carries-takes-slack-up-each")

@@ -1,4 +1,4 @@
-"""Errors without a pattern: Gaussian processes of a place or of time, as cosines over what was measured of it.
+"""Errors without a pattern: Gaussian processes of a position or of time, as cosines over the measured span.
 
 Over a span of length L they are cos(πks), s from 0 to 1, with sizes by the spectral density at πk/L (Solin & Särkkä
 2020, Hilbert space methods for reduced-rank Gaussian process regression).
@@ -14,9 +14,10 @@ LEAST_SPAN_MM = 1.0  # a shorter span counts as so long
 
 
 class Process(Usual):
-    """A smooth process of a motor's place, or for the waves of a frame of the place along a bed axis.
+    """A smooth process of a motor's position or, for the waves of a frame, of the position along a bed axis.
 
-    Its shape is the measured span. It has as many cosines as the table says, and an alternative for each length there.
+    Its shape is the measured span. The table of priors gives the number of its cosines, and an alternative for each
+    length.
     """
 
     keys = Whole()

@@ -1,4 +1,4 @@
-"""A guide that is wavy: it pushes the head aside along the axis that runs on it."""
+"""A wavy guide: it pushes the head aside as the head moves along it."""
 
 from collections.abc import Iterator, Sequence
 

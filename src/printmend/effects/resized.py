@@ -1,5 +1,5 @@
-"""A picture of another size than it says: a wrong resolution, a sheet that was fitted to its page. Until a length is
-known, nobody can tell it from a printer whose axes are both off by the same."""
+"""A picture that was resized: a wrong resolution, or a sheet that was fitted to its page. Until a length is known, it
+looks like a printer whose axes have the same scale error."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,5 @@
-"""Lost motion that varies along the belt without a pattern, where it rubs or a guide binds: a Gaussian process."""
+"""Lost motion that varies along the belt without a pattern, where the belt rubs or a guide binds: a Gaussian
+process."""
 
 from collections.abc import Iterator, Sequence
 

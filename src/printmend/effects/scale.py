@@ -1,4 +1,4 @@
-"""A motor that goes too far or not far enough: steps per mm, or a pulley of another size."""
+"""A motor that moves too far or not far enough: wrong steps per mm, or a pulley of another size."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""A sheet or a plate that came loose: it moves and turns as one, at one moment of the print."""
+"""A sheet or a plate that came loose: it shifts and turns as a whole, at one moment of the print."""
 
 from collections.abc import Iterator, Sequence
 

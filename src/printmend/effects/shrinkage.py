@@ -1,4 +1,4 @@
-"""A part that shrank once it had cooled: by another share along X than along Y, in every print in this filament."""
+"""A part that shrank as it cooled: by different shares along X and Y, in every print in this filament."""
 
 from collections.abc import Iterator
 

@@ -40,7 +40,7 @@ class Sized:
         return effect.of is Of.MACHINE and effect.acts is not Acts.NOT and effect.from_home
 
     def moved_mm(self, places: Places, scene: Scene) -> np.ndarray:
-        """Return how far it moves places [N, 2] on the bed; what homing removes is not taken off."""
+        """Return how far it moves places [N, 2] on the bed, without subtracting the error at home."""
         return np.asarray(EFFECTS[self.effect].columns(places, self.where, self.shape, scene) @ self.sizes_mm)
 
     def of(self, **changed: Any) -> "Sized":

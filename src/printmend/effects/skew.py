@@ -25,8 +25,8 @@ class Skew(Usual):
         return along(where, scene.off_middle(places.bed_mm)[:, [1 - where]])
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        """Report by how much printed axes lean: what of it the frame does and what a CoreXY's unlike belts do, no
-        measurement tells."""
+        """Report the skew of the printed axes. No measurement shows how much of it is the frame's, and how much comes
+        from unequal belts of a CoreXY."""
         if is_first(found, (self.name,), beside):
             of_scale = leans_of_scales(scene)
             leans = [(each, 1.0) for each in those_of(self.name, beside, acts=False)]

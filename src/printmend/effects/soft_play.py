@@ -1,4 +1,5 @@
-"""Lost motion that builds up over some millimetres after a reversal: a cable or a wheel winds up, a head tilts."""
+"""Lost motion that builds up over some millimetres after a reversal, as when a cable or a wheel winds up, or a head
+tilts."""
 
 from collections.abc import Iterator, Sequence
 

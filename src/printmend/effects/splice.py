@@ -1,4 +1,4 @@
-"""A joint or a dent of the belt: beyond one place everything is shifted, with an even ramp over a width."""
+"""A joint or a dent of the belt: beyond it, everything is shifted, with a linear ramp over its width."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""The unknowns of an instrument: its scale, the difference of its axes' scales, and their lean."""
+"""The unknowns of an instrument: its scale, the difference of its axes' scales, and their skew."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

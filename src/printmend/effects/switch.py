@@ -1,7 +1,7 @@
-"""What is believed of end stops: how far one homing lies from the next, by kind of switch.
+"""Priors of end stops: how far one homing is from the next, by kind of switch.
 
-The firmware counts from the point where an end stop switched. That point scatters, and now and then a motor stands an
-electrical turn aside (four full steps).
+The firmware counts from the point at which an end stop triggered. That point scatters, and sometimes a motor is off by
+an electrical turn (four full steps).
 """
 
 import math

@@ -1,5 +1,5 @@
-"""A head or bed that turns a little in its guides: the place of one axis depends on the direction from which the other
-one came, everywhere alike or the more the farther from a point."""
+"""A head or bed that tilts in its guides: the position of one axis depends on the direction of the other, by a
+constant, or in proportion to the distance from a point."""
 
 from collections.abc import Iterator, Sequence
 

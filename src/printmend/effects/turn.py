@@ -1,4 +1,4 @@
-"""A plate that lay turned: everything turns about the middle of the bed."""
+"""A plate that was turned: everything is rotated about the middle of the bed."""
 
 from collections.abc import Iterator, Sequence
 

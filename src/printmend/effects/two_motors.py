@@ -1,4 +1,4 @@
-"""One axis that two motors drive, with pulleys that differ."""
+"""An axis driven by two motors whose pulleys differ."""
 
 from collections.abc import Iterator, Sequence
 

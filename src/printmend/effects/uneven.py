@@ -1,4 +1,4 @@
-"""A belt or guide with an error that has no period: a Gaussian process of the place along the axis."""
+"""A belt or guide with an error without a period: a Gaussian process of the position along the axis."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""A drift of unknown cause: a random walk in time, or a smooth process of the way, as `uneven` is one of the place."""
+"""A drift of unknown cause: a random walk in time, or a smooth process of the distance travelled."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""A machine that grows as it warms up, and is cold again when a print begins."""
+"""A machine that grows as it warms up during a print, and is cold at the start of the next."""
 
 from collections.abc import Iterator, Sequence
 

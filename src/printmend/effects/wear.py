@@ -1,4 +1,4 @@
-"""Play that grows while it prints, as where something comes loose."""
+"""Play that grows during the print, because something comes loose."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,12 +1,12 @@
-"""What is said of an effect: the names of its numbers, its faults, and its sentences in English and German.
+"""The words for an effect: the names of its numbers, its faults, and its sentences in English and German.
 
-An effect says something of itself with up to three methods beside its columns. Each is optional:
+Beside its columns, an effect may have up to three methods for its words:
 
 - ``faults(found, beside, scene)`` yields a `Fault` for each thing that an effect which acts does;
 - ``told(found, beside, scene)`` yields a `Told` for each thing that an effect which cannot act does to a print;
 - ``advice(fault, where)`` returns the `Care` for a fault of its ``kinds``, by default of its name.
 
-An effect without them is still named, by its name and by how far it moves a print.
+Without them, the program gives the effect's name and how far it moves a print.
 """
 
 import math
@@ -68,7 +68,7 @@ class Keys(Protocol):
 
 
 def limits_of(name: str) -> tuple[float, float, float]:
-    """Return the least and the most that a number may be, and one for an example."""
+    """Return the smallest and the largest value of a number, and an example."""
     return _LIMITS.get(name) or _UNITS.get(name.rpartition("_")[2], (-1e4, 1e4, 0.2))
 
 
@@ -95,7 +95,8 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Waves:
-    """One harmonic of a Fourier series: size·cos(kφ − phase). Without any of its numbers the whole series is drawn."""
+    """One harmonic of a Fourier series: size·cos(kφ − phase). If none of its numbers is given, the whole series is
+    drawn."""
 
     harmonics: tuple[int, ...] = (1,)
     shape: tuple[str, ...] = ()
@@ -120,7 +121,7 @@ class Waves:
 
 @dataclass(frozen=True)
 class Whole:
-    """A drawn course; ``size_mm`` is its largest error."""
+    """A randomly drawn curve; ``size_mm`` is its largest error."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -136,7 +137,7 @@ class Whole:
 
 
 def keys_of(effect: Effect, shapes: int, sizes: int) -> Keys:
-    """Return an effect's keys; one that names none has its numbers in their order."""
+    """Return an effect's keys; without any, they are numbered in order."""
     named: Keys | None = getattr(effect, "keys", None)
     if named is not None:
         return named
@@ -185,8 +186,8 @@ class Message:
 class Fault:
     """One fault of one motor or of the frame: ``kind``, ``value`` ± ``sd`` in ``unit``, and the words for it.
 
-    ``is_mended`` says whether it acts, so that files are mended for it. Else it is named, and left as it is: the next
-    homing shifts it too far, or it ``is_doubtful`` whether mending would help.
+    ``is_mended`` says whether files are mended for it. Otherwise it is only named: homing shifts it too far, or it
+    ``is_doubtful`` whether mending would help.
     """
 
     part: str
@@ -200,7 +201,7 @@ class Fault:
 
     @property
     def size(self) -> float:
-        """How large it is, whichever way."""
+        """Its absolute value."""
         return abs(self.value)
 
     @property
@@ -232,9 +233,9 @@ def fault_of(row: Mapping[str, Any]) -> Fault:
 
 @dataclass(frozen=True)
 class Told:
-    """What an effect that cannot act does to a print: ``kind`` for programs and ``words`` for an owner.
+    """The consequence of an effect that cannot act: ``kind`` for programs and ``words`` for an owner.
 
-    ``is_harmless`` marks what is of the measurement or is set elsewhere: it is a note, however large.
+    ``is_harmless`` marks errors of the measurement, or of settings elsewhere: they become a note, however large.
     """
 
     kind: str
@@ -244,8 +245,8 @@ class Told:
 
 @dataclass(frozen=True)
 class Care:
-    """What to do about a fault: its ``title`` and ``meaning``, by how much it shifts a print, how to repair it, and
-    what software carries."""
+    """Advice about a fault: its ``title`` and ``meaning``, by how much it shifts a print, how to repair it, and what
+    software corrects."""
 
     title: str
     meaning: str
@@ -335,7 +336,7 @@ def part_of(law: Effect, where: int, scene: Scene) -> str:
 
 
 def along_motor_mm(scene: Scene, motor: int) -> np.ndarray:
-    """Return places [N] over what was seen of a motor."""
+    """Return positions [N] over the measured span of a motor."""
     return np.linspace(*scene.motor_span_mm[motor], PLACES)
 
 

@@ -1,1 +1,1 @@
-"""From the rows of a measurement to the effects that made them: contacts, one search, machines drawn from it."""
+"""From the rows of a measurement to the effects that explain them: contacts, one search, drawn machines."""

@@ -1,7 +1,8 @@
-"""Find how far the motors of a known machine have turned since: the shifts of their waves that best fit a print.
+"""Find how far the motors of a known machine have turned since it was learned: the shifts of their waves that fit a
+print best.
 
-The old machine's mean is kept; what of the print and of its measurement is always there, and place and play, are free.
-All pairs of shifts are weighed at once: their errors are sums of products of the two motors' columns.
+The mean of the old machine stays. Free are place, play, and those effects that every print and every measurement has.
+All pairs of shifts are compared at once, because their errors are sums of products of the two motors' columns.
 """
 
 from collections.abc import Mapping, Sequence

@@ -2,8 +2,8 @@
 
 Sets are weighed by evidence and prior odds (Bayesian model averaging: Hoeting et al. 1999). Chains that begin with the
 likeliest set draw them (Madigan & York 1995). A draw is one set, with sizes from its posterior. An effect of the
-likeliest set, or one that most draws have, acts where its mean lowers the expected square of the drawn machines'
-errors, and hardly any of them gains nothing by it.
+likeliest set, or of most draws, acts if its mean lowers the drawn machines' expected square error, and nearly all of
+them gain by it.
 """
 
 import itertools
@@ -221,10 +221,11 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
 
 
 def likely_set(search: Search, likeliest: State, sets: Counter[Set]) -> State:
-    """Return the likeliest set, and with it what most draws have at a place where it has nothing.
+    """Return the likeliest set, with the effects that most draws have where the set has none.
 
-    A cause of many shapes or sizes may be in most sets and not in the likeliest one. What is likelier than not belongs
-    to a prediction (Barbieri & Berger 2004). Of rivals each may be in fewer, so nothing is taken out.
+    A cause of many shapes or sizes may be in most sets but not in the likeliest one, and an effect that is more likely
+    than not belongs to a prediction (Barbieri & Berger 2004). Nothing is removed, because each of several rivals may be
+    in fewer than half of the draws.
     """
     blocks, state = search.dictionary.blocks, likeliest
     drawn, there = {b for members in sets for b, _ in members}, {blocks[b].slot for b, _ in likeliest.members}
@@ -269,8 +270,8 @@ def _acting_mm(dictionary: Dictionary, states: Sequence[State]) -> np.ndarray:
 
 
 def seen_at(part: Part, places: Places, scene: Scene) -> np.ndarray:
-    """Return how far a part moves places [2, N, P] for one unit of each size, less what a shift or a turn of the whole
-    print does where nobody knows how it lay."""
+    """Return how far a part moves places [2, N, P] for one unit of each size. If the pose of the print is unknown, a
+    shift and a turn of the whole print are subtracted."""
     columns = columns_of(part.effect, places, part.where, part.shape, scene)
     return columns.transpose(1, 0, 2) if scene.placed else of_shape(columns, places)
 

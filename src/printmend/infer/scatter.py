@@ -1,4 +1,4 @@
-"""Whether residuals are independent, and the far tail of the normal distribution."""
+"""Test whether residuals are independent; compute the far tail of the normal distribution."""
 
 import math
 

@@ -2,9 +2,9 @@
 
     z = z0 + (1 + ε) m + Σ_k (a_k sin kθ + b_k cos kθ) ± backlash/2        θ = 2πm/lead
 
-This is linear once it is known which flank of the thread carries the nut, and where it last moved it (physics.md
-eq. 17). So contacts and sizes are found in turn, and which of the three terms are there is a question of evidence and
-prior odds, as everywhere. Where in its play the nut rested at first is another.
+This is linear once the contacts are known: which flank of the thread carries the nut, and where it last moved it
+(physics.md eq. 17). So contacts and sizes are found in turn. Evidence and prior odds decide which of the three terms
+are there, and where the nut first rested in its play.
 """
 
 from collections.abc import Iterator, Sequence

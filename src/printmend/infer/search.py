@@ -1,12 +1,12 @@
-"""Which set of effects made a measurement: forward, backward and swap steps by log evidence and prior odds.
+"""Find the set of effects that explains a measurement: forward, backward and swap steps by log evidence and prior odds.
 
-Effects that are linear in the place on the bed, and those that shift everything, span so little that several stand for
-several others. So all sets of such a family are compared at once.
+Effects that are linear in the position on the bed form a family, and so do those that shift everything. Within a
+family, several effects can replace several others, so all of its sets are compared at once.
 
-With the noise σ and a set's prior variances V given, errors are normal with covariance σ² + Φ V Φᵀ. What one block
-gains beside a set follows from the block's share of the Gram matrix alone: with S its information and r its slope once
-the set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (MacKay 1992; Tipping & Faul 2003). A size that
-must be positive has half a normal prior: its evidence is 2 Φ(mean ÷ standard deviation) times as large.
+With the noise σ and a set's prior variances V given, errors are normal with covariance σ² + Φ V Φᵀ. The gain of one
+more block follows from its part of the Gram matrix: with S its information and r its slope after the set's own part is
+subtracted, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (MacKay 1992; Tipping & Faul 2003). A size that must be positive has
+half a normal prior: its evidence is 2 Φ(mean ÷ standard deviation) times as large.
 """
 
 import itertools
@@ -64,7 +64,7 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Gains:
-    """What may be added to a set: ``keys`` [K, 2], a block and its size, and what each adds to the score [K]."""
+    """The gains of adding to a set: ``keys`` [K, 2], a block and its size, and what each adds to the score [K]."""
 
     keys: np.ndarray
     values: np.ndarray
@@ -136,7 +136,7 @@ class Search:
         return Beside(self, state, crossing, (self.gram.slope - state.mean_mm @ crossing) / state.sigma_mm**2)
 
     def given(self, members: Set, sigma_mm: float) -> "Search":
-        """Return the search beside members that stay, whatever their sizes: these are summed out."""
+        """Return the search for the rest of a set with these members; their sizes are integrated out."""
         columns, sd = self.prior_of(members)
         gram, _, _ = self.gram.summed_out(columns, np.zeros(len(sd)), np.diag(sd), sigma_mm)
         return replace(self, gram=gram)
@@ -262,7 +262,7 @@ class Search:
         return np.asarray(slot[blocks] == slot[one])
 
     def needed(self, members: Set, member: tuple[int, int]) -> bool:
-        """Tell whether another member needs one, and nothing else there is what it needs."""
+        """Tell whether another member needs this one, and the set has nothing else that it needs."""
         needs = {self._needs[b] for b, _ in members if b in self._needs}
         there = {self._slot_of[one[0]] for one in members if one != member} if needs else set()
         return any(there.isdisjoint(slots) for slots in needs)
@@ -498,8 +498,8 @@ def likely_choices(search: Search, state: State, choices: Sequence[Set]) -> tupl
     """Return the members of a state that are of no family's ``choices``, those of the choices that are likely beside
     these, and the score of each.
 
-    Effects of a family span so little that several may stand for several others while no single exchange helps. All
-    sets of them are weighed at once.
+    Several effects of a family may replace several others although no single exchange helps. So all of its sets are
+    scored at once.
     """
     known = {b for choice in choices for b, _ in choice}
     members = tuple(member for member in state.members if member[0] not in known)
@@ -520,12 +520,11 @@ def _regrouped(search: Search, state: State) -> State:
 
 
 def doubted(search: Search, state: State) -> State:
-    """Return the likeliest set that is reached from ``state`` where each of its members in turn may be wrong.
+    """Return the likeliest set that is reached from ``state`` when each member in turn is doubted.
 
-    Several blocks may stand for several others while no single exchange helps. So steps begin again beside the other
-    members, without any block of the slot of the one in doubt. They drop others or exchange them within their slots,
-    and then add blocks. Members that are likely before the rows say anything stay. Those of a family are all
-    exchanged at once first.
+    Several blocks may replace several others although no single exchange helps. So the steps begin again with the other
+    members, without any block of the doubted slot. They drop or exchange others within their slots, then add blocks.
+    Members that are likely a priori stay. The members of a family are first exchanged all at once.
     """
     state = _regrouped(search, state)
     for member in reversed(state.members):
@@ -551,8 +550,8 @@ def _climbed(search: Search, state: State, without: int | None = None) -> State:
 
 
 def rivals_of(search: Search, state: State) -> Set:
-    """Return what of the machine would stand best in the place of each error of the measurement that a state has, with
-    the others as they are. Errors that every measurement has are left out."""
+    """Return, for each error of the measurement in a state, the effect of the machine that would replace it best.
+    Errors that every measurement has are left out."""
     blocks, found, beside = search.dictionary.blocks, [], search.beside(state)
     machine = np.array([EFFECTS[block.effect].of is Of.MACHINE for block in blocks], bool)
     for at, member in enumerate(state.members):
@@ -565,8 +564,8 @@ def rivals_of(search: Search, state: State) -> Set:
 
 
 def by_growing(search: Search, start: Set, sigma_mm: float) -> State:
-    """Return the set that is reached from ``start`` by adding blocks alone: quicker than `searched`, and good enough to
-    compare stories."""
+    """Return the set that is reached from ``start`` by only adding blocks: faster than `searched`, and good enough to
+    compare explanations."""
     state = search.posterior(start, sigma_mm)
     while (better := _more(search, state, search.beside(state))) is not None:
         state = better

@@ -1,8 +1,8 @@
 """Learn from a second measurement of a known machine: its drawn machines are the prior, and only changes are sought.
 
-The rows are freed of what the old machine does. What was not known of it, and what wears, are columns of unit prior
-that every set has: they are summed out of the Gram matrix. The search then finds changes alone. Beside it other stories
-are weighed: a pulley turned on its shaft, a motor got other parts, all of it is another machine.
+The old machine's errors are subtracted from the rows. Its uncertainty and wear are columns of unit prior in every set,
+and are integrated out of the Gram matrix. The search then finds only changes. It is compared with other explanations: a
+pulley turned on its shaft, a motor with other parts, another machine.
 """
 
 import math

@@ -1,7 +1,7 @@
 """From a trace to a model of the machine that printed it.
 
-The names here give learners by name. `learn` searches for effects (`printmend.infer`) and needs none of them; the lab
-brings its own by entry points: a grey box of each motor, and those of the paper.
+This package finds learners by name. `learn` itself searches for effects (`printmend.infer`) and needs none of them; the
+lab adds the grey box and the paper's learners by entry points.
 """
 
 from printmend.learn.registry import ORACLE, check_model_name, fit, fitted, learner, learner_names, model_names

@@ -86,7 +86,7 @@ def _of_set(fit: Fit) -> float:
 
 
 def another_home(trace: Trace, printer: Printer) -> tuple[Misfit, ...]:
-    """Return a note if a table with places does not begin at home: where the print lies then stays open."""
+    """Return a note if a table with positions on the bed does not begin at home: the print's shift is then unknown."""
     first = trace.commanded_mm[0]
     if is_at_home(first, printer):
         return ()

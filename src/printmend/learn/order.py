@@ -1,9 +1,8 @@
-"""Does each row have its own point? Rows of a table that were reversed, shuffled or shifted, found and put right.
+"""Find rows of a table that were reversed, shuffled or shifted, and put them in order.
 
-A shift shows by the cheapest history of it under a rough map of the bed (dynamic programming over the shift); an order
-by the map under which places and commands agree. A whole table reversed shows by layers that go down. Each is believed
-only where the drives, learned from the rows put right, fit them far better than the rows as they came: play in a fine
-path looks like a shift, too.
+Dynamic programming finds the cheapest history of shifts under a rough map of the bed; an order is found by the map
+under which positions and commands agree. In a reversed table, layers go down. A correction is accepted only if the
+drives fit the corrected rows far better than the original ones, because play in a fine path also looks like a shift.
 """
 
 from collections.abc import Iterator

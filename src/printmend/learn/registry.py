@@ -1,4 +1,4 @@
-"""World models by name. Names cost nothing: a learner's module is imported when it is asked for.
+"""World models by name; the module of a learner is imported only when it is needed.
 
 To add a learner: give its module a dict ``LEARNERS`` from name to learner, and add a line here. The conformance suite
 then runs on it. Those of other packages, printmend-lab's too, need no line: `printmend.plugins`.

@@ -1,7 +1,8 @@
 """Walls show one direction only: turn them into rows for learners that need both coordinates.
 
-A wall is a row along its normal, and the width of beads an effect like any other. So the one search reads them; here
-it looks at effects without a place or a length of their own alone, which is quick, and near enough to look again.
+A wall is a row along its normal, and the bead width is an effect like any other, so the usual search reads walls. Here
+it is limited to effects without a position or a length of their own: fast, and accurate enough for the next look at the
+image.
 """
 
 from dataclasses import dataclass, replace
@@ -26,11 +27,12 @@ LEAST_WALLS = 40  # measured places of walls; from fewer nothing is learned
 
 @dataclass(frozen=True, eq=False)
 class WallFit:
-    """What the walls say.
+    """The result of the walls.
 
-    ``printed_mm`` [N, 2] is where every way-point came to lie on the bed, the turn of the part taken off; ``swell_mm``
-    is how far all walls stand out, ``turn`` [rad] how much farther the part lay turned, counter-clockwise, and
-    ``residual_mm`` [W] what each wall lies off, NaN where one was left out; ``sigma_mm`` their standard deviation.
+    ``printed_mm`` [N, 2] is where every way-point was printed on the bed, with the part's turn subtracted; ``swell_mm``
+    is how far all walls are too far out, ``turn`` [rad] the part's remaining turn, counter-clockwise, and
+    ``residual_mm`` [W] the remaining error of each wall, NaN where one was left out; ``sigma_mm`` their standard
+    deviation.
     """
 
     printed_mm: np.ndarray

@@ -1,4 +1,4 @@
-"""Check a trace before anyone learns from it: the right printer, the right axes, enough to learn from, no copied rows.
+"""Check a trace before learning from it: the right printer, the right axes, enough points, no copied rows.
 
 Rank correlations find swapped, mirrored and turned tables, because outliers hardly change ranks. Two different preset
 names mean two printers, and so do two names that owners gave. A preset's name and an owner's name may mean one printer

@@ -1,4 +1,4 @@
-"""Find how a part lay on the glass: turn, shift and mirror its outline in the image until it fits the file's."""
+"""Find the pose of a part on the glass: turn, shift and mirror its outline in the image until it fits the file's."""
 
 from dataclasses import dataclass
 
@@ -41,7 +41,7 @@ class Lie:
 
 
 def find_lie(silhouette: Silhouette, walls: Walls, *, dpi: float, subject: str) -> Lie:
-    """Find how the part of ``walls`` lies in an image.
+    """Find the pose of the part of ``walls`` in an image.
 
     Raises `ScanError` for another part, another resolution, several parts, and one that lies upside down.
     """

@@ -30,15 +30,14 @@ class ProbePlan:
     ``mm_per_turn`` is how much belt each motor's pulley moves in a turn. ``waypoints_mm`` [N, 2] are all commanded
     way-points since homing, the first the home position. For each mark: ``rows`` [M] is its way-point; ``site`` [M, 2]
     is its place on the square lattice of marks; ``big`` [M] says whether it is one of the large dots, which form the
-    code; ``direction`` [M, 2] is the sign of each bed axis' last move before it; ``reversal_mm`` [M, 2] is how far
-    each axis had moved that way since its reversal.
-    With a ``pen`` the large dots are drawn as small circles: they form the code, and are not measured.
-    A bed larger than a sheet of paper is printed sheet after sheet: ``starts`` are the way-points at which each begins
-    anew at home. If sheets overlap, the same ``site`` has a mark on each. Before the dots, way-points 3 to ``net`` may
-    draw a thin net that joins them: strokes, each from one way-point to the next.
-    If ``moving`` is not 0, the way-points from it on are not dots but the corners of lines printed at the speed of
-    parts. They show how far a moving head strays.
-    ``pitch_mm`` and ``angle_rad`` give the lattice: mark = origin + pitch·R(angle)·site.
+    code; ``direction`` [M, 2] is the sign of each bed axis' last move before it; ``reversal_mm`` [M, 2] is how far each
+    axis had moved that way since its reversal. With a ``pen`` the large dots are drawn as small circles: they form the
+    code, and are not measured. A bed larger than a sheet of paper is printed sheet after sheet: ``starts`` are the
+    way-points at which each begins anew at home. If sheets overlap, the same ``site`` has a mark on each. Before the
+    dots, way-points 3 to ``net`` may draw a thin net that joins them: strokes, each from one way-point to the next. If
+    ``moving`` is not 0, the way-points from it on are not dots but the corners of lines printed at the speed of parts.
+    They show the error of a moving head. ``pitch_mm`` and ``angle_rad`` give the lattice: mark = origin +
+    pitch·R(angle)·site.
     """
 
     printer: str

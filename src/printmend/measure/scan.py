@@ -1,4 +1,5 @@
-"""Read one image of a printed probe: find its dots and scale, identify the marks, and measure how the head strays."""
+"""Read one image of a printed probe: find its dots and scale, identify the marks, and measure the error of the moving
+head."""
 
 import itertools
 from collections.abc import Sequence
@@ -259,7 +260,8 @@ HIDDEN_SHARE = 0.15  # share of the motion's mean square that blur and averaging
 
 
 def motion_of(reading: Reading) -> Motion | None:
-    """Return how far the head strays, or None if the plan has no lines at speed or the scan shows too few of them."""
+    """Return the error of the moving head, or None if the plan has no lines at speed or the scan shows too few of
+    them."""
     plan = reading.plan
     if not plan.moving:
         return None

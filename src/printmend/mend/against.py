@@ -54,7 +54,7 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
     """Return ``prediction`` with the errors of the file ``output`` in place of those predicted for mending.
 
     This shares no code with the planner: it reads both files whole and measures, layer by layer, the distance of every
-    printed place to the nearest wanted line. Among parallel lines that is less than the distance to its own line.
+    printed point to the nearest intended line. Among parallel lines, that is less than the distance to its own line.
     Raises `GcodeError` if the layers do not correspond.
     """
     wanted = straightened(read_gcode(source, printer=mechanism.printer).moves, _CHORD_MM)

@@ -1,8 +1,8 @@
 """Measure after mending: was the promise kept or broken, or is the measurement too coarse? Then update the model.
 
-The check print is any probe's G-code, mended with the model and printed. Its plan has the wanted places of the marks.
-Their measured errors, with the noise of the measurement subtracted, are compared with the promise for these places.
-Where all of a print lies is no part of it: each homing puts that elsewhere.
+The check print is any probe's G-code, mended with the model and printed. Its plan has the intended positions of the
+marks. Their measured errors, with the measurement noise subtracted, are compared with the promise for these marks. The
+promise does not cover the shift of the whole print, which every homing changes.
 """
 
 from dataclasses import asdict, dataclass, replace
@@ -50,7 +50,7 @@ KEPT, BROKEN, UNSURE = "kept", "broken", "cannot tell"
 
 @dataclass(frozen=True)
 class Verdict:
-    """Distances of the marks from their wanted places, root mean square [mm].
+    """RMS distances of the marks from their intended positions [mm].
 
     ``before_mm`` is the unmended print's error, the median of what the model believes. By this measurement, the error
     is now between ``now_low_mm`` and ``now_high_mm``. The promise has a 90 % range. ``unlike_mm`` is the distance from
@@ -128,9 +128,9 @@ class Verdict:
 def verify(model: SavedModel, trace: Trace) -> Verdict:
     """Compare a measured check print, whose G-code was mended with ``model``, with the model's promise.
 
-    ``trace`` has the wanted places as its commanded ones. The print counts as a second measurement of the machine; the
-    error of the updated drawn machines at the marks is compared with the promise. Raises `TraceError` for fewer than
-    ten marks, for another printer's marks and for marks that the model was learned from. Raises `ModelError` for a
+    The commanded positions of ``trace`` are the intended ones. The print counts as a second measurement of the machine;
+    the error of the updated drawn machines at the marks is compared with the promise. Raises `TraceError` for fewer
+    than ten marks, for another printer's marks and for marks that the model was learned from. Raises `ModelError` for a
     model without a promise.
     """
     belief = belief_of(model)
@@ -242,8 +242,8 @@ def _stretch_percent(found: Renewed) -> float:
 
 
 def expectation(model: SavedModel, trace: Trace) -> Promise | None:
-    """Return the expected distances of a trace's marks from their wanted places after mending: distances on the bed, as
-    `verify` states them. None for a model without drawn machines."""
+    """Return the expected distances of a trace's marks from their intended positions after mending: distances on the
+    bed, as `verify` states them. None for a model without drawn machines."""
     belief = parse_belief(model)
     if belief is None or not trace.measured_rows.any():
         return None
@@ -303,10 +303,10 @@ def updated(model: SavedModel, trace: Trace) -> Updated:
 
 
 def made(model: SavedModel, trace: Trace) -> tuple[Trace, np.ndarray]:
-    """Return a check print as it was commanded after mending, and the wanted place of each of its rows [N, 2].
+    """Return a check print as it was commanded after mending, and the intended position of each of its rows [N, 2].
 
-    Dots get the moves of a file that mends them: between two dots a mended file goes its own way. Walls, and prints
-    with heights or without a home, are taken place by place.
+    Dots get the moves of the mended file, which takes another path between them. Walls, and prints with heights or
+    without a home, are taken place by place.
     """
     dots = np.flatnonzero(trace.measured_rows)
     begins = np.allclose(trace.commanded_mm[0], model.printer.home_mm)

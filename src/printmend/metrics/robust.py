@@ -1,4 +1,4 @@
-"""The one robust fit: least squares with priors, rows in the tails count less."""
+"""The one robust fit: least squares with priors, in which outlying rows have less weight."""
 
 import math
 

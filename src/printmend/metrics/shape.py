@@ -1,4 +1,4 @@
-"""Distances of places from lines and from each other: they see the outline, not which point was printed when."""
+"""Distances of points from lines and from each other: they compare outlines, whatever the order of printing."""
 
 from dataclasses import dataclass
 
@@ -38,7 +38,7 @@ def nearest(places: np.ndarray, asked: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def spacing(places: np.ndarray) -> np.ndarray:
-    """Return how far each of the places [N, 2] is from its neighbour [N]; 0 where another is at the same place."""
+    """Return the distance [N] of each of the points [N, 2] from its nearest neighbour."""
     single, which, times = np.unique(places, axis=0, return_inverse=True, return_counts=True)
     points = shapely.points(single)
     _, apart = shapely.STRtree(points).query_nearest(points, exclusive=True, return_distance=True, all_matches=False)

@@ -230,7 +230,7 @@ class SavedModel:
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What was found and what the trace did not show, a sentence each."""
+        """One sentence for each finding, and for each thing that the trace did not show."""
         return tuple(self.document["findings"])
 
 
@@ -271,7 +271,7 @@ def saved_model(
 def with_screw(
     model: SavedModel, screw: ScrewSeries | None, *, findings: tuple[str, ...], details: Mapping[str, Any]
 ) -> SavedModel:
-    """Return the model with another Z, other ``findings``, and ``details`` in place of its own or beside them."""
+    """Return the model with another Z, other ``findings``, and with ``details`` added or replaced."""
     document = {key: value for key, value in model.document.items() if key != "screw"}
     document |= {"findings": list(findings), **details}
     if screw is not None:

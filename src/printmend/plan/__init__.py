@@ -1,7 +1,7 @@
-"""The continuous inverse: find the commands that make a broken machine draw the wanted path.
+"""The continuous inverse: find the commands that make a broken machine draw the target path.
 
-`start` returns a `Planner` for a mechanism, whose `plan` turns the records of a file into pieces. Its running sums lie
-in arrays, whose fields `layout` names. `is_identity` says whether there is nothing to do, `Fineness` how finely to
+`start` returns a `Planner` for a mechanism, whose `plan` turns the records of a file into pieces. Its running sums are
+in arrays, whose fields `layout` names. `is_identity` says whether there is nothing to mend, `Fineness` how finely to
 draw.
 """
 

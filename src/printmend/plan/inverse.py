@@ -71,7 +71,7 @@ def lookup(mechanism: Mechanism, tolerance_mm: float = k.TOLERANCE_MM) -> look.M
     """Return a mechanism as the compiled planner reads it (`kernels.lookup` says what its numbers mean).
 
     The origin is used as it is: call `Mechanism.homed` first if homing defines it. ``tolerance_mm`` is how far the
-    printed path may lie from the wanted one: half of it where a chord bulges, all of it where slack is crossed.
+    printed path may be from the target: half of it where a chord bulges, all of it where slack is crossed.
     """
     printer, frame = mechanism.printer, mechanism.frame
     head = record(look.HEAD)
@@ -171,7 +171,7 @@ def _is_same(t: Transmission) -> bool:
 
 
 def is_identity(mechanism: Mechanism) -> bool:
-    """Return whether a machine does what it is told, so that there is nothing to mend."""
+    """Return whether a machine does what it is commanded to, so that there is nothing to mend."""
     straight = mechanism.screw is None or _is_straight(mechanism.screw)
     return straight and mechanism.frame.is_identity and all(map(_is_same, mechanism.transmissions))
 

@@ -1,4 +1,4 @@
-"""The section ``promise`` of a model file: what is believed of the printer, as drawn machines.
+"""The section ``promise`` of a model file: the posterior of the printer, as drawn machines.
 
 Each part of the section is one effect at one place: the sizes that act, and those of the drawn machines that have it.
 """

@@ -1,8 +1,8 @@
-"""The predictive distribution of a print: how far it will be from what was wanted, all that is not known included.
+"""The predictive distribution of a print's error, with all uncertainties included.
 
-The machine is linear in its parameters where they are nearly right, so an error along the path is what the model itself
-says plus G z, z ~ N(0, 1), plus what differs from place to place (what nothing explains, half a micro-step). A hundred
-machines are drawn; the 90 % range is that of their prints (JCGM 101:2008, propagation by Monte Carlo).
+Near the right parameters, the machine is linear in them. So an error along the path is that of the model plus G z, z ~
+N(0, 1), plus errors that are independent at each point (the unexplained scatter, half a micro-step). A hundred machines
+are drawn; the 90 % range is that of their prints (JCGM 101:2008, propagation by Monte Carlo).
 """
 
 import math
@@ -98,11 +98,11 @@ class Errors:
 
 @dataclass(frozen=True)
 class Promise:
-    """The expected distance of a print from the wanted path [mm].
+    """The expected distance of a print from the target path [mm].
 
-    ``rms_mm`` with its 90 % range, ``p95_mm`` and ``max_mm`` are of the shape: each homing puts all of a print
-    elsewhere, by ``place_mm`` in the median. In 19 of 20 cases 95 % of the path lies within ``p95_mm``, and no place of
-    the print is off by more than ``max_mm``. ``planning_rms_mm`` is what the model itself says. ``made_of`` are the
+    ``rms_mm`` with its 90 % range, ``p95_mm`` and ``max_mm`` are those of the shape; each homing shifts the whole
+    print, by ``place_mm`` in the median. In 19 of 20 cases, 95 % of the path is within ``p95_mm``, and no point of the
+    print is off by more than ``max_mm``. ``planning_rms_mm`` is the error if the model is exact. ``made_of`` are the
     standard uncertainties by cause: roots of mean squares over the drawn machines, in which a rare and large error
     counts more than in the median ``rms_mm``.
     """

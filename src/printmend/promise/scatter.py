@@ -1,4 +1,4 @@
-"""What marks do beyond all effects: how much of their scatter, and of those that fit no model, is the printer's."""
+"""Scatter that no effect explains: how much of it, and of the outliers, is the printer's."""
 
 import math
 from dataclasses import dataclass
@@ -43,8 +43,8 @@ class Scatter:
 
 @dataclass(frozen=True)
 class Outliers:
-    """Marks that are left out because they fit no model, so far as a printer may have made them: so many of so many
-    ``measured``, and the mean square of their coordinates' errors [mm²]."""
+    """Marks that are left out because they fit no model, as far as a printer may have made them: their number, how many
+    were ``measured``, and the mean square of their coordinates' errors [mm²]."""
 
     count: int = 0
     measured: int = 0

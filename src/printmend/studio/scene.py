@@ -1,9 +1,9 @@
-"""Show a part in three dimensions: as wanted, as this machine prints it, and mended; make small pictures for lists.
+"""Show a part in three dimensions: as intended, as this machine prints it, and mended; make thumbnails for lists.
 
-The points lie along the wanted extruded path. The planner reports the pieces of each line, so the mended print is known
-at the same points, and a page can draw anything between the three by moving points. `write_wanted` and `write_mended`
-pack them as tables that a graphics card can use directly. For a large part, `coarse` keeps every n-th layer, so that
-the page can show something before the whole part is drawn.
+The points are along the intended extruded path. The planner reports the pieces of each line, so the mended print is
+known at the same points, and a page can draw anything between the three by moving points. `write_wanted` and
+`write_mended` pack them as tables that a graphics card can use directly. For a large part, `coarse` keeps every n-th
+layer, so that the page can show something before the whole part is drawn.
 """
 
 import contextlib

@@ -17,7 +17,7 @@ class Strict(BaseModel):
 
 
 class Problem(BaseModel):
-    """Why something did not work: what was wanted, what came, what to do, in one line."""
+    """Why something failed: what was expected, what was found, what to do, in one line."""
 
     error: str
 
@@ -87,7 +87,7 @@ class Welcome(BaseModel):
 
 
 class StoragePart(BaseModel):
-    """What may be removed: mended files and pictures, plays, what was measured, uploads that no job uses."""
+    """A kind of data that may be removed: mended files and pictures, simulated prints, measurements, unused uploads."""
 
     part: Literal["mended", "play", "measured", "unused"]
     count: int
@@ -182,7 +182,7 @@ class PrinterCard(BaseModel):
 
 
 class JobCard(BaseModel):
-    """A job: what it does, how far it is, and what came of it."""
+    """A job: its kind, its progress, and its result."""
 
     id: str
     kind: str
