@@ -121,8 +121,8 @@ SUITES = {
         ),
         Suite(
             "printmend/Measured-v1",
-            "Nine runs of a belt printer with printed pulleys, and a stepper's encoder. A figure is what a learner"
-            " misses of the part that it did not see, as a share of what a straight line misses.",
+            "Nine runs of a belt printer with printed pulleys, and a stepper's encoder. Each figure is a learner's error"
+            " on the part that it did not see, divided by that of a straight line.",
             _measured, 0.0, 10, "7773f89cc7e7e4545b4edb687f11270fc750d99d053a90a8e54a5673cba0c83e", measured=True,
         ),
     )
@@ -341,10 +341,10 @@ _TITLES = {"mean": "mean, steps", "ratio": "÷ optimum", "failures": "failed"}
 _HEAD = """# Leaderboard
 
 These rows compare learners on suites that do not change. On simulated printers, the figure is the RMSE in full steps of
-0.2 mm; on measured data, it is the error as a share of a straight line's. A row is LEARNER or LEARNER+CONTROLLER, as in
-[the tables](researchers.md). `printmend bench suite` writes a row's file, `printmend bench submit-check` checks it.
-This page is made of the files in `docs/leaderboard`, each with its versions and every case. Rows with a failed case
-come last.
+0.2 mm; on measured data, it is the error divided by that of a straight line. A row is LEARNER or LEARNER+CONTROLLER, as
+in [the tables](researchers.md). `printmend bench suite` writes a row's file, `printmend bench submit-check` checks it.
+This page is generated from the files in `docs/leaderboard`, which have the versions and every case. Rows with a failed
+case come last.
 
 ```sh
 printmend bench suite printmend/Families-v1 --rows greybox+optimal -o results
