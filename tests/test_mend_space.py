@@ -225,7 +225,7 @@ def test_saved_tables_are_the_screw_again() -> None:
         ({"backlash_mm": -0.1}, "backlash"),
         ({"lead_error": -1.0}, "lead_error"),
         ({"height_mm": [0.1]}, "sines and cosines"),
-        ({"push_y_mm": [0.1] * 6}, "numbers at the most"),
+        ({"push_y_mm": [0.1] * 6}, "a list of at most"),
         ({"push_x_mm": [1e4, 0.0, 0.0, 0.0]}, "sines and cosines"),
         ({"push_y_mm": ["a", 0.0]}, "numbers"),
     ],

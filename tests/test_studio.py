@@ -726,5 +726,5 @@ def test_a_folder_is_one_studios_and_one_that_cannot_be_locked_is_said(tmp_path:
     (tmp_path / "studio.lock").write_text("no lock" * 100)
     with pytest.raises(InputError, match="expected a lock that the studio makes"):
         serve._alone(tmp_path)
-    with pytest.raises(InputError, match="see that the folder can be written"):
+    with pytest.raises(InputError, match="check that the folder can be written"):
         serve._alone(tmp_path / "absent")
