@@ -52,7 +52,7 @@ def scanned(tmp_path_factory) -> Path:
 
 def share_found(measured: PartMeasurement) -> float:
     """Return the share of the places of walls that were found, as the first note says."""
-    said = re.search(r": (\d+) of (\d+) places of walls", measured.notes[0])
+    said = re.search(r": (\d+) of (\d+) points on walls", measured.notes[0])
     assert said is not None
     assert int(said[1]) == measured.found
     return int(said[1]) / int(said[2])

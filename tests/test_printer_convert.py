@@ -115,7 +115,7 @@ def test_a_slicers_profile_gives_bed_start_and_extruder_to_known_motors(tmp_path
         (PRUSA.replace("235x0", "235xnan"), "rectangular bed"),
         (KLIPPER.replace("4000", "fast"), "max_accel"),
         ("{" + PRUSA, "broken JSON"),
-        ('{"name": "x", "inherits": "fdm_common"}', "stands in 'fdm_common'"),
+        ('{"name": "x", "inherits": "fdm_common"}', "it is in 'fdm_common'"),
         ("hello", "profile .* found neither"),
         (" \n", "found an empty file"),
         (PRUSA + "printer_technology = SLA\n", "a resin printer"),
@@ -157,7 +157,7 @@ bed_shape = 0x0,9x0,9x9,0x9
         ConfigError, match="named with --model, found 3; a part of a name is enough: Acme Big, Acme Small, Acme Resin"
     ):
         convert(path, like="ender3")
-    with pytest.raises(ConfigError, match=r"--like ender3, too: a preset .*; a part of a name is enough: Acme Big"):
+    with pytest.raises(ConfigError, match=r"also add --like ender3: a preset .*; a part of a name is enough: Acme Big"):
         convert(path)  # all that is missing at once
     with pytest.raises(ConfigError, match="a bundle with a printer, found none"):
         convert(written(tmp_path, "none.ini", "[printer:*common*]\nbed_shape = 0x0,9x0,9x9,0x9\n"), like="ender3")
