@@ -90,10 +90,10 @@ def _is_news(record: logging.LogRecord) -> bool:
 
 
 def limited(limit_s: float, work: Callable[..., Value], *arguments: Any) -> Value:
-    """Run work on a worker of a cluster. Raise TimeoutError where it takes longer than ``limit_s``.
+    """Run work on a worker of a cluster.
 
-    Nothing else ends a thread that hangs, so the worker's process ends soon after: its nanny starts it anew, and what
-    else ran there runs again.
+    Raise TimeoutError if it takes longer than ``limit_s``. Nothing else can end a hanging thread, so the worker's
+    process ends soon after. Its nanny restarts it, and its other tasks run again.
     """
     outcome: Future[Value] = Future()
 

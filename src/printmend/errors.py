@@ -104,7 +104,7 @@ class ScanError(InputError):
 
 
 class UnwritableError(InputError):
-    """A file cannot be written where it was wanted: the disk is full, or the place is closed."""
+    """A file cannot be written: the disk is full, or the folder is not writable."""
 
 
 class MissingToolError(PrintmendError):

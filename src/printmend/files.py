@@ -48,8 +48,7 @@ def read_text(path: str | Path, *, wanted: str, todo: str, error: type[InputErro
 
 @contextlib.contextmanager
 def all_or_none() -> Iterator[None]:
-    """Let the files that `replacing` writes in this block take their places together when it ends; after an error none
-    of them does."""
+    """Rename all files that `replacing` writes in this block when it ends; after an error, none of them."""
     held: list[_Held] = []
     token = _held.set(held)
     try:

@@ -195,7 +195,7 @@ class Recording:
 
 @cache
 def library_of(package: str) -> Library:
-    """Return what comes with a package, `printmend` or `printmend_lab`: it lies in its folder `compiled`."""
+    """Return the library of a package, `printmend` or `printmend_lab`, from its folder `compiled`."""
     return Library(Path(str(sys.modules[package].__file__)).parent / FOLDER)
 
 

@@ -20,22 +20,22 @@ def frozen(array: np.ndarray) -> np.ndarray:
 
 
 def last_way(places: np.ndarray) -> np.ndarray:
-    """Return which way [N] each of the places [N] of one axis was last moved: +1, −1, 0 before the first move."""
+    """Return the direction [N] in which one axis last moved at each of its places [N]: +1, −1, 0 before the first
+    move."""
     way = np.sign(np.diff(places, prepend=places[:1]))
     return way[np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), 0))]
 
 
 @dataclass(frozen=True)
 class Instrument:
-    """The errors that all points of a measurement share, which no fit can see, as standard deviations.
+    """The errors that all points of a measurement share, and that no fit can see, as standard deviations.
 
     ``scale_sd`` of its scale, ``axes_sd`` of half the difference between the scales of x and y (shares), ``lean_sd``
     [rad] of half the angle by which these lean, ``wave_mm`` of a slow unevenness, ``carriage_mm`` of a wave that a
     scanner's carriage may make along one axis, ``lens_mm`` of what its lens does 100 mm from the middle (by the square
-    and by the cube of the place along its sensor), ``resized_sd`` of the scale of a picture that was taken at another
-    resolution than it says, or of a sheet that was fitted to its page (a share). All 0 for one that is exact. Once one
-    length is known, the first three are known together better than each: ``scale_axes``, ``scale_lean`` and
-    ``axes_lean`` are their correlations.
+    and by the cube of the place along its sensor), ``resized_sd`` of the scale of a picture whose stated resolution is
+    wrong, or of a sheet that was fitted to its page (a share). All are 0 for an exact instrument. Once one length is
+    known, the first three are correlated: ``scale_axes``, ``scale_lean`` and ``axes_lean`` are their correlations.
     """
 
     scale_sd: float = 0.0
@@ -127,18 +127,17 @@ class Trace:
     ``commanded_mm`` [N, 2]; between two rows the commanded motion is straight. ``measured_mm`` [N, 2], NaN where
     nothing was measured. ``sigma_mm`` [N] is the standard deviation of each measured coordinate, NaN where unknown.
     ``z_mm`` [N], the commanded height, ``z_measured_mm`` [N] and ``layer`` [N] are optional. ``homed`` says that row 0
-    is the home position, reached from the home side, so that the engaged side of the belt is known there. ``placed``
-    says that measured positions are the bed's own; those of a scan have an origin of their own. ``instrument`` is what
-    all points share; None for one that nobody described: exact, or for a scan a flatbed. A wall shows one direction
-    only: ``normal`` [N, 2] points out of the plastic and ``offset_mm`` [N] is how far along it the wall lies from where
-    it was commanded, both NaN where a row has none. What all walls share is no error of the machine: beads are wider
-    than thought, the first layer is squashed. ``origin`` is None where unknown. Of a part that shrank after it was
-    printed, what is believed of that is taken off: ``shrunk``, a share, about the middle of the bed. ``shrinkage_sd``
-    is the standard deviation of what is left of it along either axis, a share. ``motion`` is what lines printed at
-    speed showed. ``blank_rows`` are those that stood empty between others in a table, and are not among the N.
-    ``step_mm`` is the step to which measured places were rounded, 0 where it is too small to show.
-    ``taken`` are the hexadecimal digits over the measurement from which this one was made, None for one as it was
-    taken.
+    is the home position, reached from the home side, so the engaged side of the belt is known there. ``placed`` says
+    that measured positions are the bed's own; those of a scan have an origin of their own. ``instrument`` has the
+    errors that all points share; None stands for an exact instrument or, for a scan, for a flatbed. A wall shows one
+    direction only: ``normal`` [N, 2] points out of the plastic and ``offset_mm`` [N] is how far along it the wall is
+    from its commanded position, both NaN where a row has none. An offset that all walls share is not an error of the
+    machine: beads are wider than set, or the first layer is squashed. ``origin`` is None where unknown. The expected
+    shrinkage of a part is subtracted: ``shrunk``, a share, about the middle of the bed. ``shrinkage_sd`` is the
+    standard deviation of the rest along either axis, a share. ``motion`` is the result of lines printed at speed.
+    ``blank_rows`` counts empty rows between others in a table; they are not among the N. ``step_mm`` is the step to
+    which measured positions were rounded, 0 if it is too small to show. ``taken`` is the digest of the measurement from
+    which this one was made, None for an original.
     """
 
     commanded_mm: np.ndarray

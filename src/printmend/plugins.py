@@ -29,7 +29,7 @@ def plugin_names(group: str) -> tuple[str, ...]:
 
 
 def is_plugin(group: str, name: str) -> bool:
-    """Tell whether a name stands for something of another package; a place `module:NAME` always does."""
+    """Tell whether a name refers to another package; `module:NAME` always does."""
     return ":" in name or name in _points(group)
 
 

@@ -207,7 +207,7 @@ def sealed_test_print(text: bytes) -> bytes:
 
 
 def claimed_test_print(path: str, head: bytes | None = None, *, breathe: Callable[[], object] = lambda: None) -> str:
-    """Return `TEST_PRINT` for an unmended test print as it was written, `FORGED` for what only says that it is one.
+    """Return `TEST_PRINT` for an unmended and unchanged test print, `FORGED` for a file that only claims to be one.
 
     An empty text for any other file. ``head`` is what `head_of` returns for it.
     """

@@ -77,5 +77,5 @@ def _key(sig: Any, codegen: Any) -> tuple:
 
 @cache
 def shipped(package: str) -> Shipped:
-    """Return what comes with a package, `printmend` or `printmend_lab`: its kernels lie in its folder `compiled`."""
+    """Return the kernels of a package, `printmend` or `printmend_lab`, from its folder `compiled`."""
     return Shipped(Path(str(sys.modules[package].__file__)).parent / "compiled")

@@ -93,7 +93,7 @@ class Fit:
         return machine_of(self.scene, self.parts())[0]
 
     def places_mm(self) -> np.ndarray:
-        """Return where the set puts every row [N, 2], as it was measured but for noise."""
+        """Return where the set puts every row [N, 2]: the measurement without noise."""
         every = np.asarray(self.scene.printer.from_motor(self.places.motor_mm)) + self.moved_mm(self.parts())
         every -= _turned_mm(self.places, self.turned_rad, self.scene)
         return turned(every, self.turned_rad, self.scene)
@@ -116,7 +116,7 @@ class Fit:
 
     @property
     def freedom(self) -> float:
-        """How many sizes the rows determine: of those that the prior holds a share (MacKay 1992)."""
+        """The effective number of sizes that the rows determine, the others being held by the prior (MacKay 1992)."""
         _, sds_mm = self.search.prior_of(self.state.members)
         return float(np.sum(1.0 - np.diag(self.state.covariance) / sds_mm**2))
 
@@ -129,11 +129,11 @@ def fitted(
     trace: Trace, scene: Scene, first: Fit | None = None, *, kept: Callable[[Term], bool] | None = None,
     names: Sequence[str] | None = None, quick: bool = False,
 ) -> Fit:  # fmt: skip
-    """Return the effects that a trace shows; the machine of the ``first`` fit, or else a healthy one, tells the first
-    contacts. Without ``kept`` and ``names``, the terms and effects to look for, it looks for all; to be ``quick``, in
-    few marks.
+    """Return the effects that a trace shows; the first contacts are those of the ``first`` fit's machine, or of a
+    healthy one. ``kept`` and ``names`` limit the terms and effects to look for; a ``quick`` fit uses few marks.
 
-    What is `LIKE_PLAY` is judged a second time at the contacts of a machine that has play instead.
+    If the result has an effect that is `LIKE_PLAY`, it is compared with a fit at the contacts of a machine that has
+    play instead.
     """
     fit = _fitted(trace, scene, first, kept, names, quick=quick)
     if not any(block.effect in LIKE_PLAY for block in fit.blocks):
@@ -143,7 +143,7 @@ def fitted(
 
 
 def unlike_play(names: Sequence[str] | None = None) -> tuple[str, ...]:
-    """Return the ``names``, those of all effects without any, but for what resembles play."""
+    """Return the ``names`` (by default, those of all effects) without the effects that resemble play."""
     return tuple(name for name in names or EFFECTS if name not in LIKE_PLAY)
 
 

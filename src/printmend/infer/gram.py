@@ -17,9 +17,9 @@ from printmend.metrics.robust import NORMAL_SQUARE
 class Block:
     """The columns ``at`` (a slice of the dictionary's) of one effect at one place with one shape.
 
-    ``sds_mm`` [V, P] and ``log_odds`` [V] are its alternatives in size; ``positive`` ones of one column are above 0.
-    A set that has it has one of the effects that it ``needs`` at the same place, too. A shape between those of a grid
-    came from a ``coarse`` one. ``own_odds`` are added in the posterior, where finer shapes beside it share its odds.
+    ``sds_mm`` [V, P] and ``log_odds`` [V] are its alternatives in size; ``positive`` ones of one column are above 0. A
+    set with this block also has one of the effects that it ``needs``, at the same place. A shape between those of a
+    grid came from a ``coarse`` one. ``own_odds`` are added in the posterior, where finer shapes share its odds.
     """
 
     effect: str
@@ -71,9 +71,9 @@ def laid_side_by_side(blocks: Sequence[Block]) -> tuple[Block, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """M measured numbers: ``mark`` [M] is the place that each is of, ``along`` [M, 2] the direction in which it was
-    measured, ``error_mm`` [M] how far the mark lies from where it was commanded, ``weight`` [M] its relative weight.
-    ``share`` [M] is how much of it is news, beside its neighbours. None scatters less than ``least_mm``."""
+    """M measured numbers: ``mark`` [M] is the place of each, ``along`` [M, 2] the direction in which it was measured,
+    ``error_mm`` [M] how far the mark is from its commanded position, ``weight`` [M] its relative weight. ``share`` [M]
+    is the share of its information that its neighbours do not have. The noise is at least ``least_mm``."""
 
     mark: np.ndarray
     along: np.ndarray

@@ -22,7 +22,7 @@ LIKELY = 0.5  # share of the drawn machines from which on a part is likely to be
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One effect at one place with one shape, and the belief about its sizes.
+    """One effect at one place with one shape, and the posterior of its sizes.
 
     ``acts_mm`` [P] are the sizes that the model has: their mean in the likely set, 0 where that has none.
     ``draws_mm`` [P, D] are those of the drawn machines; ``chance`` is the share of them that have it.
@@ -72,7 +72,8 @@ def those_acting(parts: Sequence[Part]) -> list[Sized]:
 def machine_of(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:
     """Return the machine whose drives and frame have these effects, and each drive as a series where it is one.
 
-    What no mechanism holds is left out. The tables are absolute: they give places in the frame of the measurement.
+    Effects that no mechanism can represent are left out. The tables are absolute: they give positions in the frame of
+    the measurement.
     """
     if scene.homed:
         return _from_home(scene, parts)

@@ -239,12 +239,12 @@ def likely_set(search: Search, likeliest: State, sets: Counter[Set]) -> State:
 
 
 def central(fit: Fit, drawn: Mapping[int, Part], states: Sequence[State]) -> State:
-    """Return the first of some states whose machine the drawn machines differ from as little as from any.
+    """Return the first of some states whose machine is closest to the drawn machines.
 
-    What they differ by is the mean square over the measured places; two of its errors do not count. Causes that look
-    alike to a scanner may be far apart in what mending does. Of three such, the likeliest may be the one that is
-    farthest from both others. Where places are known, what looks alike prints alike: there the likeliest is as near,
-    and the only one at whose contacts the rows were looked at.
+    The distance is the mean square over the measured places; a difference within twice its error does not count. Causes
+    that look alike in a scan may be mended very differently, and the likeliest of three may be the farthest from the
+    other two. If positions on the bed are known, causes that look alike print alike. Then the likeliest one is as close
+    as any, and the only one at whose contacts the rows were fitted.
     """
     if fit.scene.placed:
         return states[0]
@@ -293,13 +293,14 @@ def after_homing(part: Part, scene: Scene) -> Part:
 
 
 def acting(scene: Scene, parts: Sequence[Part]) -> list[Part]:
-    """Return the parts; one acts no longer where the drawn machines' expected square error is smaller without it, or
-    where too many of these machines would gain nothing with it.
+    """Return the parts. A part no longer acts if the drawn machines' expected square error is smaller without it, or if
+    too many of these machines gain nothing from it.
 
-    Errors count over the measured places, less what a shift of the whole print makes. Parts that may act are taken in
-    and left out one by one, those that help most first. They begin once with all and once with none, for some help only
-    beside others. Then the one without which most machines gain is left out. Wear of the measured print acts beside
-    parts of the machine alone: where a belt with new play rests at home, nobody knows.
+    Errors count over the measured places, less any shift of the whole print; where the place is known, the belts'
+    places then give the print the shift of the drawn machines. Parts are added and removed one by one, the most useful
+    first, starting once with all and once with none, because some help only together with others. Then the part without
+    which most machines gain is left out. Wear of the measured print acts only together with parts of the machine,
+    because the position of a belt in its new play at home is unknown.
     """
     places, machine = drawn_places(scene), np.array([EFFECTS[part.effect].of is Of.MACHINE for part in parts], bool)
     acts, drawn = np.zeros((2, len(places), len(parts))), np.zeros((2, len(places), DRAWS))
@@ -357,11 +358,11 @@ def of_shape(moved_mm: np.ndarray, places: Places) -> np.ndarray:
 
 
 def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> list[Set]:
-    """Return a set for each draw: where a chain of its own ends that began with the likeliest set.
+    """Return a set for each draw: the end of its own chain, which began with the likeliest set.
 
-    Members that nothing replaces stay, and are drawn in one of their sizes. Effects of a family are exchanged all at
-    once, too. What may only come beside the likeliest set is no part of the chains: each of these many blocks may come
-    to any set, whatever others do.
+    Members that nothing can replace stay, and only their alternative in size is drawn. The effects of a family are also
+    exchanged all at once. Blocks that can only be added to the likeliest set are not part of the chains: each of them
+    may be added to any set, independently of the others.
     """
     search = search.apart()
     families = [choices for family in search.families if (choices := _rivals(search, likeliest, family))]
@@ -404,10 +405,10 @@ class _Chain:
     known: dict[tuple[Set, frozenset[int]], Gains] = field(default_factory=dict, init=False)
 
     def stepped(self, members: Set, count: int, rivals: frozenset[int], rng: np.random.Generator) -> Iterator[Set]:
-        """Take away one member that is among the blocks ``rivals``, or none, and choose which of them comes in its
-        place, or nothing, by what each adds to the score (Gibbs sampling), for ``count`` draws that have a set.
+        """Remove one member that is among the blocks ``rivals``, or none, and choose one of them in its place, or
+        nothing, by what each adds to the score (Gibbs sampling), for ``count`` draws that have a set.
 
-        Which of n members goes has the chance 1 ÷ (n + 1), so that the step from the larger set is the rarer one.
+        Each of n members is removed with the chance 1 ÷ (n + 1), so the step from the larger set is the rarer one.
         """
         whole = (*self.staying, *members)
         free = [one for one in members if one[0] in rivals and not self.search.needed(whole, one)]
@@ -420,8 +421,8 @@ class _Chain:
                 yield (*others, *((b, variant) for b, variant in chosen))
 
     def regrouped(self, members: Set, choices: Sequence[Set], count: int, rng: np.random.Generator) -> Iterator[Set]:
-        """Choose anew among sets of one family's effects, by what they add to the score (Gibbs sampling), for ``count``
-        draws that have a set."""
+        """Draw the effects of one family again, as a set, by what each set adds to the score (Gibbs sampling), for
+        ``count`` draws that have a set."""
         blocks = {b for choice in choices for b, _ in choice}
         others = tuple(member for member in members if member[0] not in blocks)
         own = tuple(sorted(member for member in members if member[0] in blocks))

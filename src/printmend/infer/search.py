@@ -301,8 +301,8 @@ def search_of(dictionary: Dictionary, rows: Rows, weight: np.ndarray) -> Search:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """What rows tell of blocks beside a state, and how they pull on all columns [P]: ``crossing`` [A, P] are the
-    products of the state's columns with all."""
+    """The information of the rows about blocks to add to a state, and the gradient of all columns [P]: ``crossing`` [A,
+    P] are the products of the state's columns with all."""
 
     search: Search
     state: State

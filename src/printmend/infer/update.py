@@ -263,11 +263,11 @@ _Steps = Callable[[Search, Set, float], State]
 
 @dataclass(frozen=True, eq=False)
 class Renewed:
-    """A machine after a second measurement: what is believed ``now`` and what of it was known ``before``, as parts of
-    the same shapes where both have them; ``story`` is what happened to it, ``changes`` are the effects of the machine
-    that the search found beside it, and ``fit`` is that search, on what the old machine leaves of the rows: its blocks
-    are the effects of the print and of the instrument, too. ``homed_mm`` is how far X and Y are shifted since, and the
-    standard deviation, where it was seen."""
+    """A machine after a second measurement: its parts ``now`` and ``before``, with the same shapes where both have
+    them. ``story`` is the explanation of the change, ``changes`` are the effects of the machine that the search found
+    in addition. ``fit`` is that search, on the rows after the old machine is subtracted; its blocks include effects of
+    the print and of the instrument. ``homed_mm`` is how far X and Y have shifted since, with the standard deviation, if
+    that was seen."""
 
     now: Posterior
     before: tuple[Part, ...]

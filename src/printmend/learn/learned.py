@@ -213,8 +213,8 @@ def times_seen(parts: Sequence[Part]) -> np.ndarray:
 
 
 def enlarged(parts: Sequence[Part], times: np.ndarray) -> tuple[Part, ...]:
-    """Return parts of which all but the instrument's are so many ``times`` [D] as large, machine by machine: a picture
-    of another size than it says shows the errors of a print in that size."""
+    """Return parts with all sizes, except the instrument's, multiplied by ``times`` [D], machine by machine: a resized
+    picture shows every error resized."""
     return tuple(
         part
         if EFFECTS[part.effect].of is Of.INSTRUMENT
@@ -343,8 +343,8 @@ def known_digests(model: SavedModel) -> tuple[str, ...]:
 
 
 def scatter_words(model: SavedModel) -> str:
-    """Say by how much measured points scatter, and whose that is: only an instrument that tells its own scatter tells
-    it from a printer's that lays each dot anew."""
+    """Say by how much measured points scatter, and why. Only if the instrument states its own scatter can that be
+    separated from the printer's."""
     found, trace = PLANE_FACTOR * model.noise_mm, model.document.get("trace", {})
     own = PLANE_FACTOR * float(trace["instrument_mm"]) if "instrument_mm" in trace else None
     if own is None:

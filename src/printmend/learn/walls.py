@@ -67,10 +67,12 @@ def fit_walls(trace: Trace, printer: Printer) -> WallFit:
 
 
 def wall_shares(trace: Trace, printer: Printer) -> np.ndarray:
-    """Return what part [N, 2] of a row's information either motor takes: 1 but for walls, which show one direction.
+    """Return the share [N, 2] of each row's information that goes to either motor: 1, except for walls, which show only
+    one direction.
 
-    A wall goes to one motor alone, or its noise would be explained twice: the more often to the one along which its
-    normal lies, by Floyd and Steinberg's rule. One that lies nearly along a motor's own direction tells nothing of it.
+    A wall goes to one motor only; otherwise its noise would be explained twice. Floyd and Steinberg's rule gives it
+    more often to the motor along which its normal points. A wall nearly parallel to a motor's direction tells nothing
+    about that motor.
     """
     shares = np.ones((len(trace), 2))
     walls = np.flatnonzero(trace.wall_rows)
@@ -91,8 +93,8 @@ def wall_shares(trace: Trace, printer: Printer) -> np.ndarray:
 def completed(trace: Trace, printer: Printer, printed_mm: np.ndarray, residual_mm: np.ndarray) -> Trace:
     """Return the trace with both coordinates of every wall, for learners that see each motor by itself.
 
-    The wall's residual [W] is added to where the fit ``printed_mm`` [N, 2] has the place, as if the motor that it goes
-    to (`wall_shares`) had to explain all of it.
+    The wall's residual [W] is added to the position in the fit ``printed_mm`` [N, 2], as if its motor (`wall_shares`)
+    had to explain all of it.
     """
     walls = np.flatnonzero(trace.wall_rows)
     assert trace.normal is not None

@@ -101,7 +101,7 @@ class PlayTables:
 def lattice_tables(mechanism: Mechanism, start_steps: np.ndarray) -> PlayTables:
     """Return the planar motors of a mechanism on the lattice, for a layer that starts at ``start_steps`` [2].
 
-    At the start each belt rests at the mechanism's place in its play, which becomes the nominal place. Raise
+    At the start, each belt rests at the mechanism's position in its play, which becomes the nominal position. Raise
     `InputError` if the start lies outside the tables.
     """
     printer = mechanism.printer

@@ -82,8 +82,8 @@ def scanner_axes(places_mm: Sequence[np.ndarray]) -> tuple[np.ndarray, str, bool
 def without_lens(
     places_mm: Sequence[np.ndarray], instrument: Instrument
 ) -> tuple[list[np.ndarray], Instrument, list[str]]:
-    """Return what the scans [K × [S, 2]] of one print show without the scanner's lens, the instrument with what remains
-    of that, and a note. Places count from the middle of their picture.
+    """Return the scans [K × [S, 2]] of one print without the distortion of the scanner's lens, the instrument with the
+    remaining uncertainty, and a note. Places count from the middle of their picture.
 
     The lens shifts places along the picture's width, the carriage along its height, both by low powers of the place,
     and its axes differ and lean: f(q) = F(q)·c. A turn R links two scans, so q₂ − R·q₁ = F(q₂)·c − R·F(q₁)·c but for

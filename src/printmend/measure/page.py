@@ -86,9 +86,9 @@ def photo_todo() -> str:
 
 
 def resolution(image: np.ndarray, given: float | None, stated: float | None) -> tuple[float, str, Instrument]:
-    """Return the resolution [dpi] of a scan, words for it, and how sure it is: what the owner has ``given``, else what
-    the picture's file ``stated``, else the usual one. It is a `FLATBED`'s if the file stated it (a PNG rounds it) and
-    the picture was not resized since, else that of a `RESIZED` one."""
+    """Return the resolution [dpi] of a scan, words for it, and its uncertainty. The resolution is what the owner has
+    ``given``, what the picture's file ``stated``, or the usual one. The uncertainty is a `FLATBED`'s if the file stated
+    the resolution (a PNG rounds it) and the picture was not resized; otherwise, it is that of a `RESIZED` one."""
     dpi = given or stated or USUAL_DPI
     agree = stated is not None and abs(dpi / stated - 1) < FLATBED.scale_sd
     if agree and is_resampled(image):

@@ -50,9 +50,9 @@ FINE = 16.0  # OpenCV draws in sixteenths of a pixel with shift=4
 class PartMeasurement:
     """The ``trace`` of a part, ``notes`` for its owner, and the number of wall places ``found``.
 
-    ``stands_mm`` [S] is how far each place of ``walls`` lies outside the file's wall, bead width included; NaN where
-    none was seen. ``trace`` leaves out the offset that all walls share. ``onto`` [2, 2] mapped the places to the
-    callipers' scale.
+    ``stands_mm`` [S] is how far each place of ``walls`` is outside the file's wall, bead width included; NaN where none
+    was seen. ``trace`` leaves out the offset that all walls share. ``onto`` [2, 2] mapped the places to the callipers'
+    scale.
     """
 
     trace: Trace

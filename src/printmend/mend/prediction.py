@@ -53,7 +53,7 @@ class Heights:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """The expected contour error of a file as it is (``before``) and as mended (``after``), with all that is not known.
+    """The expected contour error of a file as it is (``before``) and as mended (``after``), with all uncertainties.
 
     ``path`` holds places along the extruded path. ``gain_mm`` says by how much mending lowers the error of each drawn
     machine; it is None for a model without drawn machines. Mending counts as better while at most the share

@@ -52,13 +52,13 @@ KEPT, BROKEN, UNSURE = "kept", "broken", "cannot tell"
 class Verdict:
     """RMS distances of the marks from their intended positions [mm].
 
-    ``before_mm`` is the unmended print's error, the median of what the model believes. By this measurement, the error
-    is now between ``now_low_mm`` and ``now_high_mm``. The promise has a 90 % range. ``unlike_mm`` is the distance from
-    where the model puts the marks of an unmended print. A common shift is subtracted, and ``stretch_percent`` of scale
-    that may be the instrument's own. ``stated``: the measurement states its own noise. ``wanders_mm`` is how far place
-    and scale may be off because the instrument drifts. ``changed`` lists the sure changes of the machine, and a shift
-    that no usual homing makes. ``ways_known``: way-points between the marks show from which side each was reached.
-    ``scanned``: a picture was measured.
+    ``before_mm`` is the unmended print's error, the median of what the model believes. According to this measurement,
+    the error is now between ``now_low_mm`` and ``now_high_mm``. The promise has a 90 % range. ``unlike_mm`` is the
+    distance from where the model puts the marks of an unmended print. A common shift is subtracted, and
+    ``stretch_percent`` of scale that may be the instrument's own. ``stated``: the measurement states its own noise.
+    ``wanders_mm`` is how far place and scale may be off because the instrument drifts. ``changed`` lists the sure
+    changes of the machine, and a shift too large for a homing. ``ways_known``: way-points between the marks show from
+    which side each was reached. ``scanned``: a picture was measured.
     """
 
     marks: int

@@ -27,7 +27,7 @@ _DIGITS = 5  # that are kept of a size
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """Machines drawn from all that a measurement allows.
+    """Machines drawn from the posterior of a measurement.
 
     ``scene`` is what was measured, ``parts`` the effects that any drawn machine has; ``scatter`` by how much marks
     scatter beyond what their instrument says, along one coordinate, ``outliers`` those that fit no model. ``placed``:

@@ -65,7 +65,8 @@ class Split:
 
 
 def split(entries: Sequence[Entry], axis: int) -> Split:
-    """Return what entries say of the machine's scale along an axis; what was not measured there says nothing."""
+    """Return what entries say about the machine's scale along an axis; entries without a measurement there say
+    nothing."""
     seen = [each for each in entries if np.isfinite(each.scale[axis])]
     names = sorted({each.filament for each in seen if each.filament is not None})
     shows, scale = np.zeros((len(seen), 1 + len(names))), np.array([each.scale[axis] for each in seen])

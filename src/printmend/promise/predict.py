@@ -130,11 +130,11 @@ def without_doubt(errors: Errors) -> Promise:
 
 @dataclass(frozen=True, eq=False)
 class Outlook:
-    """What to expect of a file as it is (``before``) and mended (``after``).
+    """The prediction for a file as it is (``before``) and mended (``after``).
 
-    ``gain_mm`` [DRAWS] is by how much mending lowers the RMS error of each drawn machine: that of the shape, and the
-    known shift, too, where the measurement has a place. It is estimated with caution: an unexplained pattern may be
-    larger for the mended moves, and counts as independent of the errors that are known.
+    ``gain_mm`` [DRAWS] is by how much mending lowers the RMS error of each drawn machine: the error of the shape and,
+    if the measurement has positions on the bed, the known shift. The estimate is cautious: an unexplained pattern may
+    be larger for the mended moves, and counts as independent of the known errors.
     """
 
     before: Promise

@@ -320,7 +320,7 @@ def learn(here: Here, key: Key, given: LearnIn) -> JobCard:
 
 @router.post("/{key}/fit", status_code=202, tags=["measure"])
 def fit(here: Here, key: Key, given: FitIn) -> JobCard:
-    """Say whether a printed part fits, and what its slicer must be told: a job."""
+    """Start the job that says whether a printed part fits, and which slicer settings correct it."""
     _folder(here, key)
     rows = [here.store.upload(one) for one in given.uploads]
     params = {

@@ -50,7 +50,7 @@ Row = dict[str, Any]
 class Store:
     """The database and the folders of printers, uploads and jobs in ``places``, made if they are missing.
 
-    Several threads may use it; a kill at any moment leaves it as it was before or after a call.
+    Several threads may use it; a kill at any moment leaves it in the state before or after a call.
     """
 
     def __init__(self, places: Places) -> None:

@@ -121,8 +121,8 @@ SUITES = {
         ),
         Suite(
             "printmend/Measured-v1",
-            "Nine runs of a belt printer with printed pulleys, and a stepper's encoder. Each figure is a learner's error"
-            " on the part that it did not see, divided by that of a straight line.",
+            "Nine runs of a belt printer with printed pulleys, and a stepper's encoder. Each figure is a learner's"
+            " error on the part that it did not see, divided by that of a straight line.",
             _measured, 0.0, 10, "7773f89cc7e7e4545b4edb687f11270fc750d99d053a90a8e54a5673cba0c83e", measured=True,
         ),
     )
