@@ -158,7 +158,7 @@ def main() -> None:
 
         figure, axes = plt.subplots(1, 3, figsize=(10, 2.6), layout="constrained")
         for axis, name, column in zip(
-            axes, ("one size", "a place of the bed", "what mending leaves"), ranks.T, strict=True
+            axes, ("the size of a fault", "a point on the bed", "the error after mending"), ranks.T, strict=True
         ):
             axis.hist(column, bins=BINS, range=(0, 1), color="#0f766e")
             axis.axhline(len(column) / BINS, color="#444", lw=1)

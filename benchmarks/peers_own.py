@@ -220,7 +220,7 @@ def _square(broken: Corruption) -> Trace:
 
 
 def main() -> None:
-    print("| row | its own example | theirs | ours | off |")
+    print("| row | its own example | theirs | ours | difference |")
     print("|---|---|---:|---:|---:|")
     for one in examples():
         print(f"| `{one.peer}` | {one.example} | {one.theirs:.5g} | {one.ours:.5g} | {100 * one.off:.2f} % |")
