@@ -123,7 +123,7 @@ def test_the_commands_of_an_owner_after_the_work(models: dict[str, SavedModel], 
     assert "81 dots" in run("probe", "--printer", "ender3", "--phase", "-o", tmp_path / "phase.gcode")
     run("probe", "--printer", "ender3", "--phase", "--size", "60", "-o", tmp_path / "other.gcode", code=2)
     write_trace(tmp_path / "trace.csv", measured(homed_again(machine(printer), np.array([8.0, 0.0])), 5))
-    assert "X stands +" in run("learn", tmp_path / "trace.csv", "--phase", model)
+    assert "X has moved by +" in run("learn", tmp_path / "trace.csv", "--phase", model)
     (part := tmp_path / "part.gcode").write_bytes(SQUARE)
     said = check_gcode(part, read_model(model))  # both motors are measured again
     assert said.after.rms_mm < said.before.rms_mm

@@ -623,5 +623,5 @@ def test_a_part_beyond_what_was_measured_is_told_so_before_printing(tmp_path: Pa
         measured = Twin.of(BENT, ENDER3).follow(points) + rng.normal(0, 0.02, points.shape)
         said = " ".join(check_gcode(part, learn_model(Trace(points, measured, homed=True), ENDER3)).advice)
         assert ("The model assumes that the rest of the axis is the same" in said) == beyond
-        assert "lies at Y" not in said
-        assert not beyond or re.search(r"lies at X 60 to 80 mm, but the test print showed only 20 to (69|70)", said)
+        assert "is at Y" not in said
+        assert not beyond or re.search(r"is at X 60 to 80 mm, but the test print showed only 20 to (69|70)", said)
