@@ -12,6 +12,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import pytest
 
+from printmend.infer.posterior import ROUNDS
 from printmend.printer import Printer, read_printer
 from tests.once import remembered
 
@@ -48,12 +49,18 @@ def once() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session", autouse=True)
 def one_round() -> Iterator[None]:
-    """Each machine is drawn by one round of its chain, where no test is of the draws, as those of `test_infer` are."""
+    """Each machine is drawn by one round of its chain, where a test does not ask for `all_rounds`."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("printmend.infer.posterior.ROUNDS", 1)
         yield
+
+
+@pytest.fixture
+def all_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Machines are drawn as an owner's are, for tests of the draws and of printed figures."""
+    monkeypatch.setattr("printmend.infer.posterior.ROUNDS", ROUNDS)
 
 
 @pytest.fixture

@@ -141,7 +141,6 @@ def test_an_owners_commands_run(workshop: Path, monkeypatch: pytest.MonkeyPatch)
 
     Of commands with the same options that name other files to read, the first runs.
     """
-    monkeypatch.setattr("printmend.infer.posterior.ROUNDS", 1)  # no figure is looked at
     aside = workshop / "aside"
     aside.mkdir()
     done: list[list[str]] = []
@@ -184,6 +183,7 @@ def kind_of(line: list[str]) -> tuple[str, ...]:
     return tuple(kinds)
 
 
+@pytest.mark.usefixtures("all_rounds")
 def test_the_owners_example_prints_what_its_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every command of one printer's way, from probe to verify; each line of the page is among what they print."""
     page = (ROOT / "docs/owners.md").read_text(encoding="utf-8")

@@ -17,7 +17,6 @@ from printmend_lab.greybox import Greybox, GreyboxModel
 from printmend_lab.published import layer_trace
 from printmend_lab.sampling import sample
 
-pytestmark = pytest.mark.usefixtures("one_round")
 ENDER3, ENDER5 = read_printer("ender3"), read_printer("ender5")
 
 

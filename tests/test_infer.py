@@ -29,6 +29,7 @@ from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend_lab.sampling import drawn_parts, fault, measured
 
+pytestmark = pytest.mark.usefixtures("all_rounds")
 NOISE_MM = 0.02
 
 

@@ -13,7 +13,6 @@ from printmend.printer import read_printer
 from printmend.twin import Twin
 from printmend_lab.sampling import sample
 
-pytestmark = pytest.mark.usefixtures("one_round")
 PRINTER = read_printer("ender5")
 Spoil = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 

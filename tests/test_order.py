@@ -13,7 +13,6 @@ from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 
-pytestmark = pytest.mark.usefixtures("one_round")
 CARTESIAN = read_printer("ender3")
 COREXY = replace(CARTESIAN, kinematics="corexy")
 BROKEN = Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.3)), Drive(belt=Play(0.1))))

@@ -178,6 +178,7 @@ def test_a_scan_of_a_skewed_corexy_leaves_the_direction_of_x(part: Path) -> None
     assert truth.after.rms_mm < 0.03 < 0.3 < truth.before.rms_mm
 
 
+@pytest.mark.usefixtures("all_rounds")
 def test_a_scan_of_a_corexy_with_another_pulley_turns_no_print() -> None:
     """A motor whose scale is off by a tenth leans like a frame that is skewed by 5°: such a one would be seen."""
     corexy, rng = read_printer("corexy"), np.random.default_rng(2)

@@ -24,7 +24,7 @@ from printmend.promise.belief import parse_belief
 from printmend.twin import Twin
 from tests.test_greybox_learning import stairs
 
-pytestmark = pytest.mark.usefixtures("once", "one_round")
+pytestmark = pytest.mark.usefixtures("once")
 ENDER3 = read_printer("ender3")
 NOISE_MM = 0.03
 

@@ -29,7 +29,7 @@ from printmend.twin import Twin
 from printmend.twin.gcode import print_dots
 from tests.test_greybox_learning import stairs
 
-pytestmark = pytest.mark.usefixtures("once", "one_round")
+pytestmark = pytest.mark.usefixtures("once")
 ENDER3 = read_printer("ender3")
 
 

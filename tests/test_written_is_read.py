@@ -94,7 +94,6 @@ def is_read(model: SavedModel, trace: Trace, path: Path) -> SavedModel:
 
 
 @pytest.mark.parametrize("name", ODD)
-@pytest.mark.usefixtures("one_round")
 def test_what_is_learned_and_brought_up_to_date_is_read(name: str, tmp_path: Path) -> None:
     printer, trace = ODD[name]()
     path = tmp_path / "printer.mend.json"

@@ -8,6 +8,5 @@ from tests.conformance import broken_by
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
-@pytest.mark.usefixtures("one_round")
 def test_keeps_what_an_effect_must(name: str) -> None:
     assert broken_by(EffectCandidate(name), CHECKS) == {}

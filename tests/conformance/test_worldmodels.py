@@ -35,7 +35,6 @@ def test_keeps_what_a_world_model_must(name: str, monkeypatch: pytest.MonkeyPatc
         # the paper's joint models know a pair of controls only where they saw it; the zigzags have diagonals
         checks = {label: check for label, check in checks.items() if not label.startswith("sixty")}
     if name == "printmend":
-        monkeypatch.setattr("printmend.infer.posterior.ROUNDS", 1)
         for most in ("MOST_MARKS", "FEW_MARKS"):  # of thousands, the search may look at fewer
             monkeypatch.setattr(f"printmend.infer.fit.{most}", 300)
         # no part of a printer makes a gain table: the search for one takes minutes (`printmend conformance printmend`);
