@@ -185,17 +185,6 @@ def test_a_travel_in_pieces_is_one_move_and_no_longer_one_is_judged(rng: np.rand
     assert np.array_equal(far, short)
 
 
-def test_lost_motion_that_builds_up_is_no_play(rng: np.random.Generator) -> None:
-    printer = read_printer("corexy")
-    twin = Twin(healthy_mechanism(printer)).with_effects([Sized("soft_play", 0, (3.0,), np.array([0.2]))])
-    path = np.concatenate([np.array(printer.home_mm)[None], 110 + np.cumsum(rng.uniform(-6, 6, (300, 2)), axis=0) / 2])
-    trace = Trace(path, twin.seen(path) + rng.normal(0, NOISE_MM, path.shape), homed=True)
-    posterior = posterior_of(fitted(trace, scene_of(trace, printer)), rng)
-    assert not any(part.effect == "play" and part.acts_mm.any() for part in posterior.parts)
-    found = np.array([part.draws_mm[0] for part in posterior.parts if part.effect == "soft_play" and part.where == 0])
-    assert found.sum(axis=0).mean() == pytest.approx(0.2, abs=0.02)
-
-
 def test_no_finer_idler_is_the_pulley() -> None:
     scene = scene_for(read_printer("ender3"))
     turn_mm = scene.turns_mm[0]

@@ -94,10 +94,7 @@ def test_the_promise_is_kept_and_says_what_it_is_made_of(bent: SavedModel, part:
     assert after["rms_low_mm"] < after["rms_mm"] < after["rms_high_mm"]
     assert after["rms_mm"] < after["p95_mm"] < after["max_mm"] < 0.12
     assert after["rms_high_mm"] < after["max_mm"]
-    true_mm = shape_mm(part, BENT)
-    others = (learn_model(measured(BENT, 0.05, seed), ENDER3) for seed in range(2, 5))
-    before = [done.prediction.before, *(check_gcode(part, model).before for model in others)]
-    assert sum(each.rms_low_mm < true_mm < each.rms_high_mm for each in before) >= 3  # of four 90 % ranges
+    assert done.prediction.before.rms_low_mm < shape_mm(part, BENT) < done.prediction.before.rms_high_mm
     said = done.prediction.summary()
     assert "90 % of prints" in said
     assert re.search(r"causes of the mean square error after mending: .*what the test print left open \d+ %", said)
@@ -562,23 +559,25 @@ def test_most_of_a_doubt_is_told_before_printing(bent: SavedModel) -> None:
     assert advice_of(bent, fine) == ()  # no callipers for three micrometres
 
 
-@pytest.mark.parametrize(("step_mm", "noise_mm"), [(0.1, 0.005), (0.1, 0.02), (0.5, 0.06)])
-def test_a_rounded_table_makes_no_ripple(step_mm: float, noise_mm: float) -> None:
-    """A last digit is an error of the instrument: it acts on nothing, and no point is left out for it."""
-    plan = design_probe(ENDER3)
-    rng = np.random.default_rng(3)
-    for corruption in (HEALTHY, BENT):
-        places = Twin.of(corruption, ENDER3).follow(plan.waypoints_mm)
-        places = places + rng.normal(0, noise_mm, places.shape)
-        measured_mm = np.full_like(places, np.nan)
-        measured_mm[plan.rows] = step_mm * np.round(places[plan.rows] / step_mm)
-        sigma_mm = np.full(len(places), 0.03)
-        trace = Trace(plan.waypoints_mm, measured_mm, sigma_mm=sigma_mm, homed=True, step_mm=step_mm)
-        model = learn_model(trace, ENDER3)
-        kinds = {row["kind"].rstrip("0123456789-") for row in model.document["diagnosis"]}
-        assert kinds == (set() if corruption is HEALTHY else {"harmonic", "play"})
-        assert "left_out" not in model.document["trace"]
-        assert model.is_healthy == (corruption is HEALTHY)
+@pytest.mark.parametrize(
+    ("step_mm", "noise_mm", "drive"),
+    [*((step_mm, noise_mm, BENT.drives[0]) for step_mm, noise_mm in ((0.1, 0.005), (0.1, 0.02), (0.5, 0.06))),
+     (0.5, 0.06, Drive())],
+)  # fmt: skip
+def test_a_rounded_table_makes_no_ripple(step_mm: float, noise_mm: float, drive: Drive) -> None:
+    """A last digit is an error of the instrument: it acts on nothing, and no point is left out for it. Y is healthy."""
+    plan, rng = design_probe(ENDER3), np.random.default_rng(3)
+    places = Twin.of(Corruption((drive, Drive())), ENDER3).follow(plan.waypoints_mm)
+    places = places + rng.normal(0, noise_mm, places.shape)
+    measured_mm = np.full_like(places, np.nan)
+    measured_mm[plan.rows] = step_mm * np.round(places[plan.rows] / step_mm)
+    sigma_mm = np.full(len(places), 0.03)
+    trace = Trace(plan.waypoints_mm, measured_mm, sigma_mm=sigma_mm, homed=True, step_mm=step_mm)
+    model = learn_model(trace, ENDER3)
+    faults = {(row["part"], row["kind"].rstrip("0123456789-")) for row in model.document["diagnosis"]}
+    assert faults == (set() if drive == Drive() else {("x", "harmonic"), ("x", "play")})
+    assert "left_out" not in model.document["trace"]
+    assert model.is_healthy == (drive == Drive())
 
 
 def test_a_tall_part_is_told_that_a_flat_print_shows_no_screw(bent: SavedModel, tmp_path: Path) -> None:
@@ -616,12 +615,14 @@ def test_a_refusal_names_what_would_have_to_be_put_right(
 
 
 def test_a_part_beyond_what_was_measured_is_told_so_before_printing(tmp_path: Path) -> None:
-    (part := tmp_path / "part.gcode").write_bytes(SQUARE)  # from 60 to 80 mm
-    rng = np.random.default_rng(5)
-    for low, high, beyond in ((20.0, 77.0, False), (20.0, 70.0, True)):
-        points = np.vstack([[ENDER3.home_mm], rng.uniform([low, 10.0], [high, 210.0], (300, 2))])
-        measured = Twin.of(BENT, ENDER3).follow(points) + rng.normal(0, 0.02, points.shape)
-        said = " ".join(check_gcode(part, learn_model(Trace(points, measured, homed=True), ENDER3)).advice)
+    part, rng = tmp_path / "part.gcode", np.random.default_rng(5)
+    points = np.vstack([[ENDER3.home_mm], rng.uniform([20.0, 10.0], [70.0, 210.0], (300, 2))])
+    measured = Twin.of(BENT, ENDER3).follow(points) + rng.normal(0, 0.02, points.shape)
+    model = learn_model(Trace(points, measured, homed=True), ENDER3)
+    for left, beyond in ((b"53", False), (b"60", True)):
+        right = b"%d" % (int(left) + 20)
+        part.write_bytes(SQUARE.replace(b"X60", b"X" + left).replace(b"X80", b"X" + right))
+        said = " ".join(check_gcode(part, model).advice)
         assert ("The model assumes that the rest of the axis is the same" in said) == beyond
         assert "is at Y" not in said
         assert not beyond or re.search(r"is at X 60 to 80 mm, but the test print showed only 20 to (69|70)", said)
