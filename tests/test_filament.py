@@ -30,6 +30,7 @@ from printmend.promise.words import axis_scales
 from printmend.report.examination import examine
 from printmend.twin import Twin
 
+pytestmark = pytest.mark.usefixtures("once")
 MACHINE = np.array([0.25, -0.1]) / 100
 SHRINKS = {"pla-black": np.array([0.45, 0.3]) / 100, "abs": np.array([0.7, 0.5]) / 100, None: np.zeros(2)}
 NOISE_MM = 0.02

@@ -146,7 +146,7 @@ def test_learn_says_what_scale_a_scan_leaves_open(healthy: SavedModel) -> None:
 def test_a_resized_picture_hides_the_scale_alone() -> None:
     """The errors of the print are as small in it as all else; an error of the picture is none of the print."""
     size_mm = 0.4
-    played = measured(Corruption((Drive(belt=Play(size_mm)), Drive())), 0.004, 5)
+    played = measured(Corruption((Drive(belt=Play(size_mm)), Drive())), 0.004, 5, 150)
     true = scanned(played, np.zeros((2, 2)))
     small = scanned(played, np.zeros((2, 2)), RESIZED)
     small = replace(small, measured_mm=0.94 * small.measured_mm)

@@ -23,6 +23,7 @@ def candidate(name: str) -> LearnerCandidate:
 def test_keeps_what_a_world_model_must(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("printmend_lab.conformance.need.NEAR_STEPS", 0.0)  # those that come with printmend are exact
     monkeypatch.setattr("printmend_lab.conformance.learners.HARMLESS_STEPS", 0.0)
+    monkeypatch.setattr("printmend_lab.conformance.learners.PLANNED_TARGETS", 50)
     checks = dict(CHECKS)
     if name.startswith("forest"):  # one of 20 trees keeps these laws as one of 100 does, in a fifth of the time
         from sklearn.ensemble import RandomForestRegressor  # each worker reads this file, and one runs it
