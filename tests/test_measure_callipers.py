@@ -15,7 +15,7 @@ from printmend.errors import ModelError, RefusedError, TraceError
 from printmend.export.supported import export_supported
 from printmend.infer.distances import choose_distances, machines_by_hand, printer_of
 from printmend.infer.gram import Block
-from printmend.infer.posterior import Few, drawn_sizes
+from printmend.infer.posterior import SWEEPS, Few, drawn_sizes
 from printmend.learn import by_hand
 from printmend.learn.by_hand import Estimate, model_by_hand
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
@@ -74,7 +74,8 @@ def case(request):
 
 @pytest.fixture(scope="module", autouse=True)
 def drawn_once():
-    """The same readings give the same machines: they are drawn once for all tests that ask."""
+    """The same readings give the same machines: they are drawn once for all tests that ask, in few sweeps where no test
+    is of the draws."""
     drawn, machines_of = {}, by_hand._machines
 
     def machines(distances, readings_mm, printer):
@@ -86,6 +87,7 @@ def drawn_once():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(by_hand, "_machines", machines)
+        patch.setattr("printmend.infer.distances.PASSES", (0, SWEEPS // 4))
         yield
 
 
@@ -191,7 +193,8 @@ def test_sets_are_drawn_as_brute_force_draws_them():
     assert mean == pytest.approx(wanted, abs=0.03)
 
 
-def test_machines_hold_the_truth_as_often_as_they_say():
+def test_machines_hold_the_truth_as_often_as_they_say(monkeypatch):
+    monkeypatch.setattr("printmend.infer.distances.PASSES", (0, SWEEPS))
     printer, distances = case_of("ender3")
     rng = np.random.default_rng(8)
     held = []
