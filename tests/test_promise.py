@@ -186,7 +186,7 @@ def test_drawn_machines_move_marks_as_their_effects_say(bent: SavedModel) -> Non
 
 def test_what_builds_up_is_promised_by_how_far_a_part_goes_between_its_turns(tmp_path: Path) -> None:
     """Of two squares, the small one turns round before the lag has built up."""
-    twin = Twin.of(HEALTHY, ENDER3).with_effects([Sized("soft_play", m, (8.0,), np.array([0.3])) for m in (0, 1)])
+    twin = Twin.of(HEALTHY, ENDER3).with_effects([Sized("soft_play", 0, (8.0,), np.array([0.3]))])
     rng, expected = np.random.default_rng(2), []
     way = np.concatenate([[[0.0, 0.0]], 110 + np.cumsum(rng.uniform(-12, 12, (400, 2)), axis=0) / 3])
     model = learn_model(Trace(way, twin.follow(way) + rng.normal(0, 0.03, way.shape), homed=True), ENDER3)

@@ -207,7 +207,7 @@ def test_what_measures_may_wander_and_breaks_no_promise(bent: SavedModel) -> Non
 
 def test_an_idlers_error_is_no_noise_of_the_table(bent: SavedModel) -> None:
     trace = checked(bent, BENT, 0.03)
-    idler = 0.15 * np.sin(trace.commanded_mm * (2 * np.pi / 33.3))
+    idler = 0.15 * np.sin(trace.commanded_mm * (2 * np.pi / 33.3)) * [1.0, 0.0]
     assert verify(bent, replace(trace, measured_mm=trace.measured_mm + idler)).result == BROKEN
 
 
