@@ -28,6 +28,7 @@ from printmend.probe.probe import write_probe
 from printmend.twin import Twin
 from printmend.twin.gcode import print_dots
 from tests.test_greybox_learning import stairs
+from tests.test_learn_nonsense import NONSENSE, Spoil
 
 pytestmark = pytest.mark.usefixtures("once")
 ENDER3 = read_printer("ender3")
@@ -99,6 +100,14 @@ def test_a_tenth_more_play_breaks_a_promise_where_it_can_be_seen(
         assert verdict.shows_from_mm > verdict.now_high_mm > 2 * verdict.promised_high_mm
         assert "the direction from which each was reached is a guess" in verdict.words
         assert ("say in sigma_mm" in verdict.words) != is_stated
+
+
+@pytest.mark.parametrize("spoil", NONSENSE.values(), ids=NONSENSE)
+def test_what_nobody_could_learn_from_is_not_judged(bent: SavedModel, spoil: Spoil, rng: np.random.Generator) -> None:
+    trace = checked(bent, BENT, 0.05)
+    with pytest.raises(TraceError) as refused:
+        verify(bent, replace(trace, measured_mm=spoil(trace.measured_mm, rng)))
+    assert "\n" not in str(refused.value)
 
 
 def test_dots_whose_sides_are_not_known_keep_no_promise(bent: SavedModel) -> None:

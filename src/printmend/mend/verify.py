@@ -22,9 +22,9 @@ from printmend.infer.machine import DRAWS
 from printmend.infer.search import search_of
 from printmend.infer.update import Renewed
 from printmend.learn.learned import PLANE_FACTOR, known_digests
-from printmend.learn.walls import with_walls
+from printmend.learn.order import once_in_order
 from printmend.machine import print_from_home
-from printmend.measure.checks import check_origin, digest_of, with_heights
+from printmend.measure.checks import check_follows, check_origin, check_trace, digest_of, with_heights
 from printmend.mend.history import remember
 from printmend.mend.mend import mend_gcode
 from printmend.mend.update import Updated, changes_of, measured_again, update
@@ -35,7 +35,6 @@ from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, parse_belief
 from printmend.promise.predict import HIGH, LOW, Errors, Outlook, PathPlaces, Promise, promised
 
-LEAST_MARKS = 10  # fewest measured marks of a check print
 _LEAST_STRETCH_PERCENT = 0.01  # a smaller stretch by the instrument is not reported
 _NOISE_SD_SHARE = 0.15  # standard deviation of the stated noise of a measurement, as a share of it
 _UNMENDED_SHARE = 0.9  # a print with more than this share of its unmended error was hardly mended …
@@ -129,9 +128,9 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     """Compare a measured check print, whose G-code was mended with ``model``, with the model's promise.
 
     The commanded positions of ``trace`` are the intended ones. The print counts as a second measurement of the machine;
-    the error of the updated drawn machines at the marks is compared with the promise. Raises `TraceError` for fewer
-    than ten marks, for another printer's marks and for marks that the model was learned from. Raises `ModelError` for a
-    model without a promise.
+    the error of the updated drawn machines at the marks is compared with the promise. Raises `TraceError` for a table
+    that nobody could learn from, for another printer's marks and for marks that the model was learned from. Raises
+    `ModelError` for a model without a promise.
     """
     belief = belief_of(model)
     check_origin(say("check-print"), trace.origin, model.printer)
@@ -140,13 +139,10 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
             say("check-print"), wanted=say("print-mended"), came=say("measurement-model-learned-from"),
             todo=say("mend-test-print-print-measure-one"),
         )  # fmt: skip
-    trace = with_walls(trace, model.printer)
+    trace = once_in_order(trace, model.printer).trace
+    check_trace(trace)
+    check_follows(trace, model.printer)
     known = np.flatnonzero(trace.measured_rows)
-    if len(known) < LEAST_MARKS:
-        raise TraceError(
-            say("check-print"), wanted=say("least-measured-marks", LEAST_MARKS), came=f"{len(known)}",
-            todo=say("measure-more"),
-        )  # fmt: skip
     outlook, off = _outlook_at_marks(model, belief, trace)
     commanded, wanted_mm = made(model, trace)
     found = measured_again(model, belief, commanded, np.random.default_rng(0), stories=False)
