@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from printmend.errors import TraceError
 from printmend.measure import read_trace, write_trace
 from printmend.measure.checks import counted_once, digest_of
-from printmend.path import Origin, Trace
+from printmend.path import Motion, Origin, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 
@@ -235,8 +235,7 @@ COMMANDED, MEASURED = points()
         (_with_row("5,5,5"), "4 cells in line 21"),
         (_with_row("500,5,500,5"), r"\(500, 5\) in row 20"),
         (lines(COMMANDED, MEASURED + 900), "measured points on the bed"),
-        (lines(COMMANDED, MEASURED).replace(",", ";"), "semicolons"),
-        (lines(COMMANDED, MEASURED).replace(",", "\t"), "tabs"),
+        (_with_row("5,5,5\x00,5"), "UTF-8"),
         (lines(COMMANDED, MEASURED).replace("x_measured_mm", "xm"), "column x_measured_mm"),
         (lines(COMMANDED, MEASURED).replace("x_mm,y_mm", "x_mm,x_mm,y_mm"), "one column x_mm"),
         (lines(COMMANDED, MEASURED[:, ::-1]), "swapped"),
@@ -248,13 +247,26 @@ COMMANDED, MEASURED = points()
         (HEADER + ",note\n" + "0,5,0,5,good, but faint\n" * 20, "5 cells a row.*a text that has a comma in quotes"),
         (_with_row('5,5,"5,5'), "quote in line 21 that is not closed"),
         (_with_row('5,5,5,5,"lost') + '\n6,6,6,6,"', "quote in line 21 that is not closed"),
-        (b"\xff\xfe\x00\x01", "UTF-8"),
+        (b"\xff\x00\x01", "UTF-8"),
+        (b"\xff\xfe\x00\xd8", "UTF-8"),
     ],
 )
 def test_bad_tables_end_in_one_line(tmp_path, text, named):
     with pytest.raises(TraceError, match=named) as caught:
         read_trace(table(tmp_path, text), PRINTER)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+@pytest.mark.parametrize("mark", [";", "\t"])
+@pytest.mark.parametrize("coding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_a_spreadsheet_may_save_in_its_own_language(tmp_path, decimal, mark, coding):
+    text = lines(COMMANDED, MEASURED).replace("x_mm", "X_mm")
+    wanted = read_trace(table(tmp_path, text), PRINTER)
+    saved = text.replace(",", mark).replace(".", decimal).replace("\n", "\r\n")
+    got = read_trace(table(tmp_path, saved.encode(coding)), PRINTER)
+    assert np.array_equal(got.commanded_mm, wanted.commanded_mm)
+    assert np.array_equal(got.measured_mm, wanted.measured_mm)
 
 
 def test_a_missing_file_is_named(tmp_path):
@@ -276,8 +288,8 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     path = tmp_path / "trace.csv"
     path.write_text("old")
     commanded, measured = points()
-    broken = Trace(commanded, measured[:-1])
-    with pytest.raises(ValueError, match="argument"):
+    broken = Trace(commanded, measured, motion=Motion("far", 0.0))
+    with pytest.raises(TypeError, match="real number"):
         write_trace(path, broken)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]

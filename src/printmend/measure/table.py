@@ -1,6 +1,7 @@
 """trace.csv: commanded way-points and where they were measured, as a table that any program can write.
 
-The format is fixed: UTF-8, with a header of at least ``x_mm,y_mm,x_measured_mm,y_measured_mm``. Each row is a commanded
+The header has at least ``x_mm,y_mm,x_measured_mm,y_measured_mm``. The text is UTF-8, or UTF-16 with its mark. Cells
+end with commas, or with semicolons or tabs as a spreadsheet of another language has them. Each row is a commanded
 way-point, in the order of motion since homing; the first is the home position. Moves between rows are straight.
 Measured cells are empty where nothing was measured. These columns are optional: ``z_mm``, ``z_measured_mm``, ``layer``,
 ``sigma_mm``, and ``placed``, which is 0 if the measured positions have their own origin, as in a scan. Others have the
@@ -12,6 +13,7 @@ row has empty measured cells, the direction out of the plastic in ``nx``, ``ny``
 ``offset_mm``. Other columns are ignored.
 """
 
+import codecs
 import csv
 import io
 import math
@@ -57,6 +59,7 @@ HEADER_TODO = say("start-with-header", ",".join(REQUIRED))
 _EMPTY = -9.25e303
 _EMPTY_TEXT = b"-9.25e303"  # stands for an empty cell while numbers are read; no measurement is that large
 _BLANK_ROW = re.compile(rb"^[ \t]*(?:,[ \t]*)+$", re.MULTILINE)
+_CELL_ENDS = (b";", b"\t")  # instead of commas; numbers may have a decimal comma then
 _BLANK_LINE = re.compile(rb"\n[ \t]*(?=\n)")
 
 
@@ -218,13 +221,17 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None,
     except (OSError, ValueError) as error:
         raise TraceError(path, wanted=say("trace-csv"), came=reason(error), todo=say("check-path")) from None
     try:
-        data.decode("utf-8")
+        text = data.decode("utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig")
     except UnicodeDecodeError:
-        raise TraceError(path, wanted=say("utf-8-table"), came=say("other-bytes"), todo=say("save-csv-utf-8")) from None
-    data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        text = "\0"
+    if "\0" in text:
+        raise TraceError(path, wanted=say("utf-8-table"), came=say("other-bytes"), todo=say("save-csv-utf-8"))
+    data = text.replace("\r\n", "\n").replace("\r", "\n").encode()
     first, _, rest = data.partition(b"\n")
+    if b"," not in first and (mark := next((each for each in _CELL_ENDS if each in first), None)) is not None:
+        first, rest = (each.replace(b",", b".").replace(mark, b",") for each in (first, rest))
     rest = _BLANK_ROW.sub(b"", rest)  # rows of commas, as spreadsheets append; empty lines keep line numbers
-    names = [name.strip().strip('"') for name in first.decode().split(",")]
+    names = [name.strip().strip('"').lower() for name in first.decode().split(",")]
     _check_header(path, names, first.decode())
     line = next((line for line in io.BytesIO(rest) if line.strip()), b"").decode().strip()
     cells = next(csv.reader([line]), []) if len(line) < csv.field_size_limit() else []
@@ -257,15 +264,6 @@ def _origin(names: list[str], cells: list[str]) -> Origin | None:
 
 def _check_header(path: Path, names: list[str], line: str) -> None:
     missing = [name for name in REQUIRED if name not in names]
-    if missing and line.count(";") >= len(REQUIRED) - 1:
-        raise TraceError(
-            path,
-            wanted=say("cells-separated-commas"),
-            came=say("semicolons"),
-            todo=say("save-commas-decimal-points"),
-        )
-    if missing and line.count("\t") >= len(REQUIRED) - 1:
-        raise TraceError(path, wanted=say("cells-separated-commas"), came=say("tabs"), todo=say("save-commas"))
     if missing:
         came = say("header", repr(line[:80])) if line.strip() else say("empty-first-line")
         raise TraceError(path, wanted=say("column", missing[0]), came=came, todo=HEADER_TODO)
