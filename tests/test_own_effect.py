@@ -14,7 +14,7 @@ from printmend.cli.twin import command as twin
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import faults_of, misfits_of
 from printmend.effects import EFFECTS
-from printmend.errors import ConfigError
+from printmend.errors import ConfigError, ModelError
 from printmend.infer.machine import DRAWS, Part
 from printmend.infer.posterior import posterior_of
 from printmend.measure.table import read_trace
@@ -79,7 +79,7 @@ def test_an_effect_of_ones_own_keeps_what_every_effect_must(page: dict[str, Any]
     assert broken_by(EffectCandidate("kink"), CHECKS) == {}
 
 
-def test_an_effect_of_ones_own_is_kept_in_the_model_file(page: dict[str, Any]) -> None:
+def test_an_effect_of_ones_own_is_kept_in_the_model_file(page: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     fit = page["fit"]
     parts = posterior_of(fit, np.random.default_rng(0)).parts
     section = belief_section(fit.scene, parts)
@@ -87,6 +87,9 @@ def test_an_effect_of_ones_own_is_kept_in_the_model_file(page: dict[str, Any]) -
     belief = parse_belief(model)
     assert belief is not None
     assert len(belief.of("kink", 0)) >= 1
+    monkeypatch.delitem(EFFECTS, "kink")  # as where its package is not installed
+    with pytest.raises(ModelError, match="found 'kink'; install the package"):
+        parse_belief(model)
 
 
 def test_an_effect_without_words_is_named_by_its_name(page: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:

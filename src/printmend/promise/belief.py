@@ -196,8 +196,10 @@ def _layers(section: dict[str, Any]) -> tuple[float, ...]:
 
 
 def _part(row: Any, scene: Scene) -> Part:
-    if not isinstance(row, dict) or row.get("effect") not in EFFECTS:
-        refuse(_SUBJECT, say("parts-known-effects"), say("something-else"))
+    name = str(row.get("effect")) if isinstance(row, dict) else ""
+    if name not in EFFECTS:
+        todo = say("install-effect-or-learn-again")
+        raise ModelError(_SUBJECT, wanted=say("parts-known-effects"), came=repr(name[:40]), todo=todo)
     where = number(row, "where", _SUBJECT)
     shape = numbers(row, "shape", _SUBJECT, 8)
     acts = numbers(row, "acts", _SUBJECT, MOST)
@@ -211,7 +213,7 @@ def _part(row: Any, scene: Scene) -> Part:
         if len(values) != len(there):
             refuse(_SUBJECT, say("draws-each-size", len(there)), f"{len(values)}")
         draws[at, there] = values
-    part = Part(str(row["effect"]), int(where), tuple(shape.tolist()), acts, draws)
+    part = Part(name, int(where), tuple(shape.tolist()), acts, draws)
     if _width_of(part, scene) != len(acts):
         refuse(_SUBJECT, say("sizes", part.effect), say("numbers-shape-no-printer-has", len(acts)))
     return part
