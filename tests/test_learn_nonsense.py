@@ -74,6 +74,20 @@ def test_a_table_that_does_not_begin_at_home_says_what_stays_open(first: int, rn
     assert any("does not begin at home" in words for words in said) == bool(first)
 
 
+@pytest.mark.parametrize(
+    ("commanded_mm", "measured_mm", "named"),
+    [
+        (np.zeros((9, 3)), np.zeros((9, 3)), r"commanded_mm.*\(9, 2\), found \(9, 3\)"),
+        (np.zeros((2, 9)), np.zeros((2, 9)), r"commanded_mm.*found \(2, 9\)"),
+        (np.zeros((9, 2)), np.zeros((8, 2)), r"measured_mm.*\(9, 2\), found \(8, 2\)"),
+        (np.zeros(9), np.zeros(9), r"commanded_mm.*found \(9,\)"),
+    ],
+)
+def test_arrays_that_make_no_trace_are_named(commanded_mm: np.ndarray, measured_mm: np.ndarray, named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        Trace(commanded_mm, measured_mm)
+
+
 def test_a_refusal_counts_the_points(rng: np.random.Generator) -> None:
     points_mm = zigzag(5)
     with pytest.raises(TraceError, match="5 in 5 rows"):

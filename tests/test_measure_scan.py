@@ -249,6 +249,8 @@ def test_bad_images_end_in_one_line(tmp_path, plan, clean):
         with pytest.raises(ScanError, match=named) as caught:
             measure_scans([tmp_path / name], plan)
         assert "\n" not in str(caught.value)
+        with pytest.raises(ScanError, match=name):  # one scan needs no list
+            measure_scans(str(tmp_path / name), plan)
     with pytest.raises(TraceError, match="which looks like inches"):
         measure_scans([tmp_path / "whole.png"], plan, distance_mm=2.7)
 

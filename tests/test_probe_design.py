@@ -186,6 +186,11 @@ def test_a_smaller_print_can_be_asked_for():
         design_probe(replace(printer, x=replace(printer.x, max_mm=40.0)))
 
 
+def test_a_design_that_is_none_is_named():
+    with pytest.raises(ConfigError, match="one of fixed, layer, optimal, active, found 'best'"):
+        design_probe(read_printer("ender3"), design="best")
+
+
 def test_a_plan_is_read_back(probed, tmp_path: Path):
     _, plan = probed
     path = write_probe(tmp_path / "probe.gcode", plan)

@@ -160,19 +160,24 @@ class Trace:
     step_mm: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, dtype in (
-            ("commanded_mm", float),
-            ("measured_mm", float),
-            ("sigma_mm", float),
-            ("z_mm", float),
-            ("z_measured_mm", float),
-            ("layer", np.int64),
-            ("normal", float),
-            ("offset_mm", float),
+        """Freeze the arrays. Raises `ValueError` for one that does not fit the others."""
+        count = len(self.commanded_mm)
+        for name, shape, dtype in (
+            ("commanded_mm", (count, 2), float),
+            ("measured_mm", (count, 2), float),
+            ("sigma_mm", (count,), float),
+            ("z_mm", (count,), float),
+            ("z_measured_mm", (count,), float),
+            ("layer", (count,), np.int64),
+            ("normal", (count, 2), float),
+            ("offset_mm", (count,), float),
         ):
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, frozen(np.asarray(value, dtype)))
+            if (value := getattr(self, name)) is None:
+                continue
+            array = np.asarray(value, dtype)
+            if array.shape != shape:
+                raise ValueError(f"{name} of a trace: expected the shape {shape}, found {array.shape}")
+            object.__setattr__(self, name, frozen(array))
 
     def __len__(self) -> int:
         return len(self.commanded_mm)

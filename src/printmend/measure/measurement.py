@@ -233,7 +233,7 @@ class Measurement:
 
 
 def measure_scans(
-    paths: Sequence[str | Path],
+    paths: str | Path | Sequence[str | Path],
     plan: ProbePlan | str | Path,
     *,
     dpi: float | None = None,
@@ -254,6 +254,7 @@ def measure_scans(
     Raises `ScanError` as `read_scan` does, and for the ``scanner_error`` of a picture whose scale is a sheet's;
     `TraceError` for a distance that cannot be theirs.
     """
+    paths = [paths] if isinstance(paths, str | Path) else paths
     if not isinstance(plan, ProbePlan):
         plan = read_plan(plan)
     # many small matrices: threads of a linear-algebra library would only wait for each other

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.errors import GcodeError, InputError
+from printmend.errors import ConfigError, GcodeError, InputError
 from printmend.files import read_text, replacing
 from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan, plan_text, write_plan
@@ -43,9 +43,13 @@ def design_probe(
 
     ``fixed`` is the pattern of physics.md §5 where the part is printed; ``layer`` follows the part's longest layer;
     ``optimal`` chooses the marks that reduce the part's expected error most, ``active`` those with most information;
-    both may start from the trace ``after``. Raises `ConfigError` if the bed is too small, `GcodeError` for a part that
-    extrudes nothing or whose layer is too small.
+    both may start from the trace ``after``. Raises `ConfigError` for another design and if the bed is too small,
+    `GcodeError` for a part that extrudes nothing or whose layer is too small.
     """
+    if design not in DESIGNS:
+        raise ConfigError(
+            "--design", wanted=say("usage-one-of", ", ".join(DESIGNS)), came=repr(design), todo=say("correct-name")
+        )
     if design == "layer":
         if part is None:
             raise InputError(
