@@ -260,12 +260,13 @@ def test_a_fault_of_our_own_is_one_line(folder: Path, monkeypatch: pytest.Monkey
 
 
 def test_any_locale_and_any_name(folder: Path) -> None:
-    """No locale, no home and a name that is not text in any of them."""
+    """No locale, no home, no UTF-8 but where a file says so, and a name that is not text in any of them."""
     name = os.fsdecode(b"p\xe4rt \xe2\x82\xac.gcode")
     with contextlib.suppress(OSError):  # some file systems want UTF-8
         (folder / "part.gcode").rename(folder / name)
     name = name if (folder / name).exists() else "part.gcode"
-    environment = {"PATH": os.environ["PATH"], "LC_ALL": "C", "PYTHONIOENCODING": "ascii", "HOME": "/nonexistent"}
+    environment = {"PATH": os.environ["PATH"], "LC_ALL": "C", "PYTHONIOENCODING": "ascii", "HOME": "/nonexistent",
+                   "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}  # fmt: skip
     done = subprocess.run(
         [PROGRAM, "mend", name, "-m", "printer.mend.json", "--report", "r.html"],
         cwd=folder, env=environment, capture_output=True, check=False,

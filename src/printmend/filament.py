@@ -36,7 +36,7 @@ class Material:
 
 @cache
 def _table() -> dict[str, Material]:
-    table = tomllib.loads((Path(__file__).parent / "materials.toml").read_text())
+    table = tomllib.loads((Path(__file__).parent / "materials.toml").read_text(encoding="utf-8"))
     return {name: Material(name, row["mean"] / 100, row["sd"] / 100) for name, row in table.items()}
 
 

@@ -16,7 +16,7 @@ NEAR_SHARE = 0.02  # a turn that differs less from the printer's is its pulley's
 
 @cache
 def _table() -> dict[str, Any]:
-    return tomllib.loads((Path(__file__).parent / "priors.toml").read_text())
+    return tomllib.loads((Path(__file__).parent / "priors.toml").read_text(encoding="utf-8"))
 
 
 def number_of(name: str, key: str) -> float:

@@ -331,7 +331,7 @@ def _mended_dots(model: SavedModel, wanted_mm: np.ndarray, dots: np.ndarray) -> 
         lines[dot - 1] += "\nG1 E1"
     with TemporaryDirectory() as folder:
         source, output = Path(folder) / "wanted.gcode", Path(folder) / "mended.gcode"
-        source.write_text("\n".join(["G21", "G90", "M83", "G28", *lines, ""]))
+        source.write_text("\n".join(["G21", "G90", "M83", "G28", *lines, ""]), encoding="utf-8")
         mend_gcode(source, model, output, force=True)
         moves = read_gcode(output, printer=model.printer).moves
     goes = (moves.start_mm[:, :2] != moves.end_mm[:, :2]).any(axis=1)

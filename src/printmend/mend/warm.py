@@ -47,7 +47,7 @@ def take(step: str) -> None:
     with tempfile.TemporaryDirectory(prefix="printmend-") as name:
         if what == "mend":
             part = Path(name) / "part.gcode"
-            part.write_text(_PART)
+            part.write_text(_PART, encoding="utf-8")
             model = exact_model(cast(Mechanism, broken.lower(printer)))
             mend_gcode(part, model, part.with_suffix(".mended"), force=True)
         else:
