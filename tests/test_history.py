@@ -108,9 +108,13 @@ def test_a_damaged_history_is_named(tmp_path):
     model.touch()
     with pytest.raises(ModelError, match="expected a history, found no such file"):
         read_history(model)
-    history_of(model).write_text('{"event": "learned"}\n')
-    with pytest.raises(ModelError, match="line 1"):
-        read_history(model)
+    for value in ("NaN", "1e999", '"much"'):
+        fault = f'{{"part": "x", "kind": "play", "value": {value}, "sd": 0.01, "unit": "mm"}}'
+        learned = f'{{"event": "learned", "time": "2026-11-30T12:00:00+00:00", "faults": [{fault}]}}\n'
+        for text in ('{"event": "learned"}\n', learned):
+            history_of(model).write_text(text)
+            with pytest.raises(ModelError, match="line 1"):
+                read_history(model)
 
 
 @pytest.mark.parametrize("path", ["", ".", "/"])

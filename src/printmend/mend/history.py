@@ -278,6 +278,8 @@ def read_history(model_path: Path) -> tuple[dict[str, Any], ...]:
             event["seconds"] = _seconds(event["time"])
             for fault in (*event.get("faults", []), *event.get("heights", [])):
                 NamedFault(fault["part"], fault["kind"], float(fault["value"]), float(fault["sd"]), fault["unit"], "")
+                if not np.isfinite([fault["value"], fault["sd"]]).all():
+                    raise ValueError
         except (ValueError, KeyError, TypeError, RecursionError):
             raise ModelError(
                 path, wanted=say("json-object-time-every-line"), came=say("another-line", number), todo=_TODO
