@@ -11,7 +11,7 @@ from printmend.cli.probe import command
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.errors import ConfigError, ScanError
 from printmend.gcode.read import read_gcode
-from printmend.gcode.sliced import is_test_print
+from printmend.gcode.sliced import find_test_print, is_test_print
 from printmend.learn.learned import learn_model
 from printmend.measure import read_plan
 from printmend.measure.image import write_image
@@ -35,6 +35,7 @@ def run(folder, *options: str):
     outcome = CliRunner().invoke(command, ["--printer", "ender3", "-o", str(gcode), *options])
     assert outcome.exit_code == 0, outcome.output
     assert is_test_print(gcode)
+    assert find_test_print(b"\xef\xbb\xbf" + gcode.read_bytes()) == "probe"  # as an editor saves it
     leaflet(folder, f"{gcode.name}: ", "printmend learn probe.csv --printer ender3")
     return gcode, read_plan(folder / "probe.json")
 

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 MENDED = b"; mended by printmend "
 MARK = re.compile(rb"(?:^|\r)(?:\xef\xbb\xbf)?" + MENDED + rb"(\S+) model=(\S+)(?: e=([012])([01])\b)?", re.MULTILINE)
-TEST_PRINT_MARK = re.compile(rb"^; printmend (probe|first layer): ", re.MULTILINE)
+TEST_PRINT_MARK = re.compile(rb"^(?:\xef\xbb\xbf)?; printmend (probe|first layer): ", re.MULTILINE)
 SEALED = b"; sealed by printmend "
 SEAL = re.compile(rb"(?:^|(?<=[\r\n]))" + SEALED + rb"([0-9a-f]{32})(?=[\r\n]|$)")
 COMMENTS = re.compile(rb"(?:[ \t]*(?:;[^\r\n]*)?(?:[\r\n]+|$))*")
