@@ -252,6 +252,7 @@ def test_a_locale_or_an_option_chooses_the_language_of_help() -> None:
         return CliRunner().invoke(group, words, obj=Terminal(language), prog_name="printmend").output
 
     assert "Usage: printmend mend [OPTIONS]" in told("mend", "--help")
+    assert "[default: 127.0.0.1]" in " ".join(told("studio", "--help").split())  # no number with a point
     assert told("mend", "--help", language="de") == told("--lang", "de", "mend", "--help")
     german = told("mend", "--help", language="de")
     assert german.startswith("Aufruf: printmend mend [OPTIONEN] FILE|FOLDER|-...\n\n  G-Code so umschreiben")

@@ -67,7 +67,8 @@ def test_a_slip_gets_one_line(place: Path) -> None:
         (["mend", "part.gcode", "--lang", "de"], "--lang stands before the command; see printmend mend --help"),
         (["mned"], "there is no command mned (did you mean mend?); see printmend --help"),
         (["completion"], "is missing"),
-        (["check", str(place), "-m", "bent"], "no folder"),
+        (["check", str(place), "-m", "bent"], "the name of a file, not of a folder"),
+        (["learn", "trace.csv", "--printer", "ender3", "-o", str(place)], "the name of a file, not of a folder"),
     ):
         done = subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, check=False)  # noqa: S603
         assert done.returncode == 2

@@ -26,7 +26,8 @@ from printmend.messages import is_one_of, said, say
 WHY = "why", "{}: expected {}, found {}; {}"
 REFUSED = "refused", "{}: {} ({}); {}"
 _REASONS = {
-    errno.ENOENT: "no-such-file-or-directory", errno.EACCES: "permission-denied", errno.ENOSPC: "no-space-left",
+    errno.ENOENT: "no-such-file-or-directory", errno.EISDIR: "folder", errno.EACCES: "permission-denied",
+    errno.ENOSPC: "no-space-left",
     errno.ECONNREFUSED: "nobody-answers", errno.EHOSTUNREACH: "no-way-to-host", errno.ENETUNREACH: "no-way-to-host",
     socket.EAI_NONAME: "nobody-knows-name", socket.EAI_AGAIN: "nobody-knows-name",
 }  # fmt: skip

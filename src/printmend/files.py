@@ -36,8 +36,7 @@ def read_text(path: str | Path, *, wanted: str, todo: str, error: type[InputErro
         with open(path, "rb") as file:
             data = file.read(MAX_TEXT_BYTES + 1)
     except (OSError, ValueError) as problem:
-        came = say("folder") if isinstance(problem, IsADirectoryError) else reason(problem)
-        raise error(path, wanted=wanted, came=came, todo=say("check-path")) from None
+        raise error(path, wanted=wanted, came=reason(problem), todo=say("check-path")) from None
     if len(data) > MAX_TEXT_BYTES:
         raise error(path, wanted=wanted, came=say("more-than-mb", MAX_TEXT_BYTES // 1000000), todo=todo)
     try:

@@ -134,8 +134,12 @@ def spoken(message: str) -> str:
 
 
 def echo(message: str, *, err: bool = False) -> None:
-    """Print a message in the user's language, its lines with a capital at their beginning."""
-    click.echo(as_lines(message, language()), err=err)
+    """Print a message in the user's language, its lines with a capital at their beginning.
+
+    If the reader of the output has gone, the words are lost, and the work goes on.
+    """
+    with contextlib.suppress(BrokenPipeError):
+        click.echo(as_lines(message, language()), err=err)
 
 
 _KIND = re.compile("(INTEGER|FLOAT)( RANGE)?")  # of an option's value, as click names it
@@ -181,7 +185,7 @@ def _described(text: str) -> str:
 
 def _added(text: str) -> str:
     """Return an addition of click's in the user's language: an option's default, its range, or that it is required."""
-    text = re.sub(r"\d+\.\d+", lambda number: spoken(f"{float(number[0]):.12g}"), text)
+    text = re.sub(r"(?<![\d.])\d+\.\d+(?![\d.])", lambda number: spoken(f"{float(number[0]):.12g}"), text)
     if (ends := _RANGE.fullmatch(text)) is not None:
         least, most, last = ends.groups()
         return spoken(say("help-from-to", least, most) if most else say("help-from", least)) + last
@@ -223,7 +227,8 @@ def value_words(kind: click.ParamType) -> str:
             return say(f"usage-{which}") if kind.min is None else say(f"usage-{which}-from", kind.min)
         return say(f"usage-{which}-range", kind.min, kind.max)
     if isinstance(kind, click.Path):
-        return say("usage-folder" if not kind.file_okay else "usage-file" if not kind.dir_okay else "usage-path")
+        file = "usage-file" if kind.exists else "usage-file-name"
+        return say("usage-folder" if not kind.file_okay else file if not kind.dir_okay else "usage-path")
     if isinstance(kind, click.DateTime):
         return say("usage-day")
     if kind is click.INT or kind is click.FLOAT:
