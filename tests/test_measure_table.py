@@ -1,5 +1,6 @@
 """trace.csv: what is written is read back, odd tables end in one clear line."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -265,6 +266,8 @@ def test_a_spreadsheet_may_save_in_its_own_language(tmp_path, decimal, mark, cod
     wanted = read_trace(table(tmp_path, text), PRINTER)
     saved = text.replace(",", mark).replace(".", decimal).replace("\n", "\r\n")
     got = read_trace(table(tmp_path, saved.encode(coding)), PRINTER)
+    quoted = re.sub(r"[\d.]+", lambda cell: f'"{cell[0].replace(".", decimal)}"', text)
+    assert np.array_equal(read_trace(table(tmp_path, quoted), PRINTER).measured_mm, wanted.measured_mm)
     assert np.array_equal(got.commanded_mm, wanted.commanded_mm)
     assert np.array_equal(got.measured_mm, wanted.measured_mm)
 

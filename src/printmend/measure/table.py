@@ -351,7 +351,7 @@ def _number(path: Path, cell: str, name: str, line: int) -> float:
     if not cell:
         return math.nan
     try:
-        value = float(cell)
+        value = float(cell.replace(",", "."))
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
