@@ -58,7 +58,7 @@ from printmend.studio.app import PAGE, create_app
 from printmend.studio.host import Host, checked_address, find_host
 from printmend.studio.jobs import Jobs
 from printmend.studio.next_print import next_print
-from printmend.studio.places import Places
+from printmend.studio.places import DATABASE, Places
 from printmend.studio.play import Faults, preview
 from printmend.studio.scene import (
     MOST_POINTS,
@@ -715,6 +715,14 @@ def test_the_next_print_is_the_smallest_that_tells_enough() -> None:
 
 def test_a_bent_screw_pushes_the_walls_that_play_draws() -> None:
     assert preview(Faults(screw_mm=0.35))["wall_mm"] != preview(Faults())["wall_mm"]
+
+
+def test_a_database_that_is_none_is_said_in_one_line(tmp_path: Path) -> None:
+    places = Places.below(tmp_path)
+    Store(places).close()
+    (places.state / DATABASE).write_bytes(b"no database" * 1000)
+    with pytest.raises(InputError, match="expected the studio's database, found file is not a database; make room"):
+        Store(places)
 
 
 def test_a_folder_is_one_studios_and_one_that_cannot_be_locked_is_said(tmp_path: Path) -> None:

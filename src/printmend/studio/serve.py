@@ -26,6 +26,7 @@ from printmend.studio.app import MOST_HELD_BYTES, WORKERS, create_app
 from printmend.studio.devices import EVERYWHERE, FIRST, Devices, address_of, device_address, everywhere
 from printmend.studio.guard import LOOPBACK, Door
 from printmend.studio.places import ADDRESS, LOCK, Places
+from printmend.studio.store import Store
 
 # A studio that starts with the computer: files for systemd, launchd and the task scheduler of Windows.
 #
@@ -117,8 +118,8 @@ def serve(
     """Serve until Ctrl-C. If ``host`` is not this computer alone, only known devices may enter, see `Devices`.
 
     The same holds with ``names``, further names by which browsers reach it, say through a proxy. ``cluster`` runs the
-    jobs elsewhere (see `Cluster`). Raises `InputError` if the port is not free, another studio uses the folder, or
-    nothing answers at the cluster's address.
+    jobs elsewhere (see `Cluster`). Raises `InputError` if the port is not free, another studio uses the folder, its
+    database cannot be used, or nothing answers at the cluster's address.
     """
     remote = None if cluster is None else Cluster.at(cluster)
     devices = None if host in LOOPBACK and not names else Devices(places.state)
@@ -127,6 +128,7 @@ def serve(
     hosts = {*LOOPBACK, *names, *reached}
     listener = _listener(host, port)
     alone = _alone(places.state)
+    Store(places.resolved()).close()  # what is wrong with it is said here, not by the server
     threading.Thread(target=_draw_beforehand, daemon=True).start()
     port = listener.getsockname()[1]
     token = devices.add(FIRST) if devices is not None and not known else None

@@ -15,7 +15,7 @@ from typing import Any
 
 import sqlalchemy as sql
 
-from printmend.errors import InputError, PrintmendError
+from printmend.errors import InputError, PrintmendError, reason
 from printmend.messages import messages_of, say
 from printmend.printer import read_printer
 from printmend.studio.places import DATABASE, Places
@@ -50,7 +50,8 @@ Row = dict[str, Any]
 class Store:
     """The database and the folders of printers, uploads and jobs in ``places``, made if they are missing.
 
-    Several threads may use it; a kill at any moment leaves it in the state before or after a call.
+    Several threads may use it; a kill at any moment leaves it in the state before or after a call. Raises `InputError`
+    for a database that cannot be read or written.
     """
 
     def __init__(self, places: Places) -> None:
@@ -61,10 +62,17 @@ class Store:
         self._naming = threading.Lock()  # between the look whether a name is free and taking it
         self._engine = sql.create_engine(f"sqlite:///{places.state / DATABASE}")
         sql.event.listen(self._engine, "connect", _settle)
-        _META.create_all(self._engine)
-        self._add_owners()
         self.owner: str | None = None
-        self._find_again()
+        try:
+            _META.create_all(self._engine)
+            self._add_owners()
+            self._find_again()
+        except sql.exc.DatabaseError as error:
+            self.close()
+            raise InputError(
+                places.state / DATABASE, wanted=say("studio-database"), came=reason(error.orig or error),
+                todo=say("make-room-or-move-database"),
+            ) from None  # fmt: skip
 
     def _add_owners(self) -> None:
         """Add the owners' column to the tables of a studio that knew no users."""
