@@ -568,6 +568,7 @@ def test_what_acts_shifts_all_of_a_print_as_the_drawn_machines_do(rng: np.random
     )
     assert made == pytest.approx(drawn, abs=0.001)
     assert not any(part.acts_mm.any() for part in acting(scene, (racking,)))
+    assert [part.key for part in acting(scene, (racking, racking))][:2] == [racking.key] * 2
 
 
 def test_of_causes_that_look_alike_the_one_between_the_others_acts(rng: np.random.Generator) -> None:

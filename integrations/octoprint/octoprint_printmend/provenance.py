@@ -1,4 +1,4 @@
-"""Where a G-code file comes from: what was mended into it, by which model, and whether it is still what was written.
+"""The provenance of a G-code file: which model mended it, and whether it has changed since.
 
 `printmend mend` ends a text file with a *seal*, a keyed hash of all before it; the key is the model's whole digest.
 The mark at the top shows only the digest's first 16 digits, so nobody without the model can write a seal. `printmend
@@ -207,7 +207,7 @@ def sealed_test_print(text: bytes) -> bytes:
 
 
 def claimed_test_print(path: str, head: bytes | None = None, *, breathe: Callable[[], object] = lambda: None) -> str:
-    """Return `TEST_PRINT` for an unmended test print as it was written, `FORGED` for what only says that it is one.
+    """Return `TEST_PRINT` for an unmended and unchanged test print, `FORGED` for a file that only claims to be one.
 
     An empty text for any other file. ``head`` is what `head_of` returns for it.
     """

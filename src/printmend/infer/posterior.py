@@ -340,12 +340,12 @@ def acting(scene: Scene, parts: Sequence[Part]) -> list[Part]:
 def _shifted(scene: Scene, parts: Sequence[Part], by_mm: np.ndarray) -> list[Part]:
     """Return the parts, with places of the belts that shift all of the print by another ``by_mm`` [2]. Where nothing
     else acts, only those act that most of the drawn machines have."""
-    found, is_any = {part.key: part for part in parts}, any(part.acts_mm.any() for part in parts)
+    found, is_any = list(parts), any(part.acts_mm.any() for part in parts)
     for motor, belt_mm in enumerate(scene.printer.to_motor(by_mm)):
-        none = Part("place", motor, (), np.zeros(1), np.zeros((1, DRAWS)))
-        place = found.get(none.key, none)
-        found[none.key] = replace(place, acts_mm=np.array([belt_mm * (is_any or place.is_likely)]))
-    return list(found.values())
+        at = next((at for at, part in enumerate(found) if part.key[:2] == ("place", motor)), len(found))
+        place = found[at] if at < len(found) else Part("place", motor, (), np.zeros(1), np.zeros((1, DRAWS)))
+        found[at : at + 1] = [replace(place, acts_mm=np.array([belt_mm * (is_any or place.is_likely)]))]
+    return found
 
 
 def of_shape(moved_mm: np.ndarray, places: Places) -> np.ndarray:
