@@ -10,10 +10,9 @@ half a normal prior: its evidence is 2 Φ(mean ÷ standard deviation) times as l
 """
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -162,9 +161,10 @@ class Search:
 
     @cached_property
     def families(self) -> list[list[Set]]:
-        """The sets that a set may have of each family: all of its effects that are likely before the rows say anything,
-        and none twice at a place."""
-        return [list(self._choices(names)) for names in FAMILIES]
+        """For each family, every choice of its effects that a set may hold; a family with one choice alone is left out.
+        A choice has at most one effect at a place, and those that are likely before the rows say anything."""
+        every = (list(self._choices(names)) for names in FAMILIES)
+        return [choices for choices in every if len(choices) > 1]
 
     def _choices(self, names: Sequence[str]) -> Iterator[Set]:
         """Yield the sets that a set may have of some effects."""
@@ -237,10 +237,27 @@ class Search:
         chosen[blocks] = True
         return np.asarray(chosen[self.keys[:, 0]])
 
-    def groups_of(self, alternatives: np.ndarray) -> list[int]:
-        """Return the numbers of the groups that have any of the chosen ``alternatives`` [K]."""
-        starts = np.array([own.start for own in self.ends], np.int64)
-        return np.flatnonzero(np.logical_or.reduceat(alternatives, starts)).tolist()
+    def added(self, asked: np.ndarray, told: Callable[[int], tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """Return what each of the ``asked`` alternatives [K] adds to a score, 0 for others, where ``told`` returns what
+        the rows tell of the sizes [B, P, P] of each block of a group of some number, and how they pull on these [B, P].
+        """
+        values, starts = np.zeros(len(asked)), np.array([own.start for own in self.ends], np.int64)
+        numbers = np.flatnonzero(np.logical_or.reduceat(asked, starts)).tolist()
+        if not numbers:
+            return values
+        groups = [self.groups[at] for at in numbers]
+        rows = [(*told(at), self.groups[at].sds_mm, asked[self.ends[at]]) for at in numbers]
+        every = (np.concatenate([each.ravel() for each in some]) for some in zip(*rows, strict=True))
+        normal = np.zeros(sum(group.log_odds.size for group in groups))
+        kernels.gains(np.array([group.sds_mm.shape for group in groups]), *every, normal)
+        own = slices(group.log_odds.size for group in groups)
+        for at, group, (information, pull, sds_mm, which), mine in zip(numbers, groups, rows, own, strict=True):
+            gained = group.log_odds + normal[mine].reshape(group.log_odds.shape)
+            if group.positive:
+                sd = np.sqrt(sds_mm[:, :, 0] ** -2 + np.maximum(information[:, :, 0], 0.0))
+                gained = gained + log_below(pull / sd) + np.log(2)
+            values[self.ends[at]] = np.where(which, gained.ravel(), 0.0)
+        return values
 
     def offered(self, members: Set, without: int | None = None) -> np.ndarray:
         """Return the blocks that a set may take in, but none of the slot of the block ``without``."""
@@ -250,8 +267,8 @@ class Search:
         free[taken] = False
         if without is not None:
             free &= slot != slot[without]
-        there = {self._slot_of[b] for b in taken}
-        for slots, which in self._needing:
+        there = {self.dictionary.blocks[b].slot for b in taken}
+        for slots, which in self._needing.items():
             if there.isdisjoint(slots):
                 free[which] = False
         return np.flatnonzero(free)
@@ -263,34 +280,24 @@ class Search:
 
     def needed(self, members: Set, member: tuple[int, int]) -> bool:
         """Tell whether another member needs this one, and the set has nothing else that it needs."""
-        needs = {self._needs[b] for b, _ in members if b in self._needs}
-        there = {self._slot_of[one[0]] for one in members if one != member} if needs else set()
-        return any(there.isdisjoint(slots) for slots in needs)
+        there = {self.dictionary.blocks[one[0]].slot for one in members if one != member}
+        needing = (slots for slots, which in self._needing.items() if any(b in which for b, _ in members))
+        return any(there.isdisjoint(slots) for slots in needing)
 
     @cached_property
-    def _needs(self) -> dict[int, frozenset[tuple[str, int]]]:
-        """The slots of which one must be taken, for each block that needs others."""
-        blocks = enumerate(self.dictionary.blocks)
-        return {b: frozenset((name, block.where) for name in block.needs) for b, block in blocks if block.needs}
-
-    @cached_property
-    def _needing(self) -> list[tuple[frozenset[tuple[str, int]], list[int]]]:
-        """The same, with the blocks that need the same slots together."""
-        alike: dict[frozenset[tuple[str, int]], list[int]] = {}
-        for b, slots in self._needs.items():
-            alike.setdefault(slots, []).append(b)
-        return list(alike.items())
-
-    @cached_property
-    def _slot_of(self) -> list[tuple[str, int]]:
-        """The slot of each block."""
-        return [block.slot for block in self.dictionary.blocks]
+    def _needing(self) -> dict[frozenset[tuple[str, int]], list[int]]:
+        """The blocks that need one of some slots taken, by these slots."""
+        found: dict[frozenset[tuple[str, int]], list[int]] = {}
+        for b, block in enumerate(self.dictionary.blocks):
+            if block.needs:
+                found.setdefault(frozenset((name, block.where) for name in block.needs), []).append(b)
+        return found
 
     @cached_property
     def _slots(self) -> tuple[np.ndarray, np.ndarray]:
         """The number of each block's slot, and how many blocks of each slot a set may have."""
         slots: dict[tuple[str, int], int] = {}
-        numbers = [slots.setdefault(slot, len(slots)) for slot in self._slot_of]
+        numbers = [slots.setdefault(block.slot, len(slots)) for block in self.dictionary.blocks]
         return np.array(numbers, np.int64), np.array([EFFECTS[name].most for name, _ in slots])
 
 
@@ -345,17 +352,7 @@ class Beside:
         for nothing."""
         known, values = self._known
         new = asked & ~known
-        numbers, groups, ends = self.search.groups_of(new), self.search.groups, self.search.ends
-        told = [
-            _Asked(
-                groups[number], self.information(number), self.slope[groups[number].columns], groups[number].sds_mm,
-                groups[number].log_odds, new[ends[number]],
-            )
-            for number in numbers
-        ]  # fmt: skip
-        for number, gained in zip(numbers, _gained(told), strict=True):
-            mine = ends[number]
-            values[mine] = np.where(new[mine], gained.ravel(), values[mine])
+        values += self.search.added(new, lambda at: (self.information(at), self.slope[self.search.groups[at].columns]))
         known |= new
         return values
 
@@ -419,20 +416,15 @@ class Less:
     def gains(self, offered: np.ndarray, least: float) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the score without the member, where that may
         be ``least`` above the state's."""
-        search, beside, asked = self.beside.search, self.beside, []
+        search, beside = self.beside.search, self.beside
         may = search.alternatives(offered)
         may &= search.one_sided | (beside.told(may) + self.more > least)
-        for number in search.groups_of(may):
-            group = search.groups[number]
-            mine = may[search.ends[number]].reshape(group.log_odds.shape)
-            which = np.flatnonzero(mine.any(axis=1))
-            columns = group.columns[which]
-            freed = beside.halves(number)[which] @ self.freed
-            information = beside.information(number)[which] + freed @ np.swapaxes(freed, 1, 2)
-            slope = beside.slope[columns] + freed @ self.pull
-            asked.append(_Asked(group, information, slope, group.sds_mm[which], group.log_odds[which], mine[which]))
-        values = [gains[each.which] for each, gains in zip(asked, _gained(asked), strict=True)]
-        return Gains(search.keys[may], np.concatenate([np.zeros(0), *values]))
+
+        def told(at: int) -> tuple[np.ndarray, np.ndarray]:
+            freed = beside.halves(at) @ self.freed
+            return beside.information(at) + products(freed), beside.slope[search.groups[at].columns] + freed @ self.pull
+
+        return Gains(search.keys[may], search.added(may, told)[may])
 
 
 def columns_at(blocks: Iterable[Block]) -> np.ndarray:
@@ -454,39 +446,6 @@ class _Group:
     def keys(self) -> np.ndarray:
         """The block and the number of each alternative [B, V, 2]."""
         return np.stack(np.broadcast_arrays(self.blocks[:, None], np.arange(self.sds_mm.shape[1])), axis=2)
-
-
-class _Asked(NamedTuple):
-    """Blocks of a group [B]: their ``information`` [B, P, P], how they ``pull`` [B, P], their sizes [B, V, P] and log
-    odds [B, V], and ``which`` [B, V] of their alternatives are asked for."""
-
-    group: _Group
-    information: np.ndarray
-    pull: np.ndarray
-    sds_mm: np.ndarray
-    log_odds: np.ndarray
-    which: np.ndarray
-
-    def whole(self, gains: np.ndarray) -> np.ndarray:
-        """Return what the alternatives add to a score [B, V], given what normal sizes gain [B · V]."""
-        out = gains.reshape(self.log_odds.shape)
-        if self.group.positive:
-            sd = np.sqrt(self.sds_mm[:, :, 0] ** -2 + np.maximum(self.information[:, :, 0], 0.0))
-            out += log_below(self.pull / sd) + np.log(2)
-        return np.asarray(out + self.log_odds)
-
-
-def _gained(asked: Sequence[_Asked]) -> list[np.ndarray]:
-    """Return what the alternatives of each of some groups' blocks add to a score [B, V]."""
-    if not asked:
-        return []
-    information, pull, sds_mm, which = (
-        np.concatenate([getattr(each, name).ravel() for each in asked])
-        for name in ("information", "pull", "sds_mm", "which")
-    )
-    ends, out = slices(each.log_odds.size for each in asked), np.zeros(len(which))
-    kernels.gains(np.array([each.sds_mm.shape for each in asked]), information, pull, sds_mm, which, out)
-    return [each.whole(out[own]) for each, own in zip(asked, ends, strict=True)]
 
 
 def searched(search: Search, start: Set, sigma_mm: float) -> State:
