@@ -118,18 +118,15 @@ def alternatives(
     *profiles: Iterable[float],
     share: float | None = None,
     sd_mm: float | None = None,
-    mild: Sequence[float] | None = None,
     positive: bool = False,
 ) -> Iterator[Term]:
     """Yield a term for each shape, profile and share of the usual size, as alternatives of one another.
 
-    A profile [P] holds the sizes' standard deviations relative to the usual one. ``profiles``, ``share``, ``sd_mm`` and
-    ``mild``, the shares of the usual size, are the table's unless given; an effect of another package gives ``share``
-    and ``sd_mm``.
+    A profile [P] holds the sizes' standard deviations relative to the usual one. ``profiles``, ``share`` and ``sd_mm``
+    are the table's unless given; an effect of another package gives ``share`` and ``sd_mm``.
     """
     sd, profiles = size_mm(name) if sd_mm is None else sd_mm, profiles or (profile_of(name),)
-    factors = mild or mild_shares(name)
-    sizes = [tuple(factor * sd * each for each in profile) for profile in profiles for factor in factors]
+    sizes = [tuple(mild * sd * each for each in profile) for profile in profiles for mild in mild_shares(name)]
     chance = share_of(name) if share is None else share
     log_odds = math.log(chance / max(1.0 - chance, 1e-6)) - math.log(max(len(shapes), 1) * len(sizes))
     yield from (Term(name, where, shape, size, log_odds, positive) for shape in shapes for size in sizes)

@@ -20,7 +20,7 @@ class Resized(Usual):
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if sd := scene.instrument.resized_sd:
-            yield from alternatives(self.name, 0, sd_mm=SCALE_MM * sd, mild=(1.0,))
+            yield from alternatives(self.name, 0, sd_mm=SCALE_MM * sd)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         # where healthy belts would be: beside a scale of the motors, what they really do would stand for all that is
