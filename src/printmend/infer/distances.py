@@ -174,8 +174,8 @@ def _rows(distances: Distances, scene: Scene, off_mm: np.ndarray, *, plain: bool
 
 
 def _told(term: Term) -> bool:
-    """Tell whether distances may tell a term. Both axes' leans differ by a turn, so one of them will do."""
-    return EFFECTS[term.effect].of is not Of.INSTRUMENT and (term.effect, term.where) != ("skew", 1)
+    """Tell whether distances may tell a term: callipers have no errors of a picture."""
+    return EFFECTS[term.effect].of is not Of.INSTRUMENT
 
 
 def _plain(term: Term) -> bool:
