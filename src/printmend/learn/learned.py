@@ -27,7 +27,7 @@ from printmend.infer.search import LEAST_SIGMA_MM
 from printmend.learn import learner
 from printmend.learn.order import once_in_order, roughly
 from printmend.learn.rows import FINEST_MM, LEAST_ROWS, MOST_LOST, lost_rows, outliers_of, said_of_rows, skipped
-from printmend.machine import Mechanism, healthy_mechanism
+from printmend.machine import Mechanism
 from printmend.measure.checks import (
     check_follows,
     check_origin,
@@ -238,8 +238,7 @@ def _learned_without_parts(
 ) -> Learned:
     """Return the result of the learner ``name``, whose machine is not made of effects."""
     fit = learner(name).fit(trace, printer, rng=rng)
-    mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
-    if not isinstance(mechanism, Mechanism):
+    if not isinstance(mechanism := getattr(fit, "mechanism", None), Mechanism):
         raise ConfigError(
             f"--learner {name}",
             wanted=say("learner-whose-model-machine-motors-belts"),
