@@ -147,17 +147,9 @@ class Search:
 
     def prior_of(self, members: Set) -> tuple[np.ndarray, np.ndarray]:
         """Return the numbers of a set's columns [A] and the standard deviations of their sizes [A]."""
-        blocks, columns = self.dictionary.blocks, self._columns
-        for b, _ in members:
-            if b not in columns:
-                columns[b] = np.arange(blocks[b].at.start, blocks[b].at.stop)
-        own = np.concatenate([np.zeros(0, np.int64), *(columns[b] for b, _ in members)])
-        return own, np.concatenate([np.zeros(0), *(blocks[b].sds_mm[v] for b, v in members)])
-
-    @cached_property
-    def _columns(self) -> dict[int, np.ndarray]:
-        """The numbers of the columns of each block that was asked for."""
-        return {}
+        blocks = self.dictionary.blocks
+        sds_mm = np.concatenate([np.zeros(0), *(blocks[b].sds_mm[variant] for b, variant in members)])
+        return columns_at(blocks[b] for b, _ in members), sds_mm
 
     @cached_property
     def families(self) -> list[list[Set]]:
