@@ -42,7 +42,7 @@ from printmend.infer.distances import choose_distances
 from printmend.learn.by_hand import model_by_hand
 from printmend.learn.learned import learn_model
 from printmend.measure.distance import scaled_by
-from printmend.measure.measurement import instrument_on_bed, scanner_axes, without_lens
+from printmend.measure.measurement import freed_of_scanner, instrument_on_bed
 from printmend.mend import check_gcode, mend_gcode
 from printmend.model.model import SavedModel
 from printmend.path import FLATBED, Instrument, Motion, Trace
@@ -90,15 +90,14 @@ def settled_scan(ends: np.ndarray, noise_mm: float, rng: np.random.Generator) ->
     ways = [np.array([[np.cos(t), -np.sin(t)], [np.sin(t), np.cos(t)]]) for t in turns]
     middle = ends.mean(axis=0)
     scans = [(ends - middle) @ way.T @ glass.T + rng.normal(0, noise_mm, ends.shape) for way in ways]
-    scans, instrument, _ = without_lens(scans, FLATBED)
-    axes, _, _ = scanner_axes(scans)
-    upright = [scan @ np.linalg.inv(axes).T @ way for scan, way in zip(scans, ways, strict=True)]
+    freed = freed_of_scanner(scans, FLATBED)
+    upright = [scan @ way for scan, way in zip(freed.places_mm, ways, strict=True)]
     measured = (upright[0] + upright[1]) / 2
     span = (int(np.argmin(ends.sum(axis=1))), int(np.argmax(ends.sum(axis=1))))
     distance_mm = float(np.hypot(*(ends[span[1]] - ends[span[0]]))) + DOT_MM + rng.normal(0, CALLIPERS_SD_MM)
     dots_mm = DOT_MM * np.hypot(*glass).mean() + rng.normal(0, noise_mm, 2)
     measured, instrument, _ = scaled_by(
-        distance_mm, span, dots_mm, measured, instrument_on_bed(instrument, np.eye(2), settled=True)
+        distance_mm, span, dots_mm, measured, instrument_on_bed(freed.instrument, np.eye(2), settled=True)
     )
     return measured + np.array([80.0, 95.0]), instrument
 

@@ -15,7 +15,7 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import ScanError, TraceError
 from printmend.measure import write_plan
 from printmend.measure.image import read_image, write_image, write_words
-from printmend.measure.measurement import SETTLED_AXES_SD, measure_scans, wave_left_mm, without_lens
+from printmend.measure.measurement import SETTLED_AXES_SD, freed_of_scanner, measure_scans, wave_left_mm
 from printmend.measure.page import exposure, resolution
 from printmend.measure.plan import ProbePlan
 from printmend.measure.resampled import is_resampled
@@ -136,9 +136,10 @@ def test_turned_scans_give_back_what_the_lens_did(rng: np.random.Generator, quar
     print_mm, lens_mm = rng.uniform(-90, 90, (500, 2)), np.array([0.2, -0.3, 0.1])
     turned = [print_mm, print_mm @ np.linalg.matrix_power(np.array([[0.0, 1.0], [-1.0, 0.0]]), quarter_turns)]
     seen = [place + distorted(place, 0) @ lens_mm + rng.normal(0, 0.003, place.shape) for place in turned]
-    without, instrument, _ = without_lens(seen, FLATBED)
+    freed = freed_of_scanner(seen, FLATBED)
+    without, instrument = freed.places_mm[0] @ freed.axes.T, freed.instrument
     columns = distorted(seen[0], 0).reshape(-1, 3)
-    taken = np.linalg.lstsq(columns, (seen[0] - without[0]).ravel(), rcond=None)[0]
+    taken = np.linalg.lstsq(columns, (seen[0] - without).ravel(), rcond=None)[0]
     assert taken[known] == pytest.approx(lens_mm[known], abs=0.006)
     if len(known) == 3:
         assert instrument.lens_mm < 1.05 * FLATBED.carriage_mm

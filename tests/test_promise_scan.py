@@ -15,7 +15,7 @@ from printmend.learn.learned import learn_model, report
 from printmend.machine import Frame
 from printmend.measure.distance import RESIZED_SHARE, scaled_by, settled
 from printmend.measure.fiducials import PAPER
-from printmend.measure.measurement import instrument_on_bed, without_lens
+from printmend.measure.measurement import freed_of_scanner, instrument_on_bed
 from printmend.measure.page import resolution
 from printmend.measure.table import read_trace, write_trace
 from printmend.mend import check_gcode, mend_gcode
@@ -88,9 +88,9 @@ def test_no_scanners_lens_mends_a_healthy_printer(part: Path, rng: np.random.Gen
     for ways in ([np.eye(2)], [np.eye(2), quarter]):
         turned = [(trace.measured_mm - 110.0) @ way for way in ways]
         seen = [off + distorted(off, 0) @ [0.15, 0.2, 0.1] + rng.normal(0, 0.01, off.shape) for off in turned]
-        without, instrument, _ = without_lens(seen, FLATBED)
-        upright = np.mean([place @ way.T for place, way in zip(without, ways, strict=True)], axis=0)
-        instrument = instrument_on_bed(instrument, np.eye(2), settled=len(ways) > 1)
+        freed = freed_of_scanner(seen, FLATBED)
+        upright = np.mean([place @ way.T for place, way in zip(freed.places_mm, ways, strict=True)], axis=0)
+        instrument = instrument_on_bed(freed.instrument, np.eye(2), settled=freed.settled)
         model = learn_model(replace(trace, measured_mm=upright, placed=False, instrument=instrument), ENDER3)
         done = mend_gcode(part, model, part.with_name(f"{len(ways)}.gcode"))
         assert done.output is not None

@@ -46,53 +46,31 @@ def check_sheets(readings: Sequence[Reading], plan: ProbePlan) -> None:
         )  # fmt: skip
 
 
-def scanner_axes(places_mm: Sequence[np.ndarray]) -> tuple[np.ndarray, str, bool]:
-    """Return the scanner's linear map [2, 2] relative to one with equal, square axes, a note, and whether the scans
-    determine it.
+@dataclass(frozen=True, eq=False)
+class Freed:
+    """The scans [K × [S, 2]] of one print without the errors of their scanner: of its lens, its carriage and its
+    ``axes`` [2, 2], the linear map that it makes of equal and square ones. ``instrument`` is what remains of it.
+    ``settled`` says that the scans were turned far enough to show the axes."""
 
-    Two scans of one plate are linked by A = S·R·S⁻¹ with a rotation R. For S = 1 + E, E symmetric and without
-    trace, A·Rᵀ − 1 ≈ E − R·E·Rᵀ, which gives E unless R is a half turn.
-    """
-    rows, wanted, sines = [], [], []
-    for other in places_mm[1:]:
-        both = _shared(places_mm[0], other)
-        if both.sum() < LEAST_SHARED:
-            continue
-        first, second = places_mm[0][both], other[both]
-        link, *_ = np.linalg.lstsq(first - first.mean(axis=0), second - second.mean(axis=0), rcond=None)
-        link = link.T
-        angle = np.arctan2(link[1, 0] - link[0, 1], link[0, 0] + link[1, 1])
-        c, s = np.cos(angle), np.sin(angle)
-        rest = link @ np.array([[c, s], [-s, c]])
-        wanted += [(rest[0, 0] - rest[1, 1]) / 2, (rest[0, 1] + rest[1, 0]) / 2]
-        double = np.array([[np.cos(2 * angle), -np.sin(2 * angle)], [np.sin(2 * angle), np.cos(2 * angle)]])
-        rows.append(np.eye(2) - double)
-        sines.append(abs(s))
-    if max(sines, default=0.0) < LEAST_TURN_SINE:
-        return np.eye(2), say("scans-not-turned-quarter-scanner-s"), False
-    (even, skew), *_ = np.linalg.lstsq(np.vstack(rows), np.array(wanted), rcond=None)
-    stretch = np.eye(2) + np.array([[even, skew], [skew, -even]])
-    return (
-        stretch,
-        say("scanner-s-axes-differ-lean-removed", f"{200 * even:+.2f}", f"{np.degrees(2 * skew):+.3f}"),
-        True,
-    )
+    places_mm: tuple[np.ndarray, ...]
+    axes: np.ndarray
+    instrument: Instrument
+    notes: tuple[str, ...]
+    settled: bool
 
 
-def without_lens(
-    places_mm: Sequence[np.ndarray], instrument: Instrument
-) -> tuple[list[np.ndarray], Instrument, list[str]]:
-    """Return the scans [K × [S, 2]] of one print without the distortion of the scanner's lens, the instrument with the
-    remaining uncertainty, and a note. Places count from the middle of their picture.
+def freed_of_scanner(places_mm: Sequence[np.ndarray] | np.ndarray, instrument: Instrument) -> Freed:
+    """Take off what the scans of one print show of their scanner. Places count from the middle of their picture.
 
     The lens shifts places along the picture's width, the carriage along its height, both by low powers of the place,
     and its axes differ and lean: f(q) = F(q)·c. A turn R links two scans, so q₂ − R·q₁ = F(q₂)·c − R·F(q₁)·c but for
-    how the print lay, and its scale. Least squares give c, with a ridge by the instrument's uncertainty.
+    how the print lay, and its scale. Least squares give c, with a ridge by the instrument's uncertainty. A half turn
+    says nothing of the axes.
     """
+    if len(places_mm) == 1:
+        return Freed(tuple(places_mm), np.eye(2), instrument, (), settled=False)
     sds = np.repeat([instrument.lens_mm, instrument.carriage_mm, instrument.axes_sd, instrument.lean_sd], [3, 3, 1, 1])
-    if len(places_mm) == 1 or not sds.all():
-        return list(places_mm), instrument, []
-    rows = [np.empty((0, len(sds) + 1))]
+    rows, sines = [np.empty((0, len(sds) + 1))], [0.0]
     for other in places_mm[1:]:
         both = _shared(places_mm[0], other)
         first, second = places_mm[0][both], other[both]
@@ -100,21 +78,29 @@ def without_lens(
             continue
         turn = turn_onto(first, second)
         laid = first @ turn + (second - first @ turn).mean(axis=0)
-        columns = _own(laid) - turn.T @ _own(first)
+        columns = (_own(laid) - turn.T @ _own(first)) * sds
         found = np.concatenate([columns, (second - laid)[:, :, None]], axis=2).reshape(2 * len(first), -1)
         shifts, turned = np.broadcast_to(np.eye(2), (len(laid), 2, 2)), laid[:, ::-1] * [-1.0, 1.0]
         free = np.concatenate([shifts, np.stack([laid, turned], axis=2)], axis=2).reshape(2 * len(first), -1)
         rows.append(found - free @ np.linalg.lstsq(free, found, rcond=None)[0])
+        sines.append(abs(float(turn[0, 1])))
     table, seen = np.split(np.vstack(rows), [-1], axis=1)
     noise = seen - table @ np.linalg.lstsq(table, seen, rcond=None)[0]
     variance = float(np.mean(np.append(noise, LEAST_DISAGREEMENT_MM) ** 2))
-    inverse = np.linalg.inv(table.T @ table + variance * np.diag(sds**-2))
-    moved = [_own(place)[..., :6] @ (inverse @ table.T @ seen)[:6, 0] for place in places_mm]
-    left_mm = math.sqrt(variance * np.diag(inverse)[:3].max())
-    most_mm = np.nanmax(np.hypot(*moved[0].T))
-    note = say("scanner-lens-removed", f"{most_mm:.3f}", f"{left_mm:.3f}")
-    without = [place - by for place, by in zip(places_mm, moved, strict=True)]
-    return without, replace(instrument, lens_mm=left_mm), [note]
+    inverse = np.linalg.inv(table.T @ table + variance * np.eye(len(sds)))
+    *bends, even, skew = sds * (inverse @ table.T @ seen)[:, 0]
+    moved = [_own(place)[..., :6] @ bends for place in places_mm]
+    left_mm = instrument.lens_mm * math.sqrt(variance * np.diag(inverse)[:3].max())
+    settled, axes = max(sines) >= LEAST_TURN_SINE, np.eye(2)
+    notes = [say("scans-not-turned-quarter-scanner-s")]
+    if settled:
+        axes = axes + np.array([[even, skew], [skew, -even]])
+        notes = [say("scanner-s-axes-differ-lean-removed", f"{200 * even:+.2f}", f"{np.degrees(2 * skew):+.3f}")]
+        if instrument.lens_mm:
+            most_mm = np.nanmax(np.hypot(*moved[0].T))
+            notes.insert(0, say("scanner-lens-removed", f"{most_mm:.3f}", f"{left_mm:.3f}"))
+    places = [(place - by) @ np.linalg.inv(axes).T for place, by in zip(places_mm, moved, strict=True)]
+    return Freed(tuple(places), axes, replace(instrument, lens_mm=left_mm), tuple(notes), settled)
 
 
 def _own(off_mm: np.ndarray) -> np.ndarray:
@@ -352,16 +338,11 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     """Return the marks [M, 2] on the bed, their standard deviations [M], the instrument's uncertainty, and notes."""
     number = shared_number(plan)
     mine = [plan.sheet_of == reading.sheet for reading in readings]
-    places, settled, stretch = [], False, np.eye(2)
-    for reading, own in zip(readings, mine, strict=True):
-        places.append(np.full((int(number.max()) + 1, 2), np.nan))
-        places[-1][number[own]] = reading.image_mm - reading.middle_mm
-    places, instrument, of_lens = without_lens(places, readings[0].instrument)
-    notes: list[str] = []
-    if len(readings) > 1:
-        stretch, note, settled = scanner_axes(places)
-        places = [place @ np.linalg.inv(stretch).T for place in places]
-        notes += [*(of_lens if settled else []), note]  # without a turn the scans say nothing of a lens
+    pictures = np.full((len(readings), int(number.max()) + 1, 2), np.nan)
+    for picture, reading, own in zip(pictures, readings, mine, strict=True):
+        picture[number[own]] = reading.image_mm - reading.middle_mm
+    freed = freed_of_scanner(pictures, readings[0].instrument)
+    places, instrument, notes = freed.places_mm, freed.instrument, list(freed.notes)
     check_sheets(readings, plan)
     seen = [own & np.isfinite(place[number, 0]) for place, own in zip(places, mine, strict=True)]
     together = np.any(seen, axis=0)
@@ -384,10 +365,10 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     instrument = replace(
         instrument, wave_mm=max(instrument.wave_mm, wave_mm), lens_mm=math.hypot(instrument.lens_mm, wave_mm)
     )
-    instrument = instrument_on_bed(instrument, pose.matrix, settled=settled)
+    instrument = instrument_on_bed(instrument, pose.matrix, settled=freed.settled)
     if wave_mm > LEAST_DISAGREEMENT_MM:
         notes.append(say("scans-disagree-mm-where-dots-lie", f"{wave_mm:.3f}"))
-    rulers = [(one.stretched(stretch), reading.marks.pose.matrix) for reading in readings for one in reading.rulers]
+    rulers = [(one.stretched(freed.axes), reading.marks.pose.matrix) for reading in readings for one in reading.rulers]
     measured, instrument, said = scaled_by_rulers(rulers, measured, instrument)
     return measured, sigma, instrument, [*notes, *said]
 
