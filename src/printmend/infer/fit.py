@@ -252,13 +252,7 @@ def turned(places_mm: np.ndarray, by_rad: float, scene: Scene) -> np.ndarray:
 
 def home_sd_of(mechanism: Mechanism, scene: Scene) -> tuple[float, float]:
     """Return how far each belt may rest from where the end stops would have it [2]."""
-    home = scene.printer.to_motor(np.array(scene.printer.home_mm))
-    branches = [table.branches_mm(home[[motor]]) for motor, table in enumerate(mechanism.transmissions)]
-    switch_mm = spread_mm(scene, homings=1)
-    first, second = (
-        math.hypot(sd_mm, float(upper[0] - lower[0]) / 2)
-        for sd_mm, (lower, upper) in zip(switch_mm, branches, strict=True)
-    )
+    first, second = np.hypot(spread_mm(scene, homings=1), mechanism.play_at_home_mm() / 2).tolist()
     return first, second
 
 

@@ -289,6 +289,22 @@ class Mechanism:
         ways = [*map(printer.motor_home_direction, range(2)), printer.z.home_direction]
         return np.array([table.branches_mm(home_mm[k])[0 if ways[k] > 0 else 1] for k, table in enumerate(self.motors)])
 
+    def motors_at(self, belts_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
+        """Return where the motors have to be [N, 2] for their belts to be there: pushed forwards where ``side`` [N, 2]
+        is above 0, pulled back where it is below, and half-way between the two at 0."""
+        motors_mm = np.empty_like(belts_mm)
+        for at, belt_mm, table in zip(range(2), belts_mm.T, self.transmissions, strict=True):
+            branches = (table.lower_mm, table.upper_mm)
+            lower, upper = (belt_mm - np.interp(belt_mm, each, each - table.motor_mm) for each in branches)
+            motors_mm[:, at] = np.where(side[:, at] > 0, lower, np.where(side[:, at] < 0, upper, (lower + upper) / 2))
+        return motors_mm
+
+    def play_at_home_mm(self) -> np.ndarray:
+        """Return how much play each belt has at the end stops [2]."""
+        home_mm = self.printer.to_motor(np.array(self.printer.home_mm))
+        branches = (table.branches_mm(at) for table, at in zip(self.transmissions, home_mm, strict=True))
+        return np.array([float(upper - lower) for lower, upper in branches])
+
     def homed(self) -> "Mechanism":
         """Return this machine with the origin that homing gives it.
 

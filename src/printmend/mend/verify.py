@@ -342,15 +342,8 @@ def _each_made(model: SavedModel, trace: Trace) -> Trace:
     """Return a check print as it was commanded where mending moved each of its places by itself."""
     printer, mechanism = model.printer, model.mechanism
     belts = printer.to_motor(mechanism.frame.invert(trace.commanded_mm))
-    motors = np.empty_like(belts)
-    for motor, table in enumerate(mechanism.transmissions):
-        side, grid = last_way(belts[:, motor]), table.motor_mm
-        forward, back = (
-            belts[:, motor] - np.interp(belts[:, motor], branch, branch - grid)
-            for branch in (table.lower_mm, table.upper_mm)
-        )
-        motors[:, motor] = np.where(side > 0, forward, np.where(side < 0, back, belts[:, motor]))
-    commanded = printer.from_motor(motors)
+    sides = np.stack([last_way(belt) for belt in belts.T], axis=1)
+    commanded = printer.from_motor(mechanism.motors_at(belts, sides))
     commanded[0] = trace.commanded_mm[0]
     offset = trace.offset_mm
     if offset is not None and trace.normal is not None:  # a wall's offset counts from its commanded place

@@ -17,7 +17,7 @@ from printmend.effects.effect import HARDLY_ANY, LINEAR, LONG_MM, NEARLY_ALL, SE
 from printmend.effects.prior import number_of, numbers_of
 from printmend.effects.switch import drawn_shifts_mm
 from printmend.infer.machine import DRAWS, Part
-from printmend.machine import Mechanism, Transmission
+from printmend.machine import Mechanism
 from printmend.path import Motion
 from printmend.promise.belief import Belief
 
@@ -244,9 +244,6 @@ def _places(mechanism: Mechanism, path: PathPlaces, scene: Scene, at_rest: bool)
     belt = printer.to_motor(mechanism.frame.invert(path.wanted_mm))
     way = printer.to_motor(path.tangent)
     side = path.side if at_rest else np.where(np.abs(way) > STANDS_SHARE, np.sign(way), path.side)
-    after = np.stack(
-        [_motor_at(mechanism.transmissions[i], belt[:, i], side[:, i]) for i in range(2)], axis=1
-    )  # fmt: skip
     ways = np.zeros_like(path.tangent) if path.ways is None else path.ways  # an axis that stands still went so before
     if not at_rest:
         ways = np.where(np.abs(path.tangent) > STANDS_SHARE, np.sign(path.tangent), ways)
@@ -256,14 +253,7 @@ def _places(mechanism: Mechanism, path: PathPlaces, scene: Scene, at_rest: bool)
         gone_mm / max(scene.way_mm, 1e-9), np.full(len(belt), LONG_MM), np.zeros_like(belt), path.z_mm,
         None if at_rest else path.tangent, path.strokes_mm,
     )  # fmt: skip
-    return raw, replace(raw, motor_mm=after)
-
-
-def _motor_at(table: Transmission, belt_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
-    """Return where a motor has to be [N] for its belt to be there."""
-    grid = table.motor_mm
-    lower, upper = (belt_mm - np.interp(belt_mm, branch, branch - grid) for branch in (table.lower_mm, table.upper_mm))
-    return np.where(side > 0, lower, np.where(side < 0, upper, (lower + upper) / 2))
+    return raw, replace(raw, motor_mm=mechanism.motors_at(belt, side))
 
 
 def _across(mechanism: Mechanism, path: PathPlaces) -> np.ndarray:
@@ -274,13 +264,10 @@ def _across(mechanism: Mechanism, path: PathPlaces) -> np.ndarray:
 def _rests_mm(mechanism: Mechanism, rng: np.random.Generator) -> np.ndarray:
     """Return how far each belt [2, DRAWS] rests within its play at home, where the measurement does not show that: half
     of the drawn machines have it engaged, and the others anywhere in its play."""
-    printer = mechanism.printer
-    at_home = printer.to_motor(np.array(printer.home_mm))
     shift = np.zeros((2, DRAWS))
-    for motor, table in enumerate(mechanism.transmissions):
-        lower, upper = (float(each[0]) for each in table.branches_mm(at_home[[motor]]))
+    for motor, play_mm in enumerate(mechanism.play_at_home_mm()):
         resting = rng.uniform(0, 1, DRAWS) * (rng.uniform(0, 1, DRAWS) < number_of("next", "loose"))
-        shift[motor] = -printer.motor_home_direction(motor) * max(upper - lower, 0.0) * resting
+        shift[motor] = -mechanism.printer.motor_home_direction(motor) * max(play_mm, 0.0) * resting
     return shift
 
 
