@@ -37,7 +37,7 @@ def error_of(kind: str, printer: Printer, wanted: np.ndarray, rng: np.random.Gen
     motors = printer.to_motor(wanted)
     weights = rng.normal(size=2)
     if kind == "play":
-        off = np.stack([last_way(column) for column in motors.T], axis=1) * weights
+        off = last_way(motors) * weights
     elif kind in ("wave", "idler"):
         period_mm = printer.x.mm_per_turn * (1.0 if kind == "wave" else rng.uniform(0.6, 1.6))
         off = np.sin(2 * np.pi * motors / period_mm + rng.uniform(0, 2 * np.pi, 2)) * weights

@@ -285,7 +285,7 @@ def test_places_know_how_far_each_motor_has_gone_since_its_last_turns():
         ways = np.diff(way, axis=0)
         at = int(np.argmax(ways @ tangent / np.hypot(*ways.T)))
         gone = ENDER3.to_motor(np.concatenate([way[: at + 1], place[None]]))
-        sides = np.stack([last_way(motor) for motor in gone.T], axis=1)
+        sides = last_way(gone)
         wanted = strokes_of(gone, sides, np.zeros(2))[-1]
         known = np.isfinite(wanted)
         assert strokes[known] == pytest.approx(wanted[known], abs=0.02)

@@ -20,10 +20,11 @@ def frozen(array: np.ndarray) -> np.ndarray:
 
 
 def last_way(places: np.ndarray) -> np.ndarray:
-    """Return the direction [N] in which one axis last moved at each of its places [N]: +1, −1, 0 before the first
-    move."""
-    way = np.sign(np.diff(places, prepend=places[:1]))
-    return way[np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), 0))]
+    """Return the direction [N, …] in which each axis last moved at each of its places [N, …]: +1, −1, 0 before the
+    first move."""
+    way = np.sign(np.diff(places, axis=0, prepend=places[:1]))
+    rows = np.arange(len(way)).reshape(-1, *(1 for _ in way.shape[1:]))
+    return np.take_along_axis(way, np.maximum.accumulate(np.where(way != 0, rows, 0), axis=0), axis=0)
 
 
 @dataclass(frozen=True)

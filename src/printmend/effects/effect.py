@@ -369,7 +369,7 @@ def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndar
         motor_mm=motor_mm,
         side=side,
         bed_mm=bed_mm,
-        ways=np.stack([last_way(axis) for axis in trace.commanded_mm.T], axis=1).astype(np.float32),
+        ways=last_way(trace.commanded_mm).astype(np.float32),
         done=done_of(step, scene),
         move_mm=move_mm,
         normal=np.broadcast_to(0.0, (len(step), 2)) if trace.normal is None else np.nan_to_num(trace.normal),

@@ -253,7 +253,7 @@ def _sides(trace: Trace, printer: Printer) -> tuple[np.ndarray, np.ndarray]:
     """Return the direction in which each motor reached the measured marks [N, 2]: +1, −1, 0 before its first move; and
     how far it had gone since it last turned round [N, 2, STROKES]."""
     motors_mm, known = printer.to_motor(trace.commanded_mm), trace.measured_rows
-    sides = np.stack([last_way(column) for column in motors_mm.T], axis=1)
+    sides = last_way(motors_mm)
     return sides[known], strokes_of(motors_mm, sides, np.zeros(2))[known]
 
 
@@ -273,7 +273,7 @@ def _outlook_at_marks(model: SavedModel, belief: Belief, trace: Trace) -> tuple[
         np.ones(2 * len(off)),
         None if (z_mm := with_heights(trace, printer).z_mm) is None else np.repeat(z_mm[known], 2),
         np.repeat(gone_mm, 2),
-        np.repeat(np.stack([last_way(axis) for axis in wanted.T], axis=1)[known], 2, axis=0),
+        np.repeat(last_way(wanted)[known], 2, axis=0),
         np.repeat(strokes_mm, 2, axis=0),
     )
     before = Errors(float(np.sqrt(np.mean(path.off_mm**2))), 0.0, float(np.abs(path.off_mm).max()))
@@ -342,7 +342,7 @@ def _each_made(model: SavedModel, trace: Trace) -> Trace:
     """Return a check print as it was commanded where mending moved each of its places by itself."""
     printer, mechanism = model.printer, model.mechanism
     belts = printer.to_motor(mechanism.frame.invert(trace.commanded_mm))
-    sides = np.stack([last_way(belt) for belt in belts.T], axis=1)
+    sides = last_way(belts)
     commanded = printer.from_motor(mechanism.motors_at(belts, sides))
     commanded[0] = trace.commanded_mm[0]
     offset = trace.offset_mm

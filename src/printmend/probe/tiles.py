@@ -78,7 +78,7 @@ class Belief:
         printer = self.scene.printer
         motor = printer.to_motor(waypoints_mm)
         touch, none = self.contacts(motor), np.zeros((len(rows), 2))
-        ways = np.stack([last_way(axis) for axis in waypoints_mm.T], axis=1)[rows].astype(float)
+        ways = last_way(waypoints_mm)[rows].astype(float)
         places = Places(
             np.take_along_axis(motor, touch.row, axis=0)[rows], touch.side[rows].astype(float), waypoints_mm[rows],
             ways, none[:, 0], none[:, 0], none,
