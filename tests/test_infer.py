@@ -16,7 +16,7 @@ from printmend.effects.sized import Sized, frame_of
 from printmend.effects.words import Found
 from printmend.infer import kernels
 from printmend.infer.fit import fitted, home_sd_of, weighed, worn
-from printmend.infer.gram import Block, Dictionary, Rows, blocks_of, dictionary_of, gram_of, seen
+from printmend.infer.gram import Block, Dictionary, Look, Rows, blocks_of, dictionary_of, gram_of, seen
 from printmend.infer.machine import DRAWS, Part, machine_of
 from printmend.infer.posterior import acting, central, drawn_by, drawn_of, drawn_sets, likely_set, posterior_of, seen_at
 from printmend.infer.scatter import inverse_of, log_below
@@ -745,7 +745,8 @@ def test_a_dictionary_does_not_depend_on_the_places_that_no_row_is_of() -> None:
     places = places_of(Trace(path, path, homed=True), scene, np.tile(np.arange(len(path))[:, None], 2), every + 1, path)
     mark = np.flatnonzero(dots)[:20]
     rows = Rows(mark, np.tile([[1.0, 0.0]], (20, 1)), every[:20, 0], every[:20, 0] + 1, every[:20, 0] + 1)
-    found = dictionary_of(blocks_of(scene), places, rows, scene)
+    touched = contacts_of(healthy_mechanism(printer), printer.to_motor(path))
+    found = dictionary_of(blocks_of(scene), Look(scene, places, rows, touched))
     for block in found.blocks:
         whole = seen(block.key, places, rows, scene)
         assert np.array_equal(found.columns[:, block.at], whole)

@@ -10,7 +10,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, Term, columns_of, places_of, scene_of
 from printmend.effects.effect import Key
-from printmend.infer.gram import Block, Rows, blocks_of, dictionary_of
+from printmend.infer.gram import Block, Look, Rows, blocks_of, dictionary_of
 from printmend.infer.machine import Part
 from printmend.infer.posterior import SWEEPS, Few, acting, drawn_sizes
 from printmend.machine import contacts_of, healthy_mechanism
@@ -162,7 +162,7 @@ def _rows(distances: Distances, scene: Scene, off_mm: np.ndarray, *, plain: bool
     places = replace(places, normal=along * np.tile(side, 2)[:, None])
     one = np.ones(2 * count)
     rows = Rows(np.arange(2 * count), along, one, one, one)
-    found = dictionary_of(blocks_of(scene, _plain if plain else _told), places, rows, scene)
+    found = dictionary_of(blocks_of(scene, _plain if plain else _told), Look(scene, places, rows, contacts))
     columns, blocks = found.columns[:count] + found.columns[count:], list(found.blocks)
     if scene.corexy:
         first, second = (block for block in blocks if block.effect == "scale")

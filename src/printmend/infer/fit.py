@@ -19,13 +19,13 @@ from printmend.infer.gram import (
     Block,
     Dictionary,
     Gram,
+    Look,
     Rows,
     blocks_of,
     dictionary_of,
     gram_of,
-    narrowed,
-    side_by_side,
     summed,
+    with_blocks,
 )
 from printmend.infer.machine import machine_of
 from printmend.infer.search import (
@@ -65,13 +65,22 @@ class Fit:
     a linear effect again.
     """
 
-    scene: Scene
-    places: Places
-    rows: Rows
-    contacts: Contacts
+    look: Look
     search: Search
     state: State
     turned_rad: float = 0.0
+
+    @property
+    def scene(self) -> Scene:
+        return self.look.scene
+
+    @property
+    def places(self) -> Places:
+        return self.look.places
+
+    @property
+    def rows(self) -> Rows:
+        return self.look.rows
 
     @property
     def dictionary(self) -> Dictionary:
@@ -111,7 +120,7 @@ class Fit:
     def left_by_mark_mm(self, trace: Trace) -> np.ndarray:
         """Return the residual of every dot on the bed [N, 2] under the set, NaN where none was measured or
         understood."""
-        known = trace.measured_rows & ~trace.wall_rows & (self.contacts.row >= 0).all(axis=1)
+        known = trace.measured_rows & ~trace.wall_rows & (self.look.contacts.row >= 0).all(axis=1)
         return np.where(known[:, None], trace.measured_mm - self.places_mm(), np.nan)
 
     @property
@@ -162,48 +171,46 @@ def _fitted(
     for _ in range(PASSES):
         trace = turned_back(whole, turned_rad, scene)
         is_first = first is None and fit is None
-        contacts, places, rows = looked(trace, scene, mechanism, most, parts, is_first=is_first)
-        rows = _with_turn(rows, places, turned_rad, scene)
+        look = _with_turn(looked(trace, scene, mechanism, most, parts, is_first=is_first), turned_rad)
+        count = len(look.rows.mark)
         if fit is not None and (
-            len(rows.mark) < MOST_LOST_SHARE * len(fit.rows.mark)  # with that play hardly a belt would ever touch
-            or _settled(fit, contacts, places, turned_rad)
+            count < MOST_LOST_SHARE * len(fit.rows.mark)  # with that play hardly a belt would ever touch
+            or _settled(fit, look, turned_rad)
         ):
             break
         if fit is None:
-            weight = weighed(rows, _left_by(mechanism, trace, contacts, rows))
-        elif len(rows.mark) == len(fit.rows.mark):
-            weight = weighed(rows, fit.left_mm())
+            weight = weighed(look.rows, _left_by(mechanism, trace, look))
         else:
-            weight = rows.weight
-        newer = _searched(scene, places, rows, contacts, weight, fit, blocks, doubting=not quick)
+            weight = weighed(look.rows, fit.left_mm()) if count == len(fit.rows.mark) else look.rows.weight
+        newer = _searched(look, weight, fit, blocks, doubting=not quick)
         if fit is not None and _typical_mm(newer) > WORSE * _typical_mm(fit):
             break  # its contacts are no better than the last
         fit = replace(newer, turned_rad=turned_rad)
         mechanism, parts = fit.mechanism, fit.parts()
         turned_rad = 0.0 if trace.wall_rows.any() else turn_of(parts)
     assert fit is not None
-    del contacts, places, rows  # of a long trace they take more than all the rest
+    del look  # of a long trace it takes more than all the rest
     return fit if quick else _on_all_marks(fit, turned_back(whole, fit.turned_rad, scene))
 
 
-def _settled(fit: Fit, contacts: Contacts, places: Places, turned_rad: float) -> bool:
+def _settled(fit: Fit, look: Look, turned_rad: float) -> bool:
     """Tell whether a fit's machine touches where the fit took it to touch: another pass would find the same."""
     turned_mm = abs(turned_rad - fit.turned_rad) * SCALE_MM
-    moved_mm = np.abs(places.bed_mm - fit.places.bed_mm).max()
-    return bool(np.array_equal(contacts.row, fit.contacts.row) and max(moved_mm, turned_mm) < SETTLED_MM)
+    moved_mm = np.abs(look.places.bed_mm - fit.places.bed_mm).max()
+    return bool(np.array_equal(look.contacts.row, fit.look.contacts.row) and max(moved_mm, turned_mm) < SETTLED_MM)
 
 
 def looked(
     trace: Trace, scene: Scene, mechanism: Mechanism, most: int = MOST_MARKS, parts: Sequence[Sized] = (), *,
     is_first: bool,
-) -> tuple[Contacts, Places, Rows]:  # fmt: skip
-    """Return where the belts of a machine with these parts touch along a trace, and its rows as places and as numbers;
-    a ``first`` look takes the places on the bed as they were measured."""
+) -> Look:  # fmt: skip
+    """Look at a trace where the belts of a machine with these parts touch along it; a ``first`` look takes the places
+    on the bed as they were measured."""
     worn_mm = worn(trace.commanded_mm, parts, scene)  # all of it is in the mechanism
     contacts = contacts_of(mechanism, scene.printer.to_motor(trace.commanded_mm), worn_mm - worn_mm[-1])
     bed_mm = first_places_mm(trace) if is_first else scene.printer.from_motor(contacts.belt_mm)
     places = guided(places_of(trace, scene, contacts.row, contacts.side, bed_mm), trace.commanded_mm, parts)
-    return contacts, places, rows_of(trace, contacts, places, scene, most)
+    return Look(scene, places, rows_of(trace, contacts, places, scene, most), contacts)
 
 
 def worn(path_mm: np.ndarray, parts: Sequence[Sized], scene: Scene) -> np.ndarray:
@@ -231,12 +238,13 @@ def _turned_mm(places: Places, by_rad: float, scene: Scene) -> np.ndarray:
     return np.asarray(SCALE_MM * math.tan(by_rad) * columns_of("turn", places, 0, (), scene)[:, :, 0])
 
 
-def _with_turn(rows: Rows, places: Places, by_rad: float, scene: Scene) -> Rows:
-    """Return rows of a trace that was turned back with the turn as a linear effect: sets without it are rivals."""
+def _with_turn(look: Look, by_rad: float) -> Look:
+    """Return a look at a trace that was turned back with the turn as a linear effect: sets without it are rivals."""
+    rows = look.rows
     if not by_rad:
-        return rows
-    more_mm = np.einsum("mc,mc->m", rows.along, _turned_mm(places.at(rows.mark), by_rad, scene))
-    return replace(rows, error_mm=rows.error_mm + more_mm)
+        return look
+    more_mm = np.einsum("mc,mc->m", rows.along, _turned_mm(look.places.at(rows.mark), by_rad, look.scene))
+    return look._replace(rows=replace(rows, error_mm=rows.error_mm + more_mm))
 
 
 def turn_of(parts: Sequence[Sized]) -> float:
@@ -272,8 +280,8 @@ def _middle_mm(off_mm: np.ndarray) -> np.ndarray:
 
 def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
     """Return a fit of the likeliest set, and of what may be beside it, to every mark of a long trace."""
-    rows = rows_of(trace, fit.contacts, fit.places, fit.scene, len(trace))
-    rows = _with_turn(rows, fit.places, fit.turned_rad, fit.scene)
+    rows = rows_of(trace, fit.look.contacts, fit.places, fit.scene, len(trace))
+    rows = _with_turn(fit.look._replace(rows=rows), fit.turned_rad).rows
     if len(rows.mark) <= len(fit.rows.mark):
         return fit
     gains = fit.search.gains(fit.state, fit.search.offered(fit.state.members))
@@ -284,7 +292,7 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
 
     def gram(first: int) -> Gram:
         part = rows.some(slice(first, first + CHUNK_ROWS))
-        some = side_by_side(keys, fit.places, part, fit.scene)
+        some = fit.look._replace(rows=part).columns(keys)
         left_mm = part.error_mm - some[:, known] @ fit.state.mean_mm
         away = left_mm * np.sqrt(part.weight) / fit.state.sigma_mm
         return gram_of(some, part, part.weight * weights_of(away, 1.0))
@@ -295,11 +303,11 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
     return replace(fit, search=search, state=state)
 
 
-def _left_by(mechanism: Mechanism, trace: Trace, contacts: Contacts, rows: Rows) -> np.ndarray:
+def _left_by(mechanism: Mechanism, trace: Trace, look: Look) -> np.ndarray:
     """Return what a first machine leaves of the measured numbers [M], but for what the measurement's origin may be."""
-    off_mm = trace.measured_mm - mechanism.bed.printed(contacts.belt_mm)
+    off_mm = trace.measured_mm - mechanism.bed.printed(look.contacts.belt_mm)
     off_mm = off_mm - _middle_mm(off_mm)
-    left_mm = np.einsum("mc,mc->m", rows.along, off_mm[rows.mark])
+    left_mm = np.einsum("mc,mc->m", look.rows.along, off_mm[look.rows.mark])
     return np.where(np.isfinite(left_mm), left_mm, 0.0)
 
 
@@ -307,18 +315,15 @@ def _typical_mm(fit: Fit) -> float:
     return float(np.median(np.abs(fit.left_mm())))
 
 
-def _searched(
-    scene: Scene, places: Places, rows: Rows, contacts: Contacts, weight: np.ndarray, last: Fit | None,
-    blocks: tuple[Block, ...], *, doubting: bool,
-) -> Fit:  # fmt: skip
+def _searched(look: Look, weight: np.ndarray, last: Fit | None, blocks: tuple[Block, ...], *, doubting: bool) -> Fit:
     """Return the likeliest set for rows. With ``doubting`` the last weighing doubts each of its members."""
-    dictionary = dictionary_of(blocks, places, rows, scene)
+    dictionary, rows = dictionary_of(blocks, look), look.rows
     members: Set = tuple(
         (b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0 or block.effect in BEGUN_WITH
     )
     sigma_mm = first_sigma_mm(rows.error_mm, weight)
     if last is not None:
-        dictionary, members = _as_before(dictionary, last, places, rows, scene)
+        dictionary, members = _as_before(dictionary, last, look)
         sigma_mm = last.state.sigma_mm
     state: State | None = None
     for weighing in range(WEIGHINGS):
@@ -326,27 +331,25 @@ def _searched(
         state = searched(search, members, sigma_mm)
         if doubting and weighing == WEIGHINGS - 1:
             state = doubted(search, state)
-        search, state = _finer(search, state, places, rows, scene, weight)
+        search, state = _finer(search, state, look._replace(rows=rows), weight)
         dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
         left_mm = left_of(rows, dictionary, state)
         weight, rows = weighed(rows, left_mm), shared(rows, left_mm)
     assert state is not None
-    return Fit(scene, places, rows, contacts, search, state)
+    return Fit(look._replace(rows=rows), search, state)
 
 
-def _as_before(dictionary: Dictionary, last: Fit, places: Places, rows: Rows, scene: Scene) -> tuple[Dictionary, Set]:
+def _as_before(dictionary: Dictionary, last: Fit, look: Look) -> tuple[Dictionary, Set]:
     """Return the dictionary with the finer shapes of the last pass, and the last set in it."""
     known = {block.key for block in dictionary.blocks}
     missed = [block for block in last.blocks if block.key not in known]
-    dictionary = with_blocks(dictionary, missed, places, rows, scene)
+    dictionary = with_blocks(dictionary, missed, look)
     numbers = {block.key: b for b, block in enumerate(dictionary.blocks)}
     members = zip(last.blocks, last.state.members, strict=True)
     return dictionary, tuple((numbers[block.key], variant) for block, (_, variant) in members)
 
 
-def with_finer(
-    dictionary: Dictionary, members: Set, round_: int, places: Places, rows: Rows, scene: Scene
-) -> Dictionary:
+def with_finer(dictionary: Dictionary, members: Set, round_: int, look: Look) -> Dictionary:
     """Return the dictionary with finer shapes about those of a set's members.
 
     The search counts a finer shape for less than the first one. In the posterior the first one and its finer ones share
@@ -355,37 +358,26 @@ def with_finer(
     blocks, more = list(dictionary.blocks), []
     for b, _ in members:
         block, coarse = blocks[b], blocks[b].coarse or blocks[b]
-        finer = list(EFFECTS[block.effect].finer(block.where, block.shape, round_, scene))
+        finer = list(EFFECTS[block.effect].finer(block.where, block.shape, round_, look.scene))
         odds = block.own_odds if round_ else float(coarse.log_odds[0] - block.log_odds[0])
         shared = odds - math.log(len(finer) + 1)
         less = replace(block, log_odds=block.log_odds - math.log(TIMES_FINER), own_odds=shared + math.log(TIMES_FINER))
         blocks[b] = replace(block, own_odds=shared)
         more += [replace(less, coarse=coarse, shape=shape) for shape in finer]
-    return with_blocks(replace(dictionary, blocks=tuple(blocks)), more, places, rows, scene) if more else dictionary
+    return with_blocks(replace(dictionary, blocks=tuple(blocks)), more, look) if more else dictionary
 
 
-def with_blocks(dictionary: Dictionary, more: Sequence[Block], places: Places, rows: Rows, scene: Scene) -> Dictionary:
-    """Return the dictionary with more blocks and what the rows see of them."""
-    if not more:
-        return dictionary
-    return dictionary.with_more(more, side_by_side((block.key for block in more), places, rows, scene))
-
-
-def _finer(
-    search: Search, state: State, places: Places, rows: Rows, scene: Scene, weight: np.ndarray
-) -> tuple[Search, State]:
-    """Return the search and the set with the shapes of its members, and of what of the machine may be in the place of
-    an error of the measurement, looked for between the neighbours of each. Scans are left as they are: they do err.
-
-    They are looked for among themselves; then every block may take the place of another again.
-    """
-    rivals = rivals_of if scene.placed else lambda *_: ()
+def _finer(search: Search, state: State, look: Look, weight: np.ndarray) -> tuple[Search, State]:
+    """Look for better shapes of a set's members, between the neighbours of each on its grid: first among the members
+    alone, then with all other blocks again. Where places are known, an error of the measurement is suspect, so its best
+    rival of the machine takes part; a scanner does err."""
+    rows, rivals = look.rows, rivals_of if look.scene.placed else lambda *_: ()
     members = list(dict.fromkeys(b for b, _ in (*state.members, *rivals(search, state))))
     among = search.narrowed([search.dictionary.blocks[b] for b in members])
     first, own, sigma_mm = len(among.gram.slope), alone(state.members), state.sigma_mm
     sought: Set = tuple((at, 0) for at in range(len(members)))
     for round_ in range(FINER_ROUNDS):
-        dictionary = with_finer(among.dictionary, sought, round_, places, rows, scene)
+        dictionary = with_finer(among.dictionary, sought, round_, look)
         if dictionary is among.dictionary:
             break
         among = search_of(dictionary, rows, weight)
@@ -523,8 +515,7 @@ def begun(trace: Trace, scene: Scene) -> tuple[Fit, Trace]:
 
     def told(scene: Scene, before: Fit | None, names: tuple[str, ...] = FEW) -> Fit:
         fit = fitted(trace, scene, before, kept=_is_told_at_first, names=names, quick=True)
-        places, rows = narrowed(fit.places, fit.rows)
-        return replace(fit, places=places, rows=rows)
+        return replace(fit, look=fit.look.narrowed())
 
     still = told(scene, None, STILL)
     best, odds = told(scene, still), 0.0
@@ -601,7 +592,7 @@ def _beside(fit: Fit, motor: int) -> Callable[[Sequence[Turn]], list[float]]:
     own = Block("pulley", motor, (), slice(0, sizes.shape[1]), sizes, np.zeros(len(sizes)))
 
     def scores(turns: Sequence[Turn]) -> list[float]:
-        new = [side_by_side(keys, fit.places, rows, turn.of(fit.scene)) for turn in turns]
+        new = [fit.look._replace(scene=turn.of(fit.scene)).columns(keys) for turn in turns]
         search = search_of(dictionary.with_more([own] * len(turns), np.hstack(new)), rows, weight)
         gains = search.gains(beside, count + np.arange(len(turns))).values.reshape(len(turns), -1)
         likeliest = enumerate(np.argmax(gains, axis=1).tolist(), start=count)

@@ -4,12 +4,14 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Effect, Of, Places, Scene, Term, columns_of
 from printmend.effects.effect import Key
 from printmend.effects.prior import number_of
+from printmend.machine import Contacts
 from printmend.metrics.robust import NORMAL_SQUARE
 
 
@@ -114,19 +116,26 @@ def seen(key: Key, places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     return found
 
 
-def side_by_side(keys: Iterable[Key], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
-    """Return the rows' columns [M, P] of several effects, side by side."""
-    places, rows = narrowed(places, rows)
-    none = np.zeros((0, len(rows.mark)))
-    return np.concatenate([none, *(seen(key, places, rows, scene).T for key in keys)]).T
+class Look(NamedTuple):
+    """A look at a measurement with a machine: where its belts touch, and the ``places`` that the ``rows`` are of."""
 
+    scene: Scene
+    places: Places
+    rows: Rows
+    contacts: Contacts
 
-def narrowed(places: Places, rows: Rows) -> tuple[Places, Rows]:
-    """Return the places that the rows are of, and the rows of these: the search looks at few of a long trace."""
-    marks, numbers = np.unique(rows.mark, return_inverse=True)
-    if len(marks) == len(places):
-        return places, rows
-    return places.at(marks), replace(rows, mark=numbers)
+    def columns(self, keys: Iterable[Key]) -> np.ndarray:
+        """Return the rows' columns [M, P] of several effects, side by side."""
+        few = self.narrowed()
+        none = np.zeros((0, len(few.rows.mark)))
+        return np.concatenate([none, *(seen(key, few.places, few.rows, few.scene).T for key in keys)]).T
+
+    def narrowed(self) -> "Look":
+        """Return the look at the places that the rows are of alone: a search looks at few of a long trace."""
+        marks, numbers = np.unique(self.rows.mark, return_inverse=True)
+        if len(marks) == len(self.places):
+            return self
+        return self._replace(places=self.places.at(marks), rows=replace(self.rows, mark=numbers))
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,9 +173,16 @@ def _blocks_of(scene: Scene, kept: Callable[[Term], bool] | None, effects: tuple
     )
 
 
-def dictionary_of(blocks: tuple[Block, ...], places: Places, rows: Rows, scene: Scene) -> Dictionary:
-    """Return blocks with what rows see of them."""
-    return Dictionary(blocks, side_by_side((block.key for block in blocks), places, rows, scene))
+def dictionary_of(blocks: tuple[Block, ...], look: Look) -> Dictionary:
+    """Return blocks with what the rows of a look see of them."""
+    return Dictionary(blocks, look.columns(block.key for block in blocks))
+
+
+def with_blocks(dictionary: Dictionary, more: Sequence[Block], look: Look) -> Dictionary:
+    """Return the dictionary with more blocks and what the rows see of them."""
+    if not more:
+        return dictionary
+    return dictionary.with_more(more, dictionary_of(tuple(more), look).columns)
 
 
 def _shows(term: Term, scene: Scene) -> bool:
@@ -206,7 +222,8 @@ class Table:
         return np.asarray(self.matrix[first])
 
     def among(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """Return the products [A, B] of some columns with others: of those that are not known in whole rows no more."""
+        """Return the products [A, B] of some columns with others. Rows that are known are read; of all others only
+        these products are summed, and they are not kept."""
         found, new, other = self.matrix[np.ix_(first, second)], ~self.known[first], ~self.known[second]
         if new.any():
             found[new] = self.matrix[np.ix_(second, first[new])].T

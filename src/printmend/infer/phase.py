@@ -117,9 +117,10 @@ def found_phase(parts: Sequence[Part], mechanism: Mechanism, trace: Trace, scene
 def _rows(
     parts: Sequence[Part], mechanism: Mechanism, trace: Trace, scene: Scene, sigma_mm: float, *, is_first: bool
 ) -> _Rows:
-    _, places, rows = looked(trace, scene, mechanism, is_first=is_first)
+    look = looked(trace, scene, mechanism, is_first=is_first)
+    rows = look.rows
     scale = np.sqrt(rows.weight) / sigma_mm
-    dictionary = dictionary_of(blocks_of(scene), places, rows, scene)
+    dictionary = dictionary_of(blocks_of(scene), look)
     free = [
         dictionary.columns[:, block.at] * block.sds_mm[:, :1].max() * scale[:, None]
         for block in dictionary.blocks
@@ -128,7 +129,7 @@ def _rows(
     error = rows.error_mm * scale
     waves: list[tuple[Part, np.ndarray]] = []
     for part in parts:
-        told = seen(part.key, places, rows, scene) * scale[:, None]
+        told = seen(part.key, look.places, rows, scene) * scale[:, None]
         if waves_of(*part.key, scene) is None:
             error = error - told @ part.mean_mm
         elif part.mean_mm.any():

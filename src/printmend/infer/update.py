@@ -13,7 +13,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Places, Scene, scene_of
+from printmend.effects import EFFECTS, Acts, Of, Scene, scene_of
 from printmend.effects.breathing import HARMONICS as BREATHS
 from printmend.effects.effect import SCALE_MM, SEED, TIMES_FINER, TINY_MM, Key, belt_places
 from printmend.effects.elastic import HARMONICS as STRETCHES
@@ -33,25 +33,25 @@ from printmend.infer.fit import (
     turned_back,
     unlike_play,
     weighed,
-    with_blocks,
     with_finer,
 )
 from printmend.infer.gram import (
     Block,
     Dictionary,
     Gram,
+    Look,
     Rows,
     blocks_of,
     dictionary_of,
     gram_of,
     laid_side_by_side,
-    side_by_side,
     slices,
+    with_blocks,
 )
 from printmend.infer.machine import DRAWS, LIKELY, Part, is_of_drive, machine_of, those_acting
 from printmend.infer.posterior import Posterior, after_homing, posterior_here
 from printmend.infer.search import Search, Set, State, by_growing, columns_at, searched
-from printmend.machine import Contacts, Mechanism
+from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.units import SELDOM_SDS
 
@@ -314,15 +314,15 @@ def renewed(
     at: _Pass | None = None
     for number in range(PASSES):
         trace = turned_back(whole, turned_rad, scene)
-        contacts, places, rows = looked(trace, scene, mechanism, is_first=at is None)
-        weighed_by = partial(_weighed_stories, story, wearing, places, rows, scene)
+        look = looked(trace, scene, mechanism, is_first=at is None)
+        weighed_by = partial(_weighed_stories, story, wearing, look)
         at = weighed_by(blocks_of(seen), stories=stories and number == PASSES - 1)
         found = [at.sums.dictionary.blocks[b].effect for b, _ in at.state.members]
         doubtful = number == 0 and any(effect in LIKE_PLAY for effect in found)
         if doubtful:  # the next pass knows where play lets the belts touch
             at = weighed_by(blocks_of(seen, names=unlike_play()), stories=False)
         story = at.story
-        now = _now(at, before, contacts, scene, rng)
+        now = _now(at, before, rng)
         mechanism, _ = machine_of(scene, those_acting(now.now.parts))
         turns = [part.mean_mm[0] for part in now.now.parts if part.effect == "turn"]
         turned_rad += math.atan(sum(turns) / SCALE_MM)
@@ -337,8 +337,7 @@ class _Pass:
 
     story: Story
     like: tuple[Part, ...]
-    places: Places
-    rows: Rows
+    look: Look
     sums: Sums
     left: Left
     state: State
@@ -349,16 +348,14 @@ class _Pass:
         """Return what all of it leaves of the rows [M]."""
         likely_mm = self.state.laid_out_mm(self.sums.own)[:, None]
         old = self.old_columns @ self.left.sizes_mm(likely_mm)
-        return np.asarray(self.rows.error_mm - (old + self.sums.dictionary.columns @ likely_mm)[:, 0])
+        return np.asarray(self.look.rows.error_mm - (old + self.sums.dictionary.columns @ likely_mm)[:, 0])
 
 
-def _weighed_stories(
-    story: Story, wearing: Wearing, places: Places, rows: Rows, scene: Scene, offered: Sequence[Block], *, stories: bool
-) -> _Pass:
-    like, doubted = told_apart(story.parts)
+def _weighed_stories(story: Story, wearing: Wearing, look: Look, offered: Sequence[Block], *, stories: bool) -> _Pass:
+    (like, doubted), rows = told_apart(story.parts), look.rows
     changes = tuple(replace(block, positive=False, needs=()) for block in offered)  # play may become less
-    dictionary = _with_shapes(dictionary_of(changes, places, rows, scene), doubted, places, rows, scene)
-    old = side_by_side((part.key for part in like), places, rows, scene)
+    dictionary = _with_shapes(dictionary_of(changes, look), doubted, look)
+    old = look.columns(part.key for part in like)
     always: Set = tuple((b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0)
     left_mm = rows.error_mm - old @ wearing.known(story, like)[0]
     weight = weighed(rows, left_mm)
@@ -373,7 +370,7 @@ def _weighed_stories(
             left = sums.without(left.mean, left.ways, state.sigma_mm)
             state = _search(sums, each, left).posterior(state.members, state.sigma_mm, rounds=0)
             score = state.score - left.log_det / 2 + each.log_odds
-            return _Pass(each, like, places, rows, sums, left, state, score, old)
+            return _Pass(each, like, look, sums, left, state, score, old)
 
         best = told(story, members)
         while stories and _changes(best) and not best.story.whole:
@@ -384,14 +381,14 @@ def _weighed_stories(
                 break
             best = newer
         story, stories = best.story, False
-        best = _finer(best, scene, weight)
+        best = _finer(best, weight)
         dictionary, members, sigma_mm = best.sums.dictionary, best.state.members, best.state.sigma_mm
         weight = weighed(rows, best.left_mm())
     assert best is not None
     return best
 
 
-def _with_shapes(dictionary: Dictionary, parts: Sequence[Part], places: Places, rows: Rows, scene: Scene) -> Dictionary:
+def _with_shapes(dictionary: Dictionary, parts: Sequence[Part], look: Look) -> Dictionary:
     """Return the dictionary with the shapes of parts that lie between its own."""
     blocks = {(*block.slot, block.width): block for block in dictionary.blocks}
     known = {block.key for block in dictionary.blocks}
@@ -401,7 +398,7 @@ def _with_shapes(dictionary: Dictionary, parts: Sequence[Part], places: Places, 
         for part, slot in missed
         if slot in blocks
     ]
-    return with_blocks(dictionary, more, places, rows, scene)
+    return with_blocks(dictionary, more, look)
 
 
 def _search(sums: Sums, story: Story, left: Left) -> Search:
@@ -521,23 +518,23 @@ def _likeliest_turn_rad(at: _Pass, motor: int, always: Set) -> float:
     return float(around[np.argmax([score(float(each)) for each in around])])
 
 
-def _finer(at: _Pass, scene: Scene, weight: np.ndarray) -> _Pass:
+def _finer(at: _Pass, weight: np.ndarray) -> _Pass:
     """Look for the shapes of the members between the neighbours of each."""
     for round_ in range(FINER_ROUNDS):
-        dictionary = with_finer(at.sums.dictionary, at.state.members, round_, at.places, at.rows, scene)
+        dictionary = with_finer(at.sums.dictionary, at.state.members, round_, at.look)
         if dictionary is at.sums.dictionary:
             break
-        sums = sums_of(dictionary, at.old_columns, at.rows, weight)
+        sums = sums_of(dictionary, at.old_columns, at.look.rows, weight)
         left = sums.without(at.left.mean, at.left.ways, at.state.sigma_mm)
         state = searched(_search(sums, at.story, left), at.state.members, at.state.sigma_mm)
         at = replace(at, sums=sums, left=left, state=state)
     return at
 
 
-def _now(at: _Pass, before: tuple[Part, ...], contacts: Contacts, scene: Scene, rng: np.random.Generator) -> Renewed:
+def _now(at: _Pass, before: tuple[Part, ...], rng: np.random.Generator) -> Renewed:
     """Draw machines: changes as the search has them, and the old machine beside each."""
-    search = _search(at.sums, at.story, at.left)
-    fit = Fit(scene, at.places, at.rows, contacts, search, at.state)
+    scene, search = at.look.scene, _search(at.sums, at.story, at.left)
+    fit = Fit(at.look, search, at.state)
     found = posterior_here(fit, rng)
     where = {block.key: block.at for block in at.sums.dictionary.blocks}
     changes = np.zeros((at.sums.own, DRAWS))
