@@ -514,15 +514,6 @@ def rivals_of(search: Search, state: State) -> Set:
     return tuple(dict.fromkeys(found))
 
 
-def by_growing(search: Search, start: Set, sigma_mm: float) -> State:
-    """Return the set that is reached from ``start`` by only adding blocks: faster than `searched`, and good enough to
-    compare explanations."""
-    state = search.posterior(start, sigma_mm)
-    while (better := _more(search, state, search.beside(state))) is not None:
-        state = better
-    return state
-
-
 def _more(search: Search, state: State, beside: Beside, without: int | None = None) -> State | None:
     best, gain = beside.gains(search.offered(state.members, without)).best()
     if gain <= 0:

@@ -7,7 +7,7 @@ pulley turned on its shaft, a motor with other parts, another machine.
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
@@ -50,7 +50,7 @@ from printmend.infer.gram import (
 )
 from printmend.infer.machine import DRAWS, LIKELY, Part, is_of_drive, machine_of, those_acting
 from printmend.infer.posterior import Posterior, after_homing, posterior_here
-from printmend.infer.search import Search, Set, State, by_growing, columns_at, searched
+from printmend.infer.search import Search, Set, State, columns_at, searched
 from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.units import SELDOM_SDS
@@ -175,6 +175,11 @@ class Sums:
     def own(self) -> int:
         return self.dictionary.columns.shape[1]
 
+    @property
+    def old(self) -> np.ndarray:
+        """The old machine's columns [M, P]."""
+        return self.gram.table.columns[:, : -self.own or None]
+
     def without(self, mean: np.ndarray, ways: np.ndarray, sigma_mm: float, at: np.ndarray | None = None) -> "Left":
         """Sum out an old machine; with ``at`` only these columns of the dictionary are left."""
         known = len(self.gram.slope) - self.own
@@ -258,7 +263,6 @@ PASSES = 3  # of contacts, then search, where anything changed; the last one wei
 PHASES = 72  # angles by which a pulley may have turned that are tried, then those between the best and its neighbours
 SEEN_SHARE = 0.5  # of its prior deviation that a shift may keep and counts as seen
 ALIKE_NATS = SELDOM_SDS**2 / 2  # of turns that fit alike to this, the smallest is told: an oval repeats after half
-_Steps = Callable[[Search, Set, float], State]
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,12 +346,11 @@ class _Pass:
     left: Left
     state: State
     score: float
-    old_columns: np.ndarray
 
     def left_mm(self) -> np.ndarray:
         """Return what all of it leaves of the rows [M]."""
         likely_mm = self.state.laid_out_mm(self.sums.own)[:, None]
-        old = self.old_columns @ self.left.sizes_mm(likely_mm)
+        old = self.sums.old @ self.left.sizes_mm(likely_mm)
         return np.asarray(self.look.rows.error_mm - (old + self.sums.dictionary.columns @ likely_mm)[:, 0])
 
 
@@ -364,19 +367,17 @@ def _weighed_stories(story: Story, wearing: Wearing, look: Look, offered: Sequen
     for _ in range(WEIGHINGS):
         sums = sums_of(dictionary, old, rows, weight)
 
-        def told(each: Story, start: Set, by: _Steps = searched, sums: Sums = sums, sd_mm: float = sigma_mm) -> _Pass:
+        def told(each: Story, start: Set, sums: Sums = sums, sd_mm: float = sigma_mm) -> _Pass:
             left = sums.without(*wearing.known(each, like), sd_mm)
-            state = by(_search(sums, each, left), start, sd_mm)
+            state = searched(_search(sums, each, left), start, sd_mm)
             left = sums.without(left.mean, left.ways, state.sigma_mm)
             state = _search(sums, each, left).posterior(state.members, state.sigma_mm, rounds=0)
             score = state.score - left.log_det / 2 + each.log_odds
-            return _Pass(each, like, look, sums, left, state, score, old)
+            return _Pass(each, like, look, sums, left, state, score)
 
         best = told(story, members)
         while stories and _changes(best) and not best.story.whole:
-            rough = {each: told(each, always, by_growing) for each in _others(best, always)}
-            found = max(rough, key=lambda each: rough[each].score)
-            newer = told(found, rough[found].state.members)
+            newer = max((told(each, always) for each in _others(best, always)), key=lambda each: each.score)
             if newer.score <= best.score:
                 break
             best = newer
@@ -524,7 +525,7 @@ def _finer(at: _Pass, weight: np.ndarray) -> _Pass:
         dictionary = with_finer(at.sums.dictionary, at.state.members, round_, at.look)
         if dictionary is at.sums.dictionary:
             break
-        sums = sums_of(dictionary, at.old_columns, at.look.rows, weight)
+        sums = sums_of(dictionary, at.sums.old, at.look.rows, weight)
         left = sums.without(at.left.mean, at.left.ways, at.state.sigma_mm)
         state = searched(_search(sums, at.story, left), at.state.members, at.state.sigma_mm)
         at = replace(at, sums=sums, left=left, state=state)
