@@ -90,10 +90,7 @@ def first_guess(plan: ProbePlan, pairs: np.ndarray) -> Guess:
     """Return the belief before any of the pairs [K, 2] of dots is read. Errors with an unknown place are left out."""
     scene = _scene(plan, printer_of(plan))
     rows = _rows(distances_of(plan, pairs), scene, np.zeros((2 * len(pairs), 2)), plain=True)
-    variance = np.zeros(rows.columns.shape[1])
-    for block in rows.blocks:
-        odds = np.exp(block.log_odds)
-        variance[block.at] = odds / (1 + odds.sum()) @ block.sds_mm**2
+    variance = np.concatenate([block.variance_mm2 for block in rows.blocks])
     last = next(block.at.start for block in rows.blocks if block.effect == "bead")
     order = np.append(np.delete(np.arange(len(variance)), last), last)
     features = (rows.columns * np.sqrt(variance))[:, order]

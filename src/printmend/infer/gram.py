@@ -44,6 +44,12 @@ class Block:
         return self.sds_mm.shape[1]
 
     @property
+    def variance_mm2(self) -> np.ndarray:
+        """The variance of each size [P] before anything is measured, machines without the effect included."""
+        odds = np.exp(self.log_odds)
+        return np.asarray(odds / (1 + odds.sum()) @ self.sds_mm**2)
+
+    @property
     def slot(self) -> tuple[str, int]:
         """Of the blocks of one slot a set holds at most as many as the effect allows."""
         return self.effect, self.where

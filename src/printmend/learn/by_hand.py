@@ -12,6 +12,7 @@ from printmend.effects.effect import SCALE_MM
 from printmend.effects.pulley import HARMONICS
 from printmend.errors import TraceError
 from printmend.infer.distances import ByHand, machines_by_hand, printer_of
+from printmend.infer.gram import block_of
 from printmend.infer.machine import DRAWS, machine_of, those_acting
 from printmend.measure.callipers import READING_SD_MM, Distances
 from printmend.messages import say
@@ -121,8 +122,6 @@ def _estimates(by_hand: ByHand) -> list[Estimate]:
 
 
 def _prior_sd(scene: Scene, asked: _Asked, where: int) -> float:
-    """Return the standard deviation of a size before anything was measured, machines without the effect included."""
-    terms = [term for term in EFFECTS[asked.effect].terms(scene) if term.where == where]
-    odds = np.exp(np.array([term.log_odds for term in terms]))
-    variances = np.array([term.sd_mm[asked.size] ** 2 for term in terms])
-    return float(np.sqrt(odds / (1 + odds.sum()) @ variances))
+    """Return the standard deviation of a size before anything was measured."""
+    block = block_of([term for term in EFFECTS[asked.effect].terms(scene) if term.where == where])
+    return float(np.sqrt(block.variance_mm2[asked.size]))
