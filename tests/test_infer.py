@@ -303,6 +303,16 @@ def test_a_motor_that_stood_still_has_faults_of_finite_size(ender5: Printer, rng
 COMMON = ("place", "scale", "play", "skew", "pulley", "idler", "drift", "turn", "halves")
 
 
+def test_a_long_trace_leaves_no_effect_out_that_all_of_its_marks_show() -> None:
+    """Else all of several that may stand for one another would come to a drawn machine."""
+    printer, rng = read_printer("ender3"), np.random.default_rng(1)
+    path = np.vstack([printer.home_mm, rng.uniform(10, 210, (5000, 2))])
+    seen = path * [1.0002, 1.0] + rng.normal(0, 0.1, path.shape)
+    trace = Trace(path, seen, homed=True)
+    fit = fitted(trace, scene_of(trace, printer))
+    assert fit.search.gains(fit.state, fit.search.offered(fit.state.members)).values.max() <= 0
+
+
 def test_drawn_printers_rank_evenly_among_their_draws() -> None:
     """Simulation-based calibration, in small: `benchmarks/bench_sbc.py` does it in large."""
     printer = read_printer("ender3")

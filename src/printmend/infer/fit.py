@@ -279,7 +279,8 @@ def _middle_mm(off_mm: np.ndarray) -> np.ndarray:
 
 
 def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
-    """Return a fit of the likeliest set, and of what may be beside it, to every mark of a long trace."""
+    """Return a fit to every mark of a long trace: a search that starts at the likeliest set, among what may be beside
+    it."""
     rows = rows_of(trace, fit.look.contacts, fit.places, fit.scene, len(trace))
     rows = _with_turn(fit.look._replace(rows=rows), fit.turned_rad).rows
     if len(rows.mark) <= len(fit.rows.mark):
@@ -299,7 +300,7 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
 
     grams = map(gram, range(0, len(rows.mark), CHUNK_ROWS))
     search = replace(few, gram=summed(grams, few.dictionary.columns.shape[1]))
-    state = search.posterior(alone(fit.state.members), fit.state.sigma_mm)
+    state = searched(search, alone(fit.state.members), fit.state.sigma_mm)
     return replace(fit, search=search, state=state)
 
 
