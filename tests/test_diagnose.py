@@ -83,12 +83,13 @@ def test_names_what_is_broken_and_what_to_do(examined: Examination) -> None:
 
 
 def test_unlike_axes_of_a_corexy_are_named(rng: np.random.Generator) -> None:
-    """Its motors move both axes: no scale of theirs makes X too large and Y too small."""
+    """Its motors move both axes: no scale of theirs makes X too large and Y too small. What both axes have alike is
+    theirs where the instrument is known."""
     printer = read_printer("corexy")
     points = np.vstack([[printer.home_mm], rng.uniform(20, 280, (200, 2))])
     squeezed = (points - printer.home_mm) * [1.004, 0.994] + printer.home_mm
     measured = squeezed + rng.normal(0, 0.02, points.shape)
-    model = learn_model(Trace(points, measured, homed=True), printer)
+    model = learn_model(Trace(points, measured, homed=True, instrument=Instrument(scale_sd=1e-4)), printer)
     (axes,) = (fault for fault in model.document["diagnosis"] if fault["kind"] == "axes")
     assert (axes["part"], axes["unit"]) == ("frame", "%")
     assert axes["value"] == pytest.approx(1.0, abs=4 * axes["sd"] + 1e-3)

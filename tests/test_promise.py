@@ -241,7 +241,7 @@ def test_a_motor_that_rounding_moves_stands_still(rng: np.random.Generator) -> N
     """Lines at 45° on a CoreXY move one motor; that their ends are rounded does not turn the other one round."""
     printer = read_printer("corexy")
     belief = parse_belief(
-        learn_model(measured(Corruption((Drive(), Drive(belt=Play(0.3)))), 0.02, 4, 300, printer), printer)
+        learn_model(measured(Corruption((Drive(), Drive(belt=Play(0.3)))), 0.02, 6, 300, printer), printer)
     )
     assert belief is not None
     side = np.repeat(np.where(np.arange(40) % 2, 1.0, -1.0), 10)
@@ -578,6 +578,28 @@ def test_a_rounded_table_makes_no_ripple(step_mm: float, noise_mm: float, drive:
     assert faults == (set() if drive == Drive() else {("x", "harmonic"), ("x", "play")})
     assert "left_out" not in model.document["trace"]
     assert model.is_healthy == (drive == Drive())
+
+
+@pytest.mark.parametrize(("preset", "percent"), [("ender3", 0.2), ("corexy", -0.2)])
+def test_a_scale_of_both_axes_alike_may_be_the_instruments(preset: str, percent: float, part: Path) -> None:
+    """Nothing acts on what a rule of another length shows, and what is promised holds the printer that does it, too. A
+    scale of one axis is the machine's, and so is one that no instrument has."""
+    printer = read_printer(preset)
+    plan, rng = design_probe(printer), np.random.default_rng(6)
+
+    def learned(*percents: float) -> SavedModel:
+        measured_mm = np.full_like(plan.waypoints_mm, np.nan)
+        true_mm = plan.waypoints_mm[plan.rows]
+        measured_mm[plan.rows] = true_mm * (1 + np.array(percents) / 100) + rng.normal(0, 0.05, true_mm.shape)
+        return learn_model(Trace(plan.waypoints_mm, measured_mm, homed=True), printer)
+
+    alike = learned(percent, percent)
+    assert alike.is_healthy
+    assert "the instrument may be off by that" in str(alike.document["misfit"])
+    stays = check_gcode(part, alike).before
+    assert stays.rms_low_mm < 0.005 < 0.05 < stays.rms_high_mm  # of a part 25 to 30 mm about its middle
+    assert not learned(percent, 0.0).is_healthy
+    assert not learned(5 * percent, 5 * percent).is_healthy
 
 
 def test_a_tall_part_is_told_that_a_flat_print_shows_no_screw(bent: SavedModel, tmp_path: Path) -> None:

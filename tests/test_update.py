@@ -177,6 +177,18 @@ def test_another_scan_of_another_scale_is_no_change() -> None:
     assert again.model.findings[0].endswith("Y healthy")
 
 
+@pytest.mark.parametrize(("percents", "changed"), [((0.15, 0.15), []), ((0.15, 0.0), [("X", "scale")])])
+def test_a_rule_of_another_length_is_no_change(
+    old: SavedModel, percents: tuple[float, float], changed: list[tuple[str, str]]
+) -> None:
+    """Where both axes change alike, the instrument did; where one does, the machine."""
+    again = printed(machine(), 200, 8)
+    read = replace(again, measured_mm=again.measured_mm * (1 + np.array(percents) / 100))
+    found = update(old, read, rng=np.random.default_rng(0))
+    assert [(each.part, each.kind) for each in found.changes] == changed
+    assert changed or error_mm(found.model, machine()) < 0.02
+
+
 def test_never_worse_than_the_new_trace_alone(old: SavedModel) -> None:
     """X got another pulley, Y was repaired."""
     now = Corruption((Drive(pulley=Polygon((6.9, 6.2, 7.1, 6.5), 0.3), belt=Play(0.2)), Drive()))

@@ -145,6 +145,17 @@ def test_a_scanners_doubt_hides_no_change_of_the_machine(
     assert ("does not match the old model" in anew) == (result == BROKEN)  # what keeps its promise is of this machine
 
 
+@pytest.mark.parametrize(("percents", "result"), [((0.15, 0.15), KEPT), ((0.15, 0.0), BROKEN)])
+def test_a_rule_of_another_length_breaks_no_promise(
+    bent: SavedModel, percents: tuple[float, float], result: str
+) -> None:
+    """Where both axes are off alike, the instrument is; where one is, the machine."""
+    trace = checked(bent, BENT, 0.02)
+    verdict = verify(bent, replace(trace, measured_mm=trace.measured_mm * (1 + np.array(percents) / 100)))
+    assert verdict.result == result, verdict.words
+    assert result == BROKEN or verdict.stretch_percent == pytest.approx(0.15, abs=0.02)
+
+
 SHRINKS = np.array([0.006, 0.003])  # along X and Y
 
 

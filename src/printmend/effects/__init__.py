@@ -11,6 +11,7 @@ from printmend.effects.bend import Bend
 from printmend.effects.bent import Bent
 from printmend.effects.breathing import Breathing
 from printmend.effects.bump import Bump
+from printmend.effects.calibration import Calibration
 from printmend.effects.carriage import Carriage
 from printmend.effects.carriage_wave import CarriageWave
 from printmend.effects.creep import Creep
@@ -68,7 +69,7 @@ _ALL: tuple[Effect, ...] = (
     Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Crooked(), Joint(), Distortion(), Racking(), Tilt(), Lag(),
     LagWear(), Loose(), SoftPlay(), Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Sheet(), Skip(),
     Warmth(), Wear(), Wander(), Wobble(), Layer(), Origin(), Shift(), Turn(), Stretch(), Resized(), Carriage(),
-    CarriageWave(), Lens(), Halves(), Bead(), Shrinkage(), Digits(),
+    CarriageWave(), Lens(), Halves(), Bead(), Shrinkage(), Digits(), Calibration(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")
 

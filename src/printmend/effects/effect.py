@@ -493,8 +493,9 @@ def drawn_places(scene: Scene) -> Places:
 
 
 def terms_of(effect: Effect, scene: Scene) -> list[Term]:
-    """Return an effect's terms on a machine, those of a measurement without a place included."""
-    return list(effect.terms(scene)) or list(effect.terms(replace(scene, placed=False)))
+    """Return an effect's terms on a machine, in a measurement with a place or without, or by an unknown instrument."""
+    scenes = (scene, replace(scene, placed=False), replace(scene, instrument=Instrument()))
+    return next(filter(None, (list(effect.terms(each)) for each in scenes)), [])
 
 
 def drawn_term(terms: list[Term], rng: np.random.Generator) -> tuple[Term, np.ndarray]:

@@ -232,7 +232,7 @@ def _stretch_percent(found: Renewed) -> float:
     places = at_places(bed_mm=bed, motor_mm=scene.printer.to_motor(bed))
     moved = sum(
         (columns_of(part.effect, places, part.where, part.shape, scene) @ part.mean_mm
-         for part in found.now.parts if part.effect in ("stretch", "resized")), np.zeros_like(bed),
+         for part in found.now.parts if part.effect in ("stretch", "resized", "calibration")), np.zeros_like(bed),
     )  # fmt: skip
     return float((moved[1, 0] - moved[0, 0] + moved[2, 1] - moved[0, 1]) / 2)
 
