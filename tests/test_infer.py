@@ -10,7 +10,7 @@ import pytest
 from scipy import special
 
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, places_of, scene_of
-from printmend.effects.effect import LINEAR, drawn_places, drawn_sizes, moves_of
+from printmend.effects.effect import LINEAR, drawn_places, drawn_sizes, moves_of, name_of
 from printmend.effects.prior import NEAR_SHARE, share_of
 from printmend.effects.sized import Sized, frame_of
 from printmend.effects.words import Found
@@ -67,10 +67,11 @@ def test_an_effect_keeps_its_promises_to_inference(name: str) -> None:
     effect, offered = EFFECTS[name], 0
     for scene in scenes():
         places = drawn_places(scene)
-        by_place: dict[int, float] = {}
+        by_place: dict[tuple[int, str], float] = {}
         for term in effect.terms(scene):
             offered += 1
-            by_place[term.where] = by_place.get(term.where, 0.0) + float(np.exp(min(term.log_odds, 50.0)))
+            own = (term.where, name_of(effect, np.array([term.sign])))
+            by_place[own] = by_place.get(own, 0.0) + float(np.exp(min(term.log_odds, 50.0)))
             if offered % 40 == 1:
                 columns = columns_of(name, places, term.where, term.shape, scene)
                 assert columns.shape == (len(places), 2, len(term.sd_mm))
@@ -82,8 +83,8 @@ def test_an_effect_keeps_its_promises_to_inference(name: str) -> None:
                     assert np.abs(columns_of(name, home_of(scene), term.where, term.shape, scene)).max() < 1e-12
         by_scene = ("origin", "stretch", "bead", "turn", "pulley", "shrinkage", "halves", "digits")
         if name not in by_scene:  # nor always there
-            for odds in by_place.values():
-                assert odds / (1 + odds) == pytest.approx(share_of(name), rel=1e-6)
+            for (_, called), odds in by_place.items():
+                assert odds / (1 + odds) == pytest.approx(share_of(called), rel=1e-6)
     assert offered
 
 
@@ -130,7 +131,7 @@ def _small(name: str, scene: Scene, rng: np.random.Generator) -> Sized:
     term = next(each for each in EFFECTS[name].terms(scene) if each.where == 0)
     sizes = rng.standard_normal(len(term.sd_mm)) * term.sd_mm
     sizes *= NOISE_MM / np.linalg.norm(sizes)
-    return Sized(name, 0, term.shape, np.abs(sizes) if term.positive else sizes)
+    return Sized(name, 0, term.shape, np.abs(sizes) if term.sign else sizes)
 
 
 @pytest.mark.parametrize("name", ["crooked", "distortion"])
@@ -359,6 +360,31 @@ def _moved(part: object, sizes: np.ndarray, places: object, scene: Scene) -> np.
     return np.asarray(np.einsum("ncp,pd->ncd", columns, sizes))
 
 
+def test_a_size_below_0_is_one_above_0_the_other_way_round(rng: np.random.Generator) -> None:
+    columns, one = rng.standard_normal((40, 3)), np.ones(40)
+    error, found = columns @ [1.0, -0.3, 0.2] + rng.standard_normal(40), []
+    for sign in (1, -1):
+        blocks = tuple(Block(name, 0, (), slice(b, b + 1), np.array([[1.0], [0.3]]), np.array([-0.5, -1.0]), signs)
+                       for b, (name, signs) in enumerate((("scale", np.zeros(2)), ("skew", np.zeros(2)),
+                                                          ("play", sign * np.array([1, -1])))))  # fmt: skip
+        rows = Rows(np.arange(40), np.ones((40, 2)), error, one, one)
+        search = search_of(Dictionary(blocks, columns * [1, 1, sign]), rows, one)
+        states = [search.posterior(((0, 0), (2, at)), 1.0, rounds=0) for at in range(2)]
+        without = search.posterior(((0, 0),), 1.0, rounds=0)
+        gains = search.gains(without, np.array([2])).values
+        assert gains == pytest.approx([state.score - without.score for state in states])
+        dropped = [search.beside(state).without((2, at)).told for at, state in enumerate(states)]
+        assert dropped == pytest.approx(-gains)
+        found.append([*gains, *(sign * state.mean_mm[1] for state in states)])
+        likely = np.exp(gains) / (1 + np.exp(gains).sum())
+        best = max((without, *states), key=lambda state: state.score)
+        drawn = Counter(each for _ in range(40) for each in drawn_sets(search, best, rng))
+        shares = np.array([sum(count for each, count in drawn.items() if (2, at) in each) for at in range(2)])
+        if best is without:
+            assert shares / shares.sum() == pytest.approx(likely / likely.sum(), abs=0.05)
+    assert found[0] == pytest.approx(found[1])
+
+
 def test_sets_are_drawn_by_their_weight(rng: np.random.Generator) -> None:
     """Of four alike causes of a few numbers, the chain visits each of the sixteen sets as often as it weighs."""
     columns = rng.standard_normal((12, 1)) + 0.7 * rng.standard_normal((12, 4))
@@ -430,14 +456,15 @@ def test_what_is_there_for_sure_may_be_of_any_likely_size(rng: np.random.Generat
     assert np.array([drawn[v] for v in range(3)]) / (40 * DRAWS) == pytest.approx(weights / weights.sum(), abs=0.025)
 
 
-def test_what_must_be_above_0_is_drawn_so(rng: np.random.Generator) -> None:
-    """Of two sizes that hang together, one above 0, both are drawn as by trying until the one is above 0."""
-    mean, root = np.array([-0.5, 1.0]), np.array([[1.0, 0.8], [0.0, 0.5]])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_what_must_be_of_one_sign_is_drawn_so(sign: int, rng: np.random.Generator) -> None:
+    """Of two sizes that hang together, one of one sign, both are drawn as by trying until the one has it."""
+    mean, root = np.array([-0.5 * sign, 1.0]), np.array([[1.0, 0.8], [0.0, 0.5]])
     state = State(((0, 0), (1, 0)), np.arange(2), mean, root, 1.0, 0.0)
-    drawn = drawn_of(state, np.array([True, False]), 20000, rng)
+    drawn = drawn_of(state, np.array([sign, 0]), 20000, rng)
     tried = mean[:, None] + root.T @ rng.standard_normal((2, 80000))
-    tried = tried[:, tried[0] > 0]
-    assert drawn[0].min() > 0
+    tried = tried[:, sign * tried[0] > 0]
+    assert (sign * drawn[0]).min() > 0
     assert drawn.mean(axis=1) == pytest.approx(tried.mean(axis=1), abs=0.02)
     assert np.cov(drawn) == pytest.approx(np.cov(tried), abs=0.02)
 

@@ -126,13 +126,14 @@ class Cause:
         terms = self._terms(terms_of(effect, scene), printer)
         where = sorted({term.where for term in terms})
         place = where[int(rng.integers(len(where)))]
-        term, sizes = drawn_term([term for term in terms if term.where == place], rng)
+        alike = [term for term in terms if term.where == place]
+        term, sizes = drawn_term(alike, rng)
         if self.severity == "realistic":
             sizes = sizes * REALISTIC_SHARE
         drawn, given = Sized(self.effect, term.where, term.shape, sizes), dict(self.values)
         keys = keys_of(effect, len(term.shape), len(sizes))
         part = keys.filled(given, drawn, effect, scene)
-        if term.positive and part.sizes_mm.min() < 0:
+        if all(each.sign > 0 for each in alike) and part.sizes_mm.min() < 0:
             self._refuse(say("sizes-0-more-has-no-other"), f"{part.sizes_mm.min():g}")
         steepest = _steepest(part, scene)
         if steepest < STEEPEST:

@@ -182,7 +182,7 @@ class Term:
 
     ``sd_mm`` [P] are the prior standard deviations of its sizes on a damaged machine. ``log_odds`` is the logarithm of
     the prior odds that the machine has it, shared among the alternatives of the same effect and place. A set has at
-    most one term of each ``slot``. ``positive``: a negative size has no meaning, as for play.
+    most one term of each ``slot``. Where only sizes above 0 have a meaning ``sign`` is 1, where only those below, −1.
     """
 
     effect: str
@@ -190,7 +190,7 @@ class Term:
     shape: tuple[float, ...]
     sd_mm: tuple[float, ...]
     log_odds: float
-    positive: bool = False
+    sign: int = 0
 
     @property
     def key(self) -> Key:
@@ -249,6 +249,7 @@ class Usual:
     from_home = True
     most = 1
     positive = False
+    below = ""
 
     def carriers(self, scene: Scene) -> range:
         """Return the motors or axes that may have it."""
@@ -280,7 +281,9 @@ class Usual:
         for where in self.carriers(scene):
             shapes = [each for each in self.shapes(where, scene) if self.is_possible(where, each, scene)]
             profiles, share = self.profiles(where, scene), self.share(where, scene)
-            yield from alternatives(self.name, where, shapes, *profiles, share=share, positive=self.positive)
+            yield from alternatives(self.name, where, shapes, *profiles, share=share, sign=int(self.positive))
+            if self.below:
+                yield from alternatives(self.name, where, shapes, row=self.below, sign=-1)
 
     def finer(self, where: int, shape: tuple[float, ...], round_: int, scene: Scene) -> Iterator[tuple[float, ...]]:
         for at, apart in enumerate(self.spacing(where, shape, scene)):
@@ -517,4 +520,16 @@ def drawn_term(terms: list[Term], rng: np.random.Generator) -> tuple[Term, np.nd
 def drawn_sizes(term: Term, rng: np.random.Generator) -> np.ndarray:
     """Draw the sizes [P] of a term by its prior."""
     sizes = np.array(term.sd_mm) * rng.standard_normal(len(term.sd_mm))
-    return np.abs(sizes) if term.positive else sizes
+    return term.sign * np.abs(sizes) if term.sign else sizes
+
+
+def held_mm(effect: Effect, sizes_mm: np.ndarray) -> np.ndarray:
+    """Return what of an effect's sizes [P, ...] a mechanism holds, 0 for the rest."""
+    if effect.acts is Acts.NOT:
+        return np.zeros_like(sizes_mm)
+    return np.maximum(sizes_mm, 0.0) if getattr(effect, "below", "") else sizes_mm
+
+
+def name_of(effect: Effect, sizes_mm: np.ndarray) -> str:
+    """Return what an effect is called: with sizes below 0 it may be another one."""
+    return (np.mean(sizes_mm) < 0 and getattr(effect, "below", "")) or effect.name

@@ -118,15 +118,18 @@ def alternatives(
     *profiles: Iterable[float],
     share: float | None = None,
     sd_mm: float | None = None,
-    positive: bool = False,
+    row: str = "",
+    sign: int = 0,
 ) -> Iterator[Term]:
     """Yield a term for each shape, profile and share of the usual size, as alternatives of one another.
 
     A profile [P] holds the sizes' standard deviations relative to the usual one. ``profiles``, ``share`` and ``sd_mm``
-    are the table's unless given; an effect of another package gives ``share`` and ``sd_mm``.
+    are those of a ``row`` of the table, by default the effect's, unless given; an effect of another package gives
+    ``share`` and ``sd_mm``.
     """
-    sd, profiles = size_mm(name) if sd_mm is None else sd_mm, profiles or (profile_of(name),)
-    sizes = [tuple(mild * sd * each for each in profile) for profile in profiles for mild in mild_shares(name)]
-    chance = share_of(name) if share is None else share
+    row = row or name
+    sd, profiles = size_mm(row) if sd_mm is None else sd_mm, profiles or (profile_of(row),)
+    sizes = [tuple(mild * sd * each for each in profile) for profile in profiles for mild in mild_shares(row)]
+    chance = share_of(row) if share is None else share
     log_odds = math.log(chance / max(1.0 - chance, 1e-6)) - math.log(max(len(shapes), 1) * len(sizes))
-    yield from (Term(name, where, shape, size, log_odds, positive) for shape in shapes for size in sizes)
+    yield from (Term(name, where, shape, size, log_odds, sign) for shape in shapes for size in sizes)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Places, Scene, Term, columns_of, places_of, scene_of
-from printmend.effects.effect import Key
+from printmend.effects import EFFECTS, Of, Places, Scene, Term, columns_of, places_of, scene_of
+from printmend.effects.effect import Key, held_mm
 from printmend.infer.gram import Block, Look, Rows, blocks_of, dictionary_of
 from printmend.infer.machine import Part
 from printmend.infer.posterior import SWEEPS, Few, acting, drawn_sizes
@@ -187,15 +187,12 @@ def _parts(blocks: Sequence[Block], sizes: Mapping[int, np.ndarray]) -> list[Par
         for where in (0, 1) if block.where == BOTH and block.effect == "scale" else (block.where,):
             key = (block.effect, where, block.shape)
             found[key] = found.get(key, 0.0) + draws_mm
-            if block.positive:  # a normal size may be negative
-                found[key] = np.maximum(found[key], 0.0)
     return [Part(*key, np.zeros(len(draws_mm)), draws_mm) for key, draws_mm in found.items()]
 
 
 def _likely(part: Part) -> Part:
     """Return a part that acts as it is in the machines that have it, where most have it."""
-    acts = EFFECTS[part.effect].acts is not Acts.NOT and part.is_likely
-    return replace(part, acts_mm=part.mean_mm / part.chance) if acts else part
+    return replace(part, acts_mm=held_mm(EFFECTS[part.effect], part.mean_mm / part.chance)) if part.is_likely else part
 
 
 def _scene(plan: ProbePlan, printer: Printer) -> Scene:

@@ -19,9 +19,10 @@ from printmend.metrics.robust import NORMAL_SQUARE
 class Block:
     """The columns ``at`` (a slice of the dictionary's) of one effect at one place with one shape.
 
-    ``sds_mm`` [V, P] and ``log_odds`` [V] are its alternatives in size; ``positive`` ones of one column are above 0. A
-    set with this block also has one of the effects that it ``needs``, at the same place. A shape between those of a
-    grid came from a ``coarse`` one. ``own_odds`` are added in the posterior, where finer shapes share its odds.
+    ``sds_mm`` [V, P] and ``log_odds`` [V] are its alternatives in size. Those of one column with ``signs`` [V] of 1 are
+    above 0, those with −1 below. A set with this block also has one of the effects that it ``needs``, at the same
+    place. A shape between those of a grid came from a ``coarse`` one. ``own_odds`` are added in the posterior, where
+    finer shapes share its odds.
     """
 
     effect: str
@@ -30,10 +31,13 @@ class Block:
     at: slice
     sds_mm: np.ndarray
     log_odds: np.ndarray
-    positive: bool = False
+    signs: np.ndarray = field(default_factory=lambda: np.zeros(1))
     needs: tuple[str, ...] = ()
     own_odds: float = 0.0
     coarse: "Block | None" = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "signs", np.broadcast_to(self.signs, len(self.log_odds)))
 
     @property
     def key(self) -> Key:
@@ -42,6 +46,11 @@ class Block:
     @property
     def width(self) -> int:
         return self.sds_mm.shape[1]
+
+    def some(self, alternatives: list[int]) -> "Block":
+        """Return the block with some of its alternatives in size."""
+        sds_mm, log_odds, signs = (each[alternatives] for each in (self.sds_mm, self.log_odds, self.signs))
+        return replace(self, sds_mm=sds_mm, log_odds=log_odds, signs=signs)
 
     @property
     def variance_mm2(self) -> np.ndarray:
@@ -204,8 +213,8 @@ def _shows(term: Term, scene: Scene) -> bool:
 def block_of(terms: Sequence[Term], needs: tuple[str, ...] = ()) -> Block:
     """Return the alternatives in size of an effect at one place with one shape, its columns the first."""
     one, sds_mm = terms[0], np.array([term.sd_mm for term in terms])
-    log_odds = np.array([term.log_odds for term in terms])
-    return Block(*one.key, slice(0, sds_mm.shape[1]), sds_mm, log_odds, one.positive, needs)
+    log_odds, signs = np.array([term.log_odds for term in terms]), np.array([term.sign for term in terms])
+    return Block(*one.key, slice(0, sds_mm.shape[1]), sds_mm, log_odds, signs, needs)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
-from printmend.effects.effect import HARDLY_ANY, drawn_places
+from printmend.effects.effect import HARDLY_ANY, drawn_places, held_mm
 from printmend.effects.homing import lasting
 from printmend.infer.fit import Fit
 from printmend.infer.gram import Block, Dictionary, summed
@@ -49,13 +49,13 @@ class Few:
 @dataclass(frozen=True, eq=False)
 class _Slot:
     """What may be at one place of an effect: nothing first, then (block, size). ``chances`` [A] are the prior chances
-    of each and all before it, ``kernels`` [A, K, K] the covariances that they give to the numbers. ``positive`` [A, K]
-    is what sizes that cannot be below 0 do to the numbers, 0 for others."""
+    of each and all before it, ``kernels`` [A, K, K] the covariances that they give to the numbers. ``halved`` [A, K] is
+    what sizes of one sign do to the numbers, 0 for others."""
 
     states: tuple[tuple[int, int], ...]
     chances: np.ndarray
     kernels: np.ndarray
-    positive: np.ndarray
+    halved: np.ndarray
 
     def drawn(self, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
         """Draw states by their chances, as `rng.choice` does, which checks these every time."""
@@ -69,7 +69,7 @@ def _slots(few: Few) -> list[_Slot]:
     found = []
     for members in grouped.values():
         states, odds, kernels = [(-1, -1)], [1.0], [np.zeros((len(few.columns),) * 2)]
-        positive = [np.zeros(len(few.columns))]
+        halved = [np.zeros(len(few.columns))]
         for b in members:
             block = few.blocks[b]
             for v, (sds, log_odds) in enumerate(zip(block.sds_mm, block.log_odds, strict=True)):
@@ -77,9 +77,9 @@ def _slots(few: Few) -> list[_Slot]:
                 states.append((b, v))
                 odds.append(float(np.exp(log_odds)))
                 kernels.append(scaled @ scaled.T)
-                positive.append(scaled[:, 0] * block.positive)
+                halved.append(scaled[:, 0] * block.signs[v])
         chances = np.cumsum(np.array(odds) / sum(odds))
-        found.append(_Slot(tuple(states), chances / chances[-1], np.array(kernels), np.array(positive)))
+        found.append(_Slot(tuple(states), chances / chances[-1], np.array(kernels), np.array(halved)))
     return found
 
 
@@ -125,19 +125,19 @@ def _evidence_each(beside: np.ndarray, slot: _Slot, offered: np.ndarray, error_m
     first = np.argmax(offered[:, :, None] == offered[:, None, :], axis=2)
     draw, place = np.nonzero(first == np.arange(offered.shape[1]))
     state, weight = offered[draw, place], np.empty(offered.shape)
-    weight[draw, place] = _evidence(beside[draw] + slot.kernels[state], error_mm, slot.positive[state])
+    weight[draw, place] = _evidence(beside[draw] + slot.kernels[state], error_mm, slot.halved[state])
     return weight[np.arange(len(first))[:, None], first]
 
 
-def _evidence(covariance: np.ndarray, error_mm: np.ndarray, positive: np.ndarray) -> np.ndarray:
+def _evidence(covariance: np.ndarray, error_mm: np.ndarray, halved: np.ndarray) -> np.ndarray:
     """Return the log evidence [...] of the errors [K] under covariances [..., K, K], but for a constant.
 
     Half a normal prior has 2 Φ(mean ÷ standard deviation) times the evidence of a whole one: of what a size of one
-    standard deviation, which must be ``positive`` [..., K], does to the errors.
+    standard deviation, ``halved`` [..., K] as it must be of one sign, does to the errors.
     """
     factor = np.linalg.cholesky(covariance)
-    both = np.empty((*positive.shape, 2))
-    both[..., 0], both[..., 1] = error_mm, positive
+    both = np.empty((*halved.shape, 2))
+    both[..., 0], both[..., 1] = error_mm, halved
     white = np.linalg.solve(factor, both)
     log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
     (square, pull), own = np.einsum("...k,...kj->j...", white[..., 0], white), np.square(white[..., 1]).sum(axis=-1)
@@ -149,27 +149,31 @@ def _evidence(covariance: np.ndarray, error_mm: np.ndarray, positive: np.ndarray
 def _sizes(
     few: Few, slots: Sequence[_Slot], there: np.ndarray, noise: np.ndarray, rng: np.random.Generator
 ) -> dict[int, np.ndarray]:
-    """Draw the sizes of every set, as `_noise_drawn` does the noise."""
+    """Draw the sizes of every set, as `_noise_drawn` does the noise; those of the other sign than they must be are cut
+    at 0."""
     missed = few.error_mm - np.sqrt(np.diagonal(noise, axis1=1, axis2=2)) * rng.standard_normal(noise.shape[:2])
     sizes: dict[int, np.ndarray] = {}
     spread: dict[int, np.ndarray] = {}
+    signs: dict[int, np.ndarray] = {}
     for at, slot in enumerate(slots):
         for draw in np.flatnonzero(there[at]):
             b, v = slot.states[there[at, draw]]
             block = few.blocks[b]
             sd = block.sds_mm[v]
             if b not in sizes:
-                sizes[b], spread[b] = np.zeros((len(sd), DRAWS)), np.zeros((len(sd), DRAWS))
+                sizes[b], spread[b], signs[b] = np.zeros((len(sd), DRAWS)), np.zeros((len(sd), DRAWS)), np.zeros(DRAWS)
             sizes[b][:, draw], spread[b][:, draw] = sd * rng.standard_normal(len(sd)), sd
+            signs[b][draw] = block.signs[v]
             missed[draw] -= few.columns[:, block.at] @ sizes[b][:, draw]
     pull = np.linalg.solve(noise + _sum(slots, there), missed[:, :, None])[:, :, 0]
     for b, sd in spread.items():
         sizes[b] += sd**2 * (few.columns[:, few.blocks[b].at].T @ pull.T)
+        sizes[b] *= signs[b] * sizes[b] >= 0
     return sizes
 
 
 ROUNDS = 3  # of the chain of each draw
-TRIES = 64  # draws for each one whose sizes have to be above 0
+TRIES = 64  # draws for each one whose sizes have to be of one sign
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,14 +213,14 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     for members, count in sets.items():
         state = states[members]
         mine = slice(first_draw, first_draw := first_draw + count)
-        sizes_mm = drawn_of(state, fit.search.positive[state.columns], count, rng)
+        sizes_mm = drawn_of(state, fit.search.signs_of(members), count, rng)
         for (b, _), own in zip(members, fit.dictionary.own(members), strict=True):
             draws[b][:, mine] = sizes_mm[own]
     drawn = {b: Part(*blocks[b].key, np.zeros(len(each)), each) for b, each in draws.items()}
     fit = replace(fit, state=central(fit, drawn, [likely, *sorted(states.values(), key=lambda each: -each.score)]))
     acting_mm = _acting_mm(fit.dictionary, [fit.state])[:, 0]
     order = dict.fromkeys([*(b for b, _ in fit.state.members), *drawn])
-    parts = [replace(drawn[b], acts_mm=acting_mm[blocks[b].at]) for b in order]
+    parts = [replace(drawn[b], acts_mm=held_mm(EFFECTS[blocks[b].effect], acting_mm[blocks[b].at])) for b in order]
     return Posterior(fit.scene, tuple(acting(fit.scene, parts)), fit.state, _nats(fit))
 
 
@@ -276,14 +280,17 @@ def seen_at(part: Part, places: Places, scene: Scene) -> np.ndarray:
     return columns.transpose(1, 0, 2) if scene.placed else of_shape(columns, places)
 
 
-def drawn_of(state: State, positive: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw sizes [P, count] of a set. The ``positive`` ones [P] are drawn until none is below 0; after `TRIES` they are
-    cut there. The others follow by their covariance."""
+def drawn_of(state: State, signs: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw sizes [P, count] of a set. Those with ``signs`` [P] of 1 or −1 are drawn until all have these; after `TRIES`
+    they are cut at 0. The others follow by their covariance."""
+    halved = np.flatnonzero(signs)
     sizes_mm = state.mean_mm[:, None] + state.root.T @ rng.standard_normal((len(state.columns), count))
-    covariance, mean_mm = state.root.T @ state.root[:, positive], state.mean_mm[positive, None]
-    tried = mean_mm + np.linalg.cholesky(covariance[positive]) @ rng.standard_normal((len(mean_mm), TRIES * count))
-    above = np.concatenate([tried[:, (tried >= 0).all(axis=0)], np.maximum(tried, 0.0)], axis=1)[:, :count]
-    return np.asarray(sizes_mm + covariance @ np.linalg.solve(covariance[positive], above - sizes_mm[positive]))
+    covariance, mean_mm = state.root.T @ state.root[:, halved], state.mean_mm[halved, None]
+    tried = mean_mm + np.linalg.cholesky(covariance[halved]) @ rng.standard_normal((len(mean_mm), TRIES * count))
+    sign = signs[halved, None]
+    right = np.concatenate([tried[:, (sign * tried >= 0).all(axis=0)], sign * np.maximum(sign * tried, 0.0)], axis=1)
+    moved_mm = right[:, :count] - sizes_mm[halved]
+    return np.asarray(sizes_mm + covariance @ np.linalg.solve(covariance[halved], moved_mm))
 
 
 def after_homing(part: Part, scene: Scene) -> Part:
@@ -370,13 +377,12 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     alternatives: dict[int, list[int]] = {}
     for b, variant in dict.fromkeys([*likeliest.members, *itertools.chain(*rivals)]):
         alternatives.setdefault(b, []).append(variant)
-    blocks = ((search.dictionary.blocks[b], own) for b, own in alternatives.items())
-    few = search.narrowed([replace(one, sds_mm=one.sds_mm[own], log_odds=one.log_odds[own]) for one, own in blocks])
+    few = search.narrowed([search.dictionary.blocks[b].some(own) for b, own in alternatives.items()])
     number = {(b, v): (at, n) for at, (b, some) in enumerate(alternatives.items()) for n, v in enumerate(some)}
     key = {own: each for each, own in number.items()}
     every, sure = (tuple(number[member] for member in some) for some in (likeliest.members, sizes))
-    # What is above 0 is not summed out: a set may ask for less, and its score has to say so.
-    staying: Set = tuple(member for member in sure if not few.dictionary.blocks[member[0]].positive)
+    # What is of one sign is not summed out: a set may ask for another, and its score has to say so.
+    staying: Set = tuple((b, variant) for b, variant in sure if not few.dictionary.blocks[b].signs[variant])
     few = few.given(staying, likeliest.sigma_mm)
     few = replace(few, gram=summed([few.gram], len(few.gram.slope)))  # every chain asks for the same products
     numbered = [[tuple(sorted(number[member] for member in choice)) for choice in choices] for choices in families]

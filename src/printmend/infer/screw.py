@@ -95,7 +95,7 @@ def _fitted(
 def _blocks() -> tuple[Block, ...]:
     """Return the origin of the heights, and the terms of the lift with all their sizes."""
     origin = Block("origin", 0, (), slice(0, 1), np.array([[FAR_MM]]), np.zeros(1))
-    terms = (alternatives(name, 0, positive=name == "backlash") for name in TERMS)
+    terms = (alternatives(name, 0, sign=int(name == "backlash")) for name in TERMS)
     return laid_side_by_side((origin, *(block_of(list(each)) for each in terms)))
 
 

@@ -5,8 +5,8 @@ family, several effects can replace several others, so all of its sets are compa
 
 With the noise σ and a set's prior variances V given, errors are normal with covariance σ² + Φ V Φᵀ. The gain of one
 more block follows from its part of the Gram matrix: with S its information and r its slope after the set's own part is
-subtracted, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (MacKay 1992; Tipping & Faul 2003). A size that must be positive has
-half a normal prior: its evidence is 2 Φ(mean ÷ standard deviation) times as large.
+subtracted, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (MacKay 1992; Tipping & Faul 2003). A size that must have one sign
+has half a normal prior: its evidence is 2 Φ(±mean ÷ standard deviation) times as large.
 """
 
 import itertools
@@ -120,9 +120,10 @@ class Search:
         # the least that any sizes leave: rounding of the mean counts by its square alone
         quadratic = self.gram.square / variance - mean @ (2 * pull - mean - scaled @ mean / variance)
         evidence = -0.5 * (self.gram.count * np.log(variance) + log_det + quadratic)
-        positive = self.positive[columns]
-        spread = np.linalg.norm(inverse[:, positive], axis=0)
-        evidence += float(np.sum(log_below(mean[positive] / spread) + np.log(2)))
+        signs = self.signs_of(members)
+        halved = np.flatnonzero(signs)
+        sure = signs[halved] * mean[halved] / np.linalg.norm(inverse[:, halved], axis=0)
+        evidence += float(np.sum(log_below(sure) + np.log(2)))
         return State(members, columns, mean * sd, inverse * sd, float(np.sqrt(variance)), float(evidence + odds))
 
     def gains(self, state: State, offered: np.ndarray) -> Gains:
@@ -151,6 +152,11 @@ class Search:
         sds_mm = np.concatenate([np.zeros(0), *(blocks[b].sds_mm[variant] for b, variant in members)])
         return columns_at(blocks[b] for b, _ in members), sds_mm
 
+    def signs_of(self, members: Set) -> np.ndarray:
+        """Return the sign of each of a set's sizes [A] that has to be above 0 or below it, 0 for others."""
+        blocks = self.dictionary.blocks
+        return np.concatenate([np.zeros(0), *(np.full(blocks[b].width, blocks[b].signs[v]) for b, v in members)])
+
     @cached_property
     def families(self) -> list[list[Set]]:
         """For each family, every choice of its effects that a set may hold; a family with one choice alone is left out.
@@ -178,10 +184,10 @@ class Search:
 
     @cached_property
     def groups(self) -> list["_Group"]:
-        """The blocks of each width and sign."""
-        by_size: dict[tuple[tuple[int, ...], bool], list[int]] = {}
+        """The blocks of each width and of the same signs."""
+        by_size: dict[tuple[tuple[int, ...], bytes], list[int]] = {}
         for number, block in enumerate(self.dictionary.blocks):
-            by_size.setdefault((block.sds_mm.shape, block.positive), []).append(number)
+            by_size.setdefault((block.sds_mm.shape, block.signs.tobytes()), []).append(number)
         blocks = self.dictionary.blocks
         return [
             _Group(
@@ -189,23 +195,15 @@ class Search:
                 columns_at(blocks[b] for b in which).reshape(len(which), -1),
                 np.array([blocks[b].sds_mm for b in which]),
                 np.array([blocks[b].log_odds for b in which]),
-                positive,
+                blocks[which[0]].signs,
             )
-            for (_, positive), which in by_size.items()
+            for which in by_size.values()
         ]
 
     @cached_property
     def own(self) -> list[np.ndarray]:
         """The products of the columns of each group's blocks among themselves."""
         return [self.gram.within(group.columns) for group in self.groups]
-
-    @cached_property
-    def positive(self) -> np.ndarray:
-        """Which columns [P] have sizes above 0."""
-        found = np.zeros(len(self.gram.slope), bool)
-        for block in self.dictionary.blocks:
-            found[block.at] = block.positive
-        return found
 
     @cached_property
     def keys(self) -> np.ndarray:
@@ -220,8 +218,9 @@ class Search:
 
     @cached_property
     def one_sided(self) -> np.ndarray:
-        """Which of the alternatives [K] have sizes above 0."""
-        return np.repeat([group.positive for group in self.groups], [group.log_odds.size for group in self.groups])
+        """Which of the alternatives [K] have sizes of one sign."""
+        none = np.zeros(0, bool)
+        return np.concatenate([none, *(np.tile(group.signs != 0, len(group.blocks)) for group in self.groups)])
 
     def alternatives(self, blocks: np.ndarray) -> np.ndarray:
         """Tell which of the alternatives [K] are of some blocks."""
@@ -245,9 +244,10 @@ class Search:
         own = slices(group.log_odds.size for group in groups)
         for at, group, (information, pull, sds_mm, which), mine in zip(numbers, groups, rows, own, strict=True):
             gained = group.log_odds + normal[mine].reshape(group.log_odds.shape)
-            if group.positive:
-                sd = np.sqrt(sds_mm[:, :, 0] ** -2 + np.maximum(information[:, :, 0], 0.0))
-                gained = gained + log_below(pull / sd) + np.log(2)
+            halved = np.flatnonzero(group.signs)
+            if len(halved):
+                sd = np.sqrt(sds_mm[:, halved, 0] ** -2 + np.maximum(information[:, :, 0], 0.0))
+                gained[:, halved] += log_below(group.signs[halved] * pull / sd) + np.log(2)
             values[self.ends[at]] = np.where(which, gained.ravel(), 0.0)
         return values
 
@@ -384,8 +384,8 @@ class Beside:
         pull = inverse @ self.state.mean_mm[own]
         told = float(np.log(block.sds_mm[variant] / np.abs(np.diag(root))).sum() - pull @ pull / 2)
         told -= float(block.log_odds[variant])
-        if block.positive:
-            sure = self.state.mean_mm[own] / np.linalg.norm(mine)
+        if block.signs[variant]:
+            sure = block.signs[variant] * self.state.mean_mm[own] / np.linalg.norm(mine)
             told -= float(log_below(sure)[0]) + np.log(2)
         return Less(self, told, told + float(pull @ pull) / 2, mine @ inverse.T, pull)
 
@@ -426,13 +426,13 @@ def columns_at(blocks: Iterable[Block]) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Blocks [B] of one width and sign with their columns [B, P], sizes [B, V, P] and log odds [B, V]."""
+    """Blocks [B] of one width with their columns [B, P], sizes [B, V, P], log odds [B, V] and ``signs`` [V]."""
 
     blocks: np.ndarray
     columns: np.ndarray
     sds_mm: np.ndarray
     log_odds: np.ndarray
-    positive: bool
+    signs: np.ndarray
 
     @cached_property
     def keys(self) -> np.ndarray:

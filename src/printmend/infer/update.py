@@ -15,7 +15,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Scene, scene_of
 from printmend.effects.breathing import HARMONICS as BREATHS
-from printmend.effects.effect import SCALE_MM, SEED, TIMES_FINER, TINY_MM, Key, belt_places
+from printmend.effects.effect import SCALE_MM, SEED, TIMES_FINER, TINY_MM, Key, belt_places, held_mm
 from printmend.effects.elastic import HARMONICS as STRETCHES
 from printmend.effects.homing import waves_of
 from printmend.effects.prior import number_of, wear_share
@@ -356,7 +356,7 @@ class _Pass:
 
 def _weighed_stories(story: Story, wearing: Wearing, look: Look, offered: Sequence[Block], *, stories: bool) -> _Pass:
     (like, doubted), rows = told_apart(story.parts), look.rows
-    changes = tuple(replace(block, positive=False, needs=()) for block in offered)  # play may become less
+    changes = tuple(replace(block, signs=np.zeros(1), needs=()) for block in offered)  # play may become less
     dictionary = _with_shapes(dictionary_of(changes, look), doubted, look)
     old = look.columns(part.key for part in like)
     always: Set = tuple((b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0)
@@ -433,7 +433,7 @@ def _seldom(blocks: tuple[Block, ...], story: Story) -> tuple[Block, ...]:
         if doubt is not None:
             more_mm, more = doubt.alternatives(one)
             sds_mm, log_odds = np.concatenate([sds_mm, more_mm]), np.concatenate([log_odds, more])
-        return replace(one, sds_mm=sds_mm, log_odds=log_odds)
+        return replace(one, sds_mm=sds_mm, log_odds=log_odds, signs=np.zeros(1))
 
     return tuple(map(seldom, blocks))
 
@@ -545,9 +545,6 @@ def _now(at: _Pass, before: tuple[Part, ...], rng: np.random.Generator) -> Renew
     draws, acts = at.left.drawn_mm(changes, rng), at.left.sizes_mm(likely_mm[:, None])[:, 0]
     kept = {part.key: part for part in at.story.parts}
 
-    def does(part: Part) -> bool:
-        return EFFECTS[part.effect].acts is not Acts.NOT
-
     # What nothing sees stays as it was drawn, and shapes of which a machine has one or the other.
     alike = Counter(part.key[:2] for part in at.like)
     parts = {key: part for key, part in kept.items() if key not in where}
@@ -557,18 +554,23 @@ def _now(at: _Pass, before: tuple[Part, ...], rng: np.random.Generator) -> Renew
         if not part.is_likely or alike[part.key[:2]] > 1:
             parts[part.key] = kept[part.key]
         else:
-            parts[part.key] = replace(part, acts_mm=acts[own] * does(part), draws_mm=draws[own])
+            parts[part.key] = replace(part, acts_mm=acts[own], draws_mm=draws[own])
     for part in found.parts:
         had = parts.get(part.key)
         parts[part.key] = part if had is None else replace(
-            had, acts_mm=had.acts_mm + likely_mm[where[part.key]] * does(part), draws_mm=had.draws_mm + part.draws_mm
+            had, acts_mm=had.acts_mm + likely_mm[where[part.key]], draws_mm=had.draws_mm + part.draws_mm
         )  # fmt: skip
     seldom = {key for key in kept if parts.get(key) is kept[key]}  # these act as they did
-    now = tuple(part if key in seldom else after_homing(part, scene) for key, part in parts.items())
+    now = tuple(part if key in seldom else after_homing(_held(part), scene) for key, part in parts.items())
     posterior = replace(found, parts=now)
     told = tuple(block.key for block in _changes(at))
     homed_mm = _homed_mm(at.left.shifts(likely_mm[:, None]), scene)
     return Renewed(posterior, before, at.story, told, fit, homed_mm)
+
+
+def _held(part: Part) -> Part:
+    """Return a part of which no more acts than a mechanism holds."""
+    return replace(part, acts_mm=held_mm(EFFECTS[part.effect], part.acts_mm))
 
 
 def _homed_mm(shifts: np.ndarray, scene: Scene) -> tuple[tuple[float, float], ...]:
