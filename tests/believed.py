@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Scene
+from printmend.effects import EFFECTS, Scene
+from printmend.effects.effect import held_mm
 from printmend.infer.machine import DRAWS, Part
 from printmend.printer import read_printer
 
@@ -30,5 +31,5 @@ def part(
     has = np.ones(DRAWS, bool) if there is None else there
     mean = np.array(sizes, float)
     draws = (mean[:, None] + SIGMA_MM * rng.standard_normal((len(sizes), DRAWS))) * has
-    acts = mean * has.mean() if EFFECTS[effect].acts is not Acts.NOT else np.zeros(len(mean))
+    acts = held_mm(EFFECTS[effect], mean * has.mean())
     return Part(effect, where, shape, acts, draws)

@@ -244,7 +244,7 @@ def test_a_frame_and_its_effects_are_one_law(
         ("splice:on=x,size_mm=-9,width_mm=2", "moves forwards"),
         ("aspect:percent=1", "cannot have"),
         ("play:seed=-1", "seed"),
-        ("play:on=x,size_mm=-1", "0 or more"),
+        ("loose:size_mm=-1", "0 or more"),
         ("play:size_mm=1,size_mm=2", "size_mm twice"),
         ("no/such/file", "no such file"),
         ("homing:switch=magic", "switch as one of"),

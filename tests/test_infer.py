@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy import special
 
+from printmend.corruption import corruption_of
+from printmend.diagnosis.named import faults_of
 from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, places_of, scene_of
 from printmend.effects.effect import LINEAR, drawn_places, drawn_sizes, moves_of, name_of
 from printmend.effects.prior import NEAR_SHARE, share_of
@@ -184,6 +186,43 @@ def test_a_travel_in_pieces_is_one_move_and_no_longer_one_is_judged(rng: np.rand
     far, short = (columns_of("speed", replace(places, move_mm=places.side[:, 0] * 0 + mm), 0, shape, scene)
                   for mm in (50.0, 1.5 * np.sqrt(2)))  # fmt: skip
     assert np.array_equal(far, short)
+
+
+@pytest.mark.parametrize("preset", ["ender3", "corexy"])
+def test_backlash_that_the_firmware_takes_up_and_is_not_there_is_found_and_left(
+    preset: str, rng: np.random.Generator
+) -> None:
+    """The firmware moves each motor on by 0.25 mm at a reversal, of which play takes 0.1."""
+    printer = read_printer(preset)
+    path, dots = path_of(printer)
+    motors = np.rint(printer.to_motor(path) / 0.0125) * 0.0125
+    belts = motors.copy()
+    for motor, belt in enumerate(belts.T):
+        way, at = printer.motor_home_direction(motor), motors[0, motor]
+        place = at + 0.075 * way
+        for row, wanted in enumerate(motors[:, motor]):
+            way, at = int(np.sign(wanted - at)) or way, wanted
+            sent = wanted + 0.125 * way
+            belt[row] = place = min(max(place, sent - 0.05), sent + 0.05)
+        belt += motors[0, motor] - belt[0]  # the end stops are where it is
+    printed = printer.from_motor(belts)
+    corruption = corruption_of([f"play:on={name},size_mm=-0.15" for name in printer.motors])
+    twin = Twin.of(corruption, printer)
+    np.testing.assert_allclose(twin.seen(printer.from_motor(motors)), printed, atol=1e-9)
+    measured = np.where(dots[:, None], printed + rng.normal(0, NOISE_MM, path.shape), np.nan)
+    measured[0] = np.nan
+    trace = Trace(printer.from_motor(motors), measured, homed=True)
+    fit = fitted(trace, scene_of(trace, printer))
+    posterior = posterior_of(fit, rng)
+    plays = [part for part in posterior.parts if part.effect == "play" and part.chance > 0.95]
+    assert sorted(part.where for part in plays) == [0, 1]
+    for part in plays:
+        low, middle, high = np.quantile(part.draws_mm, [0.05, 0.5, 0.9])
+        assert middle == pytest.approx(-0.15, abs=0.01)
+        assert high - low < 0.03
+        assert not part.acts_mm.any()
+    assert all(table.is_taut for table in fit.mechanism.transmissions)
+    assert {fault.kind for fault in faults_of(posterior.parts, fit.scene)} == {"overcompensation"}
 
 
 def test_no_finer_idler_is_the_pulley() -> None:

@@ -216,6 +216,23 @@ def test_what_is_certain_and_does_not_act_is_named_and_no_motor_is_healthy() -> 
     assert diagnose([soft, drift], scene).summary == "A healthy; B is off by 0.07 mm, which mending cannot correct"
 
 
+@pytest.mark.parametrize("preset", SCENES)
+def test_play_below_0_is_the_firmwares_and_says_what_to_set(preset: str) -> None:
+    scene, excess = SCENES[preset], part("play", 1, [-0.2])
+    (fault,) = faults_of([excess], scene)
+    assert (fault.kind, fault.is_mended, fault.is_doubtful) == ("overcompensation", False, False)
+    assert fault.value == pytest.approx(0.2, abs=4 * fault.sd)
+    advice = advise(fault_of(fault.row), corexy=preset == "corexy")
+    assert "only the firmware" in advice.software
+    assert advice.urgency == "left"
+    name, (told,) = scene.printer.motors[1].upper(), misfits_of([excess], scene)
+    assert f"compensation of {name} to 0.20 mm less" in told.words
+    assert f"Ausgleich von {name} um 0,20 mm kleiner" in translated(told.words, GERMAN)
+    assert "healthy" not in diagnose([excess, part("play", 0, [0.2])], scene).summary
+    (grows,) = faults_of([part("friction", 0, [0.1, 0.0], scene.motor_span_mm[0])], scene)
+    assert (grows.kind, grows.is_mended) == ("friction", True)
+
+
 def test_what_cannot_be_told_apart_is_said_together() -> None:
     scene, either = SCENES["ender3"], np.arange(DRAWS) % 2 == 0
     (found,) = misfits_of(

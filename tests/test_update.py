@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.cli.main import group
-from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon
+from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon, corruption_of
 from printmend.errors import ModelError
 from printmend.learn.learned import learn_model
 from printmend.measure import ProbePlan
@@ -154,6 +154,24 @@ def test_play_and_skew_that_grew_are_found_and_no_oval_pulley_turned(old: SavedM
     assert "X belt play grew from 0.20 to 0.35 mm" in updated.words
     assert "skew grew from 0.00 to 0.3" in updated.words
     assert error_mm(updated.model, now, placed=False) <= 1.02 * error_mm(old, now, placed=False)
+
+
+def test_backlash_compensation_that_was_switched_off_or_on_is_found() -> None:
+    """It took up 0.12 mm that are not there, beside a pulley off its centre."""
+    way, noise = stairs(400), np.random.default_rng(4).normal(0, NOISE_MM, (2, 500, 2))
+    off, on = (Twin.of(corruption_of(["pulley:on=x,size_mm=0.1,harmonic=1,phase_rad=1", *more]), ENDER3).seen(way)
+               for more in ([], ["play:on=x,size_mm=-0.12"]))  # fmt: skip
+    for before, now, word in ((on, off, "shrank"), (off, on, "grew")):
+        first, new = (Trace(way, place + each[: len(way)], homed=True)
+                      for place, each in zip((before, now), noise, strict=True))  # fmt: skip
+        old = learn_model(first, ENDER3, rng=np.random.default_rng(0))
+        updated = update(old, new, rng=np.random.default_rng(0))
+        (change,) = updated.changes
+        assert (change.part, change.kind) == ("X", "overcompensation")
+        assert abs(abs(change.now - change.before) - 0.12) < 4 * change.sd < 0.04
+        assert updated.words.startswith(f"X excess backlash compensation {word}")
+        drive = updated.model.mechanism.transmissions[0]
+        assert np.abs(drive.upper_mm - drive.lower_mm).max() < 4 * change.sd
 
 
 def test_another_printers_table_is_asked_whose_it_is(old: SavedModel) -> None:

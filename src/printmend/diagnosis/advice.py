@@ -13,7 +13,7 @@ from printmend.effects.wobble import shows_push
 from printmend.effects.words import REPAIR_MM, SOON_MM, Care, Fault, fault_of, plain_kind
 from printmend.infer.fit import FEWEST_READ, Fit
 from printmend.infer.machine import Part
-from printmend.messages import is_one_of, say, together, within
+from printmend.messages import catalogue, is_one_of, say, together, within
 from printmend.model.model import REFITTED, SavedModel, said_of
 from printmend.units import SELDOM_SDS
 
@@ -122,6 +122,7 @@ _NOTHING = (  # messages: nothing is broken, so nothing needs a repair
     "nothing-repair", "nothing-repair-correct-steps-per-millimetre", "nothing-repair-correct-z-steps-per",
     "nothing-repair-walls-look-good-else", "nothing-repair-walls-look-good-else-2",
     "nothing-repair-walls-look-good-else-3", "nothing-repair-walls-look-good-else-4",
+    "nothing-repair-set-backlash-compensation",
 )  # fmt: skip
 
 
@@ -152,7 +153,7 @@ def advise(fault: Fault, *, corexy: bool = False, rails: bool = False) -> Advice
     if urgency == "software" and not is_one_of(repair, (*_NOTHING, "nothing-replace", "nothing-tighten")):
         repair = say("nothing-while-small", within(repair))
     if not fault.is_mended:
-        why = "doubtful" if fault.is_doubtful else "phase"
+        why = kind if f"printmend-leaves-{kind}" in catalogue() else "doubtful" if fault.is_doubtful else "phase"
         urgency, software = urgency if urgency in WORK else "left", say(f"printmend-leaves-{why}")
     return Advice(care.title, care.meaning, _sure(fault), care.effect_mm, urgency, repair, software)
 

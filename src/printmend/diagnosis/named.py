@@ -309,7 +309,7 @@ def acting_faults(parts: Sequence[Part], scene: Scene) -> list[Fault]:
         for fault in _faults(as_told, there, scene):
             words = _or_else(fault.words, one, rivals, scene)
             words = words if one.acts else say("not-corrected", words)
-            is_doubtful = not (one.acts or _is_lost(one, scene))
+            is_doubtful = one.is_held and not (one.acts or _is_lost(one, scene))
             found.append(replace(fault, words=words, is_mended=one.acts, is_doubtful=is_doubtful))
     order = [*scene.printer.motors, "frame"]
     return sorted(found, key=lambda fault: order.index(fault.part) if fault.part in order else len(order))
@@ -403,7 +403,7 @@ def _apart(first: Part, part: Part) -> float:
 
 def _is_told(found: Found) -> bool:
     """Tell whether an effect is told as what does not fit: it cannot act, or not in every print alike."""
-    return found.law.acts is Acts.NOT or found.law.of is not Of.MACHINE
+    return not found.is_held or found.law.of is not Of.MACHINE
 
 
 def _faults(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
@@ -455,7 +455,7 @@ def _or_else(words: str, found: Found, rivals: Sequence[Found], scene: Scene) ->
 
 def _name(rival: Found, found: Found, scene: Scene) -> str:
     """Return the name of an effect's rival, with the motor or axis that has it unless both are of the same motor."""
-    title, part = title_of(rival.effect) or _plain(rival), part_of(rival.law, rival.where, scene)
+    title, part = title_of(rival.name) or _plain(rival), part_of(rival.law, rival.where, scene)
     own = found.where == rival.where and is_of_motor(found.law) and is_of_motor(rival.law)
     return title if own or not part else say("name-of-part", part, title)
 

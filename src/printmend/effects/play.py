@@ -5,29 +5,56 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Scene, Usual, belt_places, onto_bed
-from printmend.effects.words import PLACES, Care, Fault, Found, along_motor_mm, amount, motor_name, those_of, where_seen
+from printmend.effects.words import (
+    PLACES,
+    Care,
+    Fault,
+    Found,
+    Told,
+    along_motor_mm,
+    amount,
+    carrier_name,
+    motor_name,
+    those_of,
+    where_seen,
+)
 from printmend.messages import say
 
 PLAYS = ("play", "wear", "friction", "breathing", "rub")  # effects that make a motor's play
 
 
 class Play(Usual):
-    """Play that is the same everywhere."""
+    """Play that is the same everywhere. Below 0 the firmware's backlash compensation takes up more than there is: after
+    each change of direction the carriage is ahead at once, and no table of a motor holds that."""
 
     name = "play"
+    kinds = ("play", "overcompensation")
     acts = Acts.DRIVE
     positive = True
+    below = "overcompensation"
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, 0.5 * places.side[:, [where]])
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        if not those_of("breathing", beside, found.where) and not those_of("friction", beside, found.where):
+        if found.name == self.below:
+            size, sd = found.size(lambda sizes: -float(sizes[0]))
+            words = say("fault-overcompensation", amount(size, sd))
+            yield Fault(motor_name(scene, found.where), self.below, size, sd, "mm", words)
+        elif not those_of("breathing", beside, found.where) and not those_of("friction", beside, found.where):
             mean, sd, *_ = play_mm(beside, found.where, scene)
             yield Fault(motor_name(scene, found.where), "play", mean, sd, "mm", say("fault-play", amount(mean, sd)))
 
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        size_mm = f"{abs(found.sizes_mm[0]):.2f}"
+        yield Told(self.below, say("firmware-takes-up-more-set-less", carrier_name(scene, found.where), size_mm))
+
     def advice(self, fault: Fault, where: str) -> Care:
-        """Return the advice for play: what stands still after a reversal, and what to tighten."""
+        """Return the advice: what stands still or jumps after a reversal, and what to tighten or to set."""
+        if fault.kind == self.below:
+            title, said = say("firmware-takes-up-too-much", where), (where, fault.shown)
+            meaning = say("after-each-change-direction-jumps", *said)
+            return Care(title, meaning, fault.size, say("nothing-repair-set-backlash-compensation", *said))
         meaning = say("after-each-change-direction-stands-still", where, fault.shown)
         repair = where_seen(fault.size, say("tighten-belt-then-look-pulley-s"), say("nothing-tighten"))
         carries = say("printmend-carries-takes-slack-up-each")

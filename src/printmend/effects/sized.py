@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
-from printmend.effects.effect import MOST_LAYERS, TINY_MM, Key, at_places, belt_places
+from printmend.effects.effect import MOST_LAYERS, TINY_MM, Key, at_places, belt_places, held_mm
 from printmend.effects.words import along_motor_mm
 from printmend.errors import ConfigError
 from printmend.filament import material_of
@@ -37,7 +37,8 @@ class Sized:
     def is_held(self) -> bool:
         """Say whether the tables and the frame of a machine hold it; other effects act along the path."""
         effect = EFFECTS[self.effect]
-        return effect.of is Of.MACHINE and effect.acts is not Acts.NOT and effect.from_home
+        is_held = effect.acts is not Acts.NOT and np.array_equal(held_mm(effect, self.sizes_mm), self.sizes_mm)
+        return effect.of is Of.MACHINE and is_held and effect.from_home
 
     def moved_mm(self, places: Places, scene: Scene) -> np.ndarray:
         """Return how far it moves places [N, 2] on the bed, without subtracting the error at home."""

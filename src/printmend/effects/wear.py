@@ -16,6 +16,7 @@ class Wear(Play):
     """Play of one motor that grows with the length printed."""
 
     name = "wear"
+    below = ""
     of = Of.SESSION  # that stays: a print is mended for the play with which the last one ended
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Effect, Places, Scene, terms_of
+from printmend.effects.effect import SCALE_MM, Acts, Effect, Places, Scene, name_of, terms_of
 from printmend.messages import say, say_own
 from printmend.units import SELDOM_SDS
 
@@ -287,6 +287,16 @@ class Found:
     @property
     def chance(self) -> float:
         return float(self.there.mean())
+
+    @property
+    def name(self) -> str:
+        """What it is called with these sizes."""
+        return name_of(self.law, self.sizes_mm)
+
+    @property
+    def is_held(self) -> bool:
+        """Tell whether a mechanism holds it with these sizes."""
+        return self.law.acts is not Acts.NOT and self.name == self.effect
 
     def columns(self, places: Places, scene: Scene) -> np.ndarray:
         """Return where places move [N, 2, P] mm for one unit of each size."""

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts
-from printmend.effects.effect import SCALE_MM, belt_places, drawn_places
+from printmend.effects import EFFECTS
+from printmend.effects.effect import SCALE_MM, belt_places, drawn_places, held_mm
 from printmend.effects.play import PLAYS
 from printmend.errors import RefusedError
 from printmend.export.firmware import EXPORTS, NO_BACKLASH, Export, Simple, simple_part
@@ -185,9 +185,10 @@ def _beside_mm2(belief: Belief | None) -> float:
     total += float(belief.outliers.drawn_mm2(DRAWS, rng).mean())
     for part in belief.parts:
         effect = EFFECTS[part.effect]
-        if effect.acts is Acts.NOT:
-            comes = rng.uniform(size=part.draws_mm.shape[1]) < effect.fate.anew + effect.fate.stays
-            again = part.draws_mm * comes
+        left_mm = part.draws_mm - held_mm(effect, part.draws_mm)
+        if left_mm.any():
+            comes = rng.uniform(size=left_mm.shape[1]) < effect.fate.anew + effect.fate.stays
+            again = left_mm * comes
             moved = np.einsum("ncp,pd->ncd", effect.columns(places, part.where, part.shape, belief.scene), again)
             total += float(np.square(moved).sum(axis=1).mean())
     return total

@@ -13,7 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
-from printmend.effects.effect import HARDLY_ANY, LINEAR, LONG_MM, NEARLY_ALL, SEED, TINY_MM
+from printmend.effects.effect import HARDLY_ANY, LINEAR, LONG_MM, NEARLY_ALL, SEED, TINY_MM, name_of
 from printmend.effects.prior import number_of, numbers_of
 from printmend.effects.switch import drawn_shifts_mm
 from printmend.infer.machine import DRAWS, Part
@@ -300,7 +300,7 @@ def _parts(
 
     for was, part, drawn in zip(belief.parts, homed, fates, strict=True):
         effect, fate, acts = EFFECTS[part.effect], EFFECTS[part.effect].fate, part.acts_mm[:, None]
-        name = part.effect
+        name = name_of(effect, part.draws_mm)
         if not belief.placed and not belief.by_hand and name in (*LINEAR, "shrinkage"):
             name = belief.scale_cause
         elif effect.of is Of.MACHINE and part.acts_mm.any():
