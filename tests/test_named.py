@@ -108,7 +108,13 @@ def test_play_is_named_once_by_its_most_telling_form() -> None:
     ("effect", "shape", "sizes", "grew", "shrank"),
     [
         ("uneven_play", (1.0, 100.0), [0.2], ("mm more play", "mm mehr Spiel"), ("mm less play", "mm weniger Spiel")),
-        ("soft_play", (3.0,), [0.2], ("X falls behind by", "bleibt X um"), ("X runs ahead by", "eilt X um")),
+        (
+            "soft_play",
+            (3.0,),
+            [0.2],
+            ("X gradually falls behind by", "bleibt X um"),
+            ("X gradually runs ahead by", "eilt X um"),
+        ),
         ("wear", (), [0.2], ("grew by", "mm zu"), ("shrank by", "mm ab")),
         ("warmth", (0.2,), [0.2, 0.0, 0.0, 0.0], ("X grew by", "dehnte sich"), ("X shrank by", "schrumpfte")),
         ("warmth", (0.2,), [0.2, 0.1, 0.0, 0.0], ("mm and Y by", "und Y um"), ("mm and Y by", "und Y um")),

@@ -256,7 +256,7 @@ def test_a_motor_that_rounding_moves_stands_still(rng: np.random.Generator) -> N
         outlook = promised(exact_model(Twin.of(HEALTHY, printer).mechanism).mechanism, belief, path, error, error)
         assert outlook is not None
         expected.append(outlook.before.rms_mm)
-    assert expected[1] == pytest.approx(expected[0], rel=1e-3)
+    assert expected[1] == pytest.approx(expected[0], abs=1e-4)  # a turn would add a tenth of a millimetre
 
 
 def test_a_print_of_half_a_turn_promises_by_the_machines_that_it_allows(part: Path) -> None:
@@ -595,7 +595,7 @@ def test_a_scale_of_both_axes_alike_may_be_the_instruments(preset: str, percent:
 
     alike = learned(percent, percent)
     assert alike.is_healthy
-    assert "the instrument may be off by that" in str(alike.document["misfit"])
+    assert "more likely the scale of the instrument" in str(alike.document["misfit"])
     stays = check_gcode(part, alike).before
     assert stays.rms_low_mm < 0.005 < 0.05 < stays.rms_high_mm  # of a part 25 to 30 mm about its middle
     assert not learned(percent, 0.0).is_healthy
