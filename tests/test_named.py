@@ -11,9 +11,9 @@ import pytest
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import diagnose, faults_of, misfits_of
 from printmend.effects import EFFECTS, Acts, Of, Scene
-from printmend.effects.effect import drawn_places
+from printmend.effects.effect import belt_places, drawn_places
 from printmend.effects.words import Message, fault_of, is_of_motor
-from printmend.infer.machine import DRAWS
+from printmend.infer.machine import DRAWS, Part
 from printmend.machine import healthy_mechanism
 from printmend.messages import ENGLISH, GERMAN, messages_of, restored, together, translated
 from printmend.model.model import NOTE, WARNING
@@ -75,6 +75,26 @@ def test_what_acts_is_named_with_its_size(
     assert not misfits_of(parts, scene)
     assert advise(fault).title
     assert fault.words in diagnose(parts, scene).summary
+
+
+def test_a_smooth_course_is_told_once_whatever_parts_make_it() -> None:
+    """A scale that an uneven belt takes back is none, and what is left of the belt is as large as its course."""
+    scene, law = SCENES["ender3"], EFFECTS["uneven"]
+    low, high = scene.motor_span_mm[0]
+    share = np.linspace(0.0, 1.0, 401)
+    places = belt_places(0, low + share * (high - low), 1.0)
+    columns = law.columns(places, 0, (low, high), scene)[:, 0]
+    swing, rise = 0.1 * np.cos(6 * np.pi * share), 0.7 * (high - low) / 100 * (share - 0.5)
+    backs = np.linalg.lstsq(columns, np.stack([swing - swing.mean() - rise, -rise], axis=1), rcond=None)[0]
+    scale = part("scale", 0, [0.7])
+    both, alone = (
+        faults_of([scale, Part("uneven", 0, (low, high), back, back[:, None] * scale.draws_mm / 0.7)], scene)
+        for back in backs.T
+    )
+    (fault,) = both
+    assert fault.kind == "warp"
+    assert fault.value == pytest.approx(0.1, rel=0.1)
+    assert max((fault.value for fault in alone), default=0.0) < 0.01  # a line's ends are no cosines
 
 
 def test_a_frame_is_named_whole() -> None:

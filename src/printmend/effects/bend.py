@@ -4,8 +4,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from printmend.effects.course import course_of, fit_of
 from printmend.effects.effect import Acts, Places, Scene, Shapes, Usual, held, onto_bed
-from printmend.effects.words import LEAST_SHOWN, Care, Fault, Found, Numbers, along_motor_mm, motor_name
+from printmend.effects.words import LEAST_SHOWN, Care, Fault, Found, Numbers, motor_name
 from printmend.messages import say
 
 
@@ -27,14 +28,8 @@ class Bend(Usual):
         return onto_bed(scene, where, np.stack(columns, axis=1))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        x = scene.motor_off_middle(found.where, along_motor_mm(scene, found.where))
-        line = np.stack([np.ones_like(x), x], axis=1)  # of a motor that stood still, a point
-
-        def bow_mm(sizes: np.ndarray) -> float:
-            bent = sizes[0] * x**2 + sizes[1] * x**3
-            return float(np.abs(bent - line @ np.linalg.lstsq(line, bent, rcond=None)[0]).max())
-
-        size, sd = found.size(bow_mm)
+        line, bent = (fit_of(scene, found.where, degree) for degree in (1, 3))
+        size, sd = course_of(found, beside, scene).size(lambda course: float(np.abs((bent - line) @ course).max()))
         if size >= LEAST_SHOWN:
             yield Fault(motor_name(scene, found.where), "drift", size, sd, "mm", say("fault-bend", f"{size:.2f}"))
 

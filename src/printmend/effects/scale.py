@@ -1,9 +1,11 @@
 """A motor that moves too far or not far enough: wrong steps per mm, or a pulley of another size."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from printmend.effects.course import course_of, slope_of
 from printmend.effects.effect import Acts, Places, Scene, Usual, onto_bed
 from printmend.effects.prior import NEAR_SHARE
 from printmend.effects.teeth import TOOTH_MM
@@ -22,7 +24,11 @@ class Scale(Usual):
         return onto_bed(scene, where, scene.motor_off_middle(where, places.motor_mm[:, [where]]))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        percent, sd = found.size()  # mm in 100 mm
+        course, slope = course_of(found, beside, scene), slope_of(scene, found.where)
+        whole = replace(
+            found, sizes_mm=found.sizes_mm + slope @ course.sizes_mm, draws_mm=found.draws_mm + slope @ course.draws_mm
+        )
+        percent, sd = whole.size()  # mm in 100 mm
         turn_mm, own_mm = scene.turns_mm[found.where], scene.printer.axes[found.where].mm_per_turn
         toothed = abs(turn_mm / TOOTH_MM - round(turn_mm / TOOTH_MM)) < 1e-9  # else an idler's turn, or the belt's
         radius = (turn_mm if toothed else own_mm) / (2 * np.pi)

@@ -4,9 +4,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from printmend.effects.course import course_of, fit_of
 from printmend.effects.effect import Acts, Places, Scene, onto_bed
 from printmend.effects.process import Process
-from printmend.effects.words import Care, Fault, Found, along_motor_mm, motor_name, where_seen
+from printmend.effects.words import Care, Fault, Found, motor_name, those_of, where_seen
 from printmend.messages import say
 
 
@@ -21,8 +22,8 @@ class Uneven(Process):
         return onto_bed(scene, where, self.series(places.motor_mm[:, where], shape))
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
-        series = self.series(along_motor_mm(scene, found.where), found.shape)
-        size, sd = found.size(lambda sizes: float(np.abs(series @ sizes).max()))
+        told = fit_of(scene, found.where, 3 if those_of("bend", beside, found.where) else 1)
+        size, sd = course_of(found, beside, scene).size(lambda course: float(np.abs(course - told @ course).max()))
         yield Fault(motor_name(scene, found.where), "warp", size, sd, "mm", say("fault-uneven", f"{size:.2f}"))
 
     def advice(self, fault: Fault, where: str) -> Care:
