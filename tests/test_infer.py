@@ -639,7 +639,7 @@ def test_what_acts_shifts_all_of_a_print_as_the_drawn_machines_do(rng: np.random
     assert {part.effect for part in acts if part.acts_mm.any()} == {"pulley", "place"}
     places = drawn_places(scene)
     made, drawn = (
-        sum(seen_at(part, places, scene) @ sizes(part) for part in acts).mean(axis=1)
+        sum(seen_at(part.key, places, scene) @ sizes(part) for part in acts).mean(axis=1)
         for sizes in (lambda part: part.acts_mm, lambda part: np.median(part.draws_mm, axis=1))
     )
     assert made == pytest.approx(drawn, abs=0.001)

@@ -12,7 +12,7 @@ from printmend.effects.uneven import Uneven
 from printmend.infer.fit import Fit, fitted
 from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
 from printmend.infer.posterior import Posterior, posterior_of
-from printmend.infer.update import Renewed, both_seen, directions, rebased, renewed, turned
+from printmend.infer.update import Renewed, both_seen, directions, rebased, renewed, told_apart, turned
 from printmend.path import FLATBED, Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
@@ -134,7 +134,7 @@ def test_directions_hold_the_covariance_of_the_draws() -> None:
     rng = np.random.default_rng(3)
     draws = np.array([[1.0, 0.0], [0.9, 0.2]]) @ rng.standard_normal((2, DRAWS))
     draws = np.vstack([draws, np.zeros((1, DRAWS))])  # what none of them has stays nothing
-    ways = directions(draws)
+    ways = directions(draws, np.eye(3))
     assert np.allclose((ways @ ways.T)[:2, :2], np.cov(draws[:2], bias=True), rtol=0.05)
     assert not ways[2].any()
 
@@ -158,3 +158,32 @@ def _belt_mm(part: Part, scene: Scene) -> np.ndarray:
     trace = Trace(motor, motor)
     places = places_of(trace, scene, np.tile(np.arange(50)[:, None], 2), np.ones((50, 2)), motor)
     return np.asarray(EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.acts_mm)
+
+
+def test_directions_know_a_sum_as_well_as_its_draws_do() -> None:
+    """Two effects that are alike are each known badly and together well, however many others there are."""
+    rng = np.random.default_rng(4)
+    draws = rng.standard_normal((40, DRAWS))
+    draws[1] = 0.01 * draws[1] - draws[0]
+    makes = np.eye(40)
+    makes[:2, 1] = 1.0, 0.0
+    ways = directions(draws, makes.T @ makes)
+    assert np.linalg.norm((makes @ ways)[0]) == pytest.approx((makes @ draws)[0].std(), rel=0.3)
+    assert np.linalg.norm(ways, axis=1) == pytest.approx(draws.std(axis=1), rel=0.01)
+
+
+def test_what_others_make_up_for_is_known_with_them_and_what_stands_alone_is_in_doubt() -> None:
+    scene, rng = scene_of(printed(machine(), 400, 0, 6.0, 214.0), ENDER3, (40.0, 40.0)), np.random.default_rng(5)
+    more_mm = 0.3 * (np.arange(DRAWS) % 12 == 0) * rng.standard_normal(DRAWS)  # few machines have a bend
+
+    def parts(motor: int, of_scale: float) -> list[Part]:
+        bend = np.stack([0.0 * more_mm, more_mm])
+        scale = 0.5 + 0.002 * rng.standard_normal(DRAWS) + of_scale * more_mm
+        shape = scene.motor_span_mm[motor]
+        return [
+            Part("scale", motor, (), np.array([0.5]), scale[None]), Part("bend", motor, shape, np.zeros(2), bend)
+        ]  # fmt: skip
+
+    known, doubted = told_apart([*parts(0, -0.6), *parts(1, 0.0)], scene)
+    assert [part.key[:2] for part in known] == [("scale", 0), ("bend", 0), ("scale", 1)]
+    assert [part.key[:2] for part in doubted] == [("bend", 1)]

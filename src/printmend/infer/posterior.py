@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
-from printmend.effects.effect import HARDLY_ANY, drawn_places, held_mm
+from printmend.effects.effect import HARDLY_ANY, Key, drawn_places, held_mm
 from printmend.effects.homing import lasting
 from printmend.infer.fit import Fit
 from printmend.infer.gram import Block, Dictionary, summed
@@ -256,7 +256,7 @@ def central(fit: Fit, drawn: Mapping[int, Part], states: Sequence[State]) -> Sta
     machines, prints = np.zeros((2 * len(places), len(states))), np.zeros((2 * len(places), DRAWS))
     for b, part in drawn.items():
         if EFFECTS[part.effect].of is Of.MACHINE:
-            columns = seen_at(part, places, fit.scene).reshape(2 * len(places), -1)
+            columns = seen_at(part.key, places, fit.scene).reshape(2 * len(places), -1)
             machines += columns @ sizes_mm[fit.dictionary.blocks[b].at]
             prints += columns @ part.draws_mm
     loss = np.square(machines).sum(axis=0) - 2 * prints.T @ machines  # [D, S], but for what all states share
@@ -273,10 +273,11 @@ def _acting_mm(dictionary: Dictionary, states: Sequence[State]) -> np.ndarray:
     return sizes_mm
 
 
-def seen_at(part: Part, places: Places, scene: Scene) -> np.ndarray:
-    """Return how far a part moves places [2, N, P] for one unit of each size. If the pose of the print is unknown, a
+def seen_at(key: Key, places: Places, scene: Scene) -> np.ndarray:
+    """Return how far an effect moves places [2, N, P] for one unit of each size. If the pose of the print is unknown, a
     shift and a turn of the whole print are subtracted."""
-    columns = columns_of(part.effect, places, part.where, part.shape, scene)
+    name, where, shape = key
+    columns = columns_of(name, places, where, shape, scene)
     return columns.transpose(1, 0, 2) if scene.placed else of_shape(columns, places)
 
 
@@ -313,7 +314,7 @@ def acting(scene: Scene, parts: Sequence[Part]) -> list[Part]:
     acts, drawn = np.zeros((2, len(places), len(parts))), np.zeros((2, len(places), DRAWS))
     for at, part in enumerate(parts):
         if machine[at]:
-            columns = seen_at(part, places, scene)
+            columns = seen_at(part.key, places, scene)
             acts[..., at] = columns @ part.acts_mm
             drawn += columns @ part.draws_mm
     shift_mm, drawn_mm = acts.mean(axis=1), np.median(drawn.mean(axis=1), axis=1)

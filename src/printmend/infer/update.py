@@ -6,16 +6,24 @@ pulley turned on its shaft, a motor with other parts, another machine.
 """
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Scene, scene_of
 from printmend.effects.breathing import HARMONICS as BREATHS
-from printmend.effects.effect import SCALE_MM, SEED, TIMES_FINER, TINY_MM, Key, belt_places, held_mm
+from printmend.effects.effect import (
+    SCALE_MM,
+    SEED,
+    TIMES_FINER,
+    TINY_MM,
+    Key,
+    belt_places,
+    drawn_places,
+    held_mm,
+)
 from printmend.effects.elastic import HARMONICS as STRETCHES
 from printmend.effects.homing import waves_of
 from printmend.effects.prior import number_of, wear_share
@@ -49,7 +57,7 @@ from printmend.infer.gram import (
     with_blocks,
 )
 from printmend.infer.machine import DRAWS, LIKELY, Part, is_of_drive, machine_of, those_acting
-from printmend.infer.posterior import Posterior, after_homing, posterior_here
+from printmend.infer.posterior import Posterior, after_homing, posterior_here, seen_at
 from printmend.infer.search import Search, Set, State, columns_at, searched
 from printmend.machine import Mechanism
 from printmend.path import Trace
@@ -93,7 +101,8 @@ class Wearing:
         homing of each motor that is off by a standard deviation."""
         has = {part.key for part in story.parts}
         draws = laid_out(story.parts, like)
-        mean, ways = draws.mean(axis=1), [directions(draws)]
+        together = overlaps(tuple(part.key for part in like), self.scene)
+        mean, ways = draws.mean(axis=1), [directions(draws, together)]
         for motor, by_rad in enumerate(story.turned_rad):
             if by_rad:
                 more = laid_out(turned(story.parts, motor, OPEN_RAD), like)
@@ -125,19 +134,54 @@ def homed_again(parts: Sequence[Part], scene: Scene, rng: np.random.Generator) -
     return tuple(map(on, parts))
 
 
-def told_apart(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
-    """Return the parts of effects that most drawn machines have at their place, with sizes whose mean exceeds their
-    spread, and those that are in doubt."""
+def there_of(parts: Sequence[Part]) -> dict[tuple[str, int], np.ndarray]:
+    """Return which drawn machines [DRAWS] have each effect at its place."""
     there = {part.key[:2]: np.zeros(DRAWS, bool) for part in parts}
-    excess_mm2 = dict.fromkeys(there, 0.0)
     for part in parts:
-        there[part.key[:2]] |= (has := part.draws_mm.any(axis=0))
-        square_mm2 = float(np.sum(part.draws_mm**2))
-        mean2_mm2 = float(np.sum(part.draws_mm.sum(axis=1) ** 2)) / max(int(np.count_nonzero(has)), 1)
-        excess_mm2[part.key[:2]] += 2 * mean2_mm2 - square_mm2  # those that have it: n (mean² − variance)
-    known = {slot for slot, has in there.items() if has.mean() >= LIKELY and excess_mm2[slot] > 0}
-    first, second = (tuple(part for part in parts if (part.key[:2] in known) == of) for of in (True, False))
+        there[part.key[:2]] |= part.draws_mm.any(axis=0)
+    return there
+
+
+def surely_there(parts: Sequence[Part], scene: Scene) -> set[tuple[str, int]]:
+    """Return the effects, by place, that are known and that most drawn machines have."""
+    return {slot for slot, has in there_of(told_apart(parts, scene)[0]).items() if has.mean() >= LIKELY}
+
+
+def told_apart(parts: Sequence[Part], scene: Scene) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
+    """Return the parts of effects that are known at their place, and those that are in doubt.
+
+    An effect is in doubt where it adds more variance to what all of them make together than the square of its mean,
+    which counts where most drawn machines have it. One that makes up for others takes variance away.
+    """
+    there = there_of(parts)
+    slots, shares = list(there), np.array([has.mean() for has in there.values()])
+    at = [slots.index(part.key[:2]) for part in parts]
+    of = np.eye(len(slots))[np.repeat(np.array(at, int), [len(part.draws_mm) for part in parts])]
+    draws, together = laid_out(parts, parts), overlaps(tuple(part.key for part in parts), scene)
+    mean = draws.mean(axis=1)
+    spread = draws - mean[:, None]
+    squares = np.diag(of.T @ (together * np.outer(mean, mean)) @ of)
+    squares = squares * (shares >= LIKELY) / np.maximum(shares, 1 / DRAWS)
+    covariance = of.T @ (together * (spread @ spread.T / DRAWS)) @ of
+    known = np.ones(len(slots), bool)
+    while True:
+        more = np.where(known, 2 * covariance @ known - np.diag(covariance) - squares, 0.0)
+        if not (more > 0).any():
+            break
+        known[np.argmax(more)] = False
+    first, second = (
+        tuple(part for part, slot in zip(parts, at, strict=True) if known[slot] == is_) for is_ in (True, False)
+    )
     return first, second
+
+
+@lru_cache(maxsize=16)  # of a belief's parts, which are asked for in every pass
+def overlaps(keys: tuple[Key, ...], scene: Scene) -> np.ndarray:
+    """Return the mean products [P, P] of what effects do to places over the measured spans, for a unit of each size."""
+    places = drawn_places(scene)
+    seen = (seen_at(key, places, scene).reshape(2 * len(places), -1) for key in keys)
+    columns = np.hstack([np.zeros((2 * len(places), 0)), *seen])
+    return np.asarray(columns.T @ columns / len(places))
 
 
 def laid_out(parts: Sequence[Part], like: Sequence[Part]) -> np.ndarray:
@@ -146,28 +190,36 @@ def laid_out(parts: Sequence[Part], like: Sequence[Part]) -> np.ndarray:
     return np.vstack([np.zeros((0, DRAWS)), *(has.get(each.key, 0.0 * each.draws_mm) for each in like)])
 
 
-def directions(draws: np.ndarray) -> np.ndarray:
+def directions(draws: np.ndarray, together: np.ndarray) -> np.ndarray:
     """Return directions [P, K] whose squares sum up to the covariance of draws [P, D], shrunk as far as that many draws
-    leave it open (oracle approximating shrinkage, Chen et al. 2010)."""
+    leave it open (oracle approximating shrinkage, Chen et al. 2010).
+
+    What shrinks are correlations between the axes of what sizes make ``together`` [P, P]: rows tell of each such axis
+    by itself, but of two effects that are alike nearly only the sum.
+    """
     sd = draws.std(axis=1)
     moves = sd > 0
     if not moves.any():
         return np.zeros((len(sd), 0))
-    together = np.atleast_2d(np.corrcoef(draws[moves]))
-    size, count = len(together), draws.shape[1]
-    square = float(np.sum(together**2))
+    axes = sd[moves, None] * np.linalg.eigh(together[np.ix_(moves, moves)] * np.outer(sd[moves], sd[moves]))[1]
+    along = (axes / sd[moves, None] ** 2).T @ draws[moves]
+    correlation = np.atleast_2d(np.corrcoef(along))
+    size, count = len(correlation), draws.shape[1]
+    square = float(np.sum(correlation**2))
     spread = (count + 1 - 2 / size) * (square - size)
     shrunk = min(1.0, ((1 - 2 / size) * square + size**2) / spread) if spread > 0 else 1.0
-    together = (1 - shrunk) * together + shrunk * np.eye(size)
+    correlation = (1 - shrunk) * correlation + shrunk * np.eye(size)
     out = np.zeros((len(sd), size))
-    out[moves] = sd[moves, None] * np.linalg.cholesky(together)
+    out[moves] = axes @ (along.std(axis=1)[:, None] * np.linalg.cholesky(correlation))
     return out
 
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """The dictionary of changes, and the Gram matrix of the old machine's columns and of its own, which come last."""
+    """The dictionary of changes, and the Gram matrix of the columns of the old machine's parts, laid out as those
+    ``like`` them, and of its own, which come last."""
 
+    like: tuple[Part, ...]
     dictionary: Dictionary
     gram: Gram
 
@@ -191,9 +243,10 @@ class Sums:
         return Left(gram, log_det, mean, ways, covariance, root @ pull / sigma_mm**2, root @ gram.out / sigma_mm**2)
 
 
-def sums_of(dictionary: Dictionary, old: np.ndarray, rows: Rows, weight: np.ndarray) -> Sums:
-    """Return the sums of an old machine's columns [M, P] and of a dictionary's for rows of these weights [M]."""
-    return Sums(dictionary, gram_of(np.hstack([old, dictionary.columns]), rows, weight))
+def sums_of(like: tuple[Part, ...], dictionary: Dictionary, old: np.ndarray, rows: Rows, weight: np.ndarray) -> Sums:
+    """Return the sums of the columns [M, P] of an old machine's parts and of a dictionary's for rows of these weights
+    [M]."""
+    return Sums(like, dictionary, gram_of(np.hstack([old, dictionary.columns]), rows, weight))
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,11 +271,25 @@ class Left:
         z = self.covariance @ (self.pull - self.cross @ changes[:, 0])
         return np.stack([z[-2:], np.sqrt(np.diag(self.covariance)[-2:])], axis=1)
 
+    @cached_property
+    def root(self) -> np.ndarray:
+        """The root [P, K] of the covariance of the old machine's sizes."""
+        return np.asarray(self.ways @ np.linalg.cholesky(self.covariance + LEAST_SHARE * np.eye(len(self.covariance))))
+
     def drawn_mm(self, changes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return sizes [P, D] of the old machine drawn beside drawn changes [Q, D]."""
-        root = np.linalg.cholesky(self.covariance + 1e-14 * np.eye(len(self.covariance)))
-        spread = self.ways @ (root @ rng.standard_normal((len(root), changes.shape[1])))
-        return np.asarray(self.sizes_mm(changes) + spread)
+        return np.asarray(self.sizes_mm(changes) + self.root @ rng.standard_normal((len(self.covariance), DRAWS)))
+
+    def without(self, none: np.ndarray, sizes_mm: np.ndarray) -> np.ndarray:
+        """Return sizes [P, D] where some are ``none`` [P, D]: others make up for these, as far as they are alike."""
+        found = np.where(none, 0.0, sizes_mm)
+        kinds, which = np.unique(none, axis=1, return_inverse=True)
+        for number, gone in enumerate(kinds.T):
+            mine, sd_mm = which == number, np.maximum(np.linalg.norm(self.root[gone], axis=1), TINY_MM)[:, None]
+            own = self.root[gone] / sd_mm
+            pull = np.linalg.solve(own @ own.T + LEAST_SHARE * np.eye(len(own)), sizes_mm[np.ix_(gone, mine)] / sd_mm)
+            found[np.ix_(~gone, mine)] -= self.root[~gone] @ own.T @ pull
+        return found
 
 
 def turned(parts: Sequence[Part], motor: int, by_rad: float) -> tuple[Part, ...]:
@@ -259,10 +326,11 @@ def rebased(part: Part, scene: Scene) -> Part:
     return replace(part, shape=shape, acts_mm=onto @ part.acts_mm, draws_mm=onto @ part.draws_mm)
 
 
-PASSES = 3  # of contacts, then search, where anything changed; the last one weighs stories
+PASSES = 3  # of contacts, then search, where anything is new; the last one weighs stories
 PHASES = 72  # angles by which a pulley may have turned that are tried, then those between the best and its neighbours
 SEEN_SHARE = 0.5  # of its prior deviation that a shift may keep and counts as seen
 ALIKE_NATS = SELDOM_SDS**2 / 2  # of turns that fit alike to this, the smallest is told: an oval repeats after half
+LEAST_SHARE = 1e-9  # of variances, that keeps roots of matrices real
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,7 +398,7 @@ def renewed(
         mechanism, _ = machine_of(scene, those_acting(now.now.parts))
         turns = [part.mean_mm[0] for part in now.now.parts if part.effect == "turn"]
         turned_rad += math.atan(sum(turns) / SCALE_MM)
-        if not now.changes and not any(turns) and not doubtful:
+        if not _news(at) and not any(turns) and not doubtful:
             break
     return now
 
@@ -340,7 +408,6 @@ class _Pass:
     """The likeliest story of one pass, with its search."""
 
     story: Story
-    like: tuple[Part, ...]
     look: Look
     sums: Sums
     left: Left
@@ -355,7 +422,7 @@ class _Pass:
 
 
 def _weighed_stories(story: Story, wearing: Wearing, look: Look, offered: Sequence[Block], *, stories: bool) -> _Pass:
-    (like, doubted), rows = told_apart(story.parts), look.rows
+    (like, doubted), rows = told_apart(story.parts, look.scene), look.rows
     changes = tuple(replace(block, signs=np.zeros(1), needs=()) for block in offered)  # play may become less
     dictionary = _with_shapes(dictionary_of(changes, look), doubted, look)
     old = look.columns(part.key for part in like)
@@ -365,7 +432,7 @@ def _weighed_stories(story: Story, wearing: Wearing, look: Look, offered: Sequen
     best: _Pass | None = None
     members, sigma_mm = always, first_sigma_mm(left_mm, weight)
     for _ in range(WEIGHINGS):
-        sums = sums_of(dictionary, old, rows, weight)
+        sums = sums_of(like, dictionary, old, rows, weight)
 
         def told(each: Story, start: Set, sums: Sums = sums, sd_mm: float = sigma_mm) -> _Pass:
             left = sums.without(*wearing.known(each, like), sd_mm)
@@ -373,10 +440,10 @@ def _weighed_stories(story: Story, wearing: Wearing, look: Look, offered: Sequen
             left = sums.without(left.mean, left.ways, state.sigma_mm)
             state = _search(sums, each, left).posterior(state.members, state.sigma_mm, rounds=0)
             score = state.score - left.log_det / 2 + each.log_odds
-            return _Pass(each, like, look, sums, left, state, score)
+            return _Pass(each, look, sums, left, state, score)
 
         best = told(story, members)
-        while stories and _changes(best) and not best.story.whole:
+        while stories and _news(best) and not best.story.whole:
             newer = max((told(each, always) for each in _others(best, always)), key=lambda each: each.score)
             if newer.score <= best.score:
                 break
@@ -404,18 +471,19 @@ def _with_shapes(dictionary: Dictionary, parts: Sequence[Part], look: Look) -> D
 
 def _search(sums: Sums, story: Story, left: Left) -> Search:
     """Return the search for changes of a story."""
-    blocks = _seldom(sums.dictionary.blocks, story)
+    blocks = _seldom(sums.dictionary.blocks, story, sums.like)
     return Search(Dictionary(blocks, sums.dictionary.columns), left.gram)
 
 
 @lru_cache(maxsize=16)  # each story is searched more than once
-def _seldom(blocks: tuple[Block, ...], story: Story) -> tuple[Block, ...]:
+def _seldom(blocks: tuple[Block, ...], story: Story, known: tuple[Part, ...]) -> tuple[Block, ...]:
     """Return blocks with the odds of changes: what a machine has since, it seldom has; what does not wear comes only
     with other parts. After a ``refit`` belts may well rest elsewhere at home. What was in doubt at a place comes as
     often, and as large, as the drawn machines had it: these are the last alternatives of its blocks."""
     parts: dict[_Slot, list[Part]] = {}
-    for part in told_apart(story.parts)[1]:
-        if part.draws_mm.any():
+    sure = {part.key for part in known}
+    for part in story.parts:
+        if part.key not in sure and part.draws_mm.any():
             parts.setdefault((*part.key[:2], len(part.draws_mm)), []).append(part)
     alike: dict[_Slot, list[Block]] = {slot: [] for slot in parts}
     for block in blocks:
@@ -473,10 +541,12 @@ class _Doubt:
         return sds_mm[at] * np.sqrt(mean2)[:, None], counts / len(likeliest)
 
 
-def _changes(at: _Pass) -> list[Block]:
-    """Return what is new; what was in doubt is not, and is no alternative of the dictionary."""
+def _news(at: _Pass) -> list[Block]:
+    """Return what is new of the machine, and of this print what few prints have; what was in doubt is not new, and is
+    no alternative of the dictionary."""
     found = [(at.sums.dictionary.blocks[b], variant) for b, variant in at.state.members]
-    return [one for one, at in found if EFFECTS[one.effect].of is Of.MACHINE and at < len(one.log_odds)]
+    new = [(EFFECTS[one.effect].of, one, v) for one, v in found if v < len(one.log_odds)]
+    return [one for of, one, v in new if of is Of.MACHINE or (of is Of.SESSION and one.log_odds[v] < 0)]
 
 
 def _others(at: _Pass, always: Set) -> Iterator[Story]:
@@ -507,7 +577,7 @@ def _likeliest_turn_rad(at: _Pass, motor: int, always: Set) -> float:
     members = tuple((b, 0) for b in range(len(few)))
 
     def score(by_rad: float) -> float:
-        mean = laid_out(turned(at.story.parts, motor, by_rad), at.like).mean(axis=1)
+        mean = laid_out(turned(at.story.parts, motor, by_rad), at.sums.like).mean(axis=1)
         left = at.sums.without(mean, np.zeros((len(mean), 0)), at.state.sigma_mm, columns)
         return Search(dictionary, left.gram).posterior(members, at.state.sigma_mm).score
 
@@ -525,7 +595,7 @@ def _finer(at: _Pass, weight: np.ndarray) -> _Pass:
         dictionary = with_finer(at.sums.dictionary, at.state.members, round_, at.look)
         if dictionary is at.sums.dictionary:
             break
-        sums = sums_of(dictionary, at.sums.old, at.look.rows, weight)
+        sums = sums_of(at.sums.like, dictionary, at.sums.old, at.look.rows, weight)
         left = sums.without(at.left.mean, at.left.ways, at.state.sigma_mm)
         state = searched(_search(sums, at.story, left), at.state.members, at.state.sigma_mm)
         at = replace(at, sums=sums, left=left, state=state)
@@ -542,18 +612,15 @@ def _now(at: _Pass, before: tuple[Part, ...], rng: np.random.Generator) -> Renew
     for part in found.parts:
         changes[where[part.key]] = part.draws_mm
     likely_mm = found.likely.laid_out_mm(at.sums.own)
-    draws, acts = at.left.drawn_mm(changes, rng), at.left.sizes_mm(likely_mm[:, None])[:, 0]
+    like, left = at.sums.like, at.left
+    draws = left.without(_those_without(like), left.drawn_mm(changes, rng))
+    idle = np.array([not (part.acts_mm.any() or part.is_likely) for part in like for _ in part.acts_mm], bool)
+    acts = left.without(idle[:, None], left.sizes_mm(likely_mm[:, None]))[:, 0]
     kept = {part.key: part for part in at.story.parts}
 
-    # What nothing sees stays as it was drawn, and shapes of which a machine has one or the other.
-    alike = Counter(part.key[:2] for part in at.like)
-    parts = {key: part for key, part in kept.items() if key not in where}
-    for part, own in zip(at.like, slices(len(part.acts_mm) for part in at.like), strict=True):
-        if part.key not in kept:
-            continue
-        if not part.is_likely or alike[part.key[:2]] > 1:
-            parts[part.key] = kept[part.key]
-        else:
+    parts = {key: part for key, part in kept.items() if key not in where}  # what nothing sees stays as it was drawn
+    for part, own in zip(like, slices(len(part.acts_mm) for part in like), strict=True):
+        if part.key in kept:
             parts[part.key] = replace(part, acts_mm=acts[own], draws_mm=draws[own])
     for part in found.parts:
         had = parts.get(part.key)
@@ -563,7 +630,7 @@ def _now(at: _Pass, before: tuple[Part, ...], rng: np.random.Generator) -> Renew
     seldom = {key for key in kept if parts.get(key) is kept[key]}  # these act as they did
     now = tuple(part if key in seldom else after_homing(_held(part), scene) for key, part in parts.items())
     posterior = replace(found, parts=now)
-    told = tuple(block.key for block in _changes(at))
+    told = tuple(block.key for block in _news(at) if EFFECTS[block.effect].of is Of.MACHINE)
     homed_mm = _homed_mm(at.left.shifts(likely_mm[:, None]), scene)
     return Renewed(posterior, before, at.story, told, fit, homed_mm)
 
@@ -571,6 +638,16 @@ def _now(at: _Pass, before: tuple[Part, ...], rng: np.random.Generator) -> Renew
 def _held(part: Part) -> Part:
     """Return a part of which no more acts than a mechanism holds."""
     return replace(part, acts_mm=held_mm(EFFECTS[part.effect], part.acts_mm))
+
+
+def _those_without(parts: Sequence[Part]) -> np.ndarray:
+    """Return which drawn machines have none of each size [P, DRAWS]: one keeps its own of an effect's shapes, and what
+    few have stays with these."""
+    there = there_of(parts)
+    few = {slot: has.mean() < LIKELY for slot, has in there.items()}
+    none = [~part.draws_mm.any(axis=0) & (there[part.key[:2]] | few[part.key[:2]]) for part in parts]
+    widths = [len(part.draws_mm) for part in parts]
+    return np.repeat(np.array(none, bool).reshape(-1, DRAWS), widths, axis=0)
 
 
 def _homed_mm(shifts: np.ndarray, scene: Scene) -> tuple[tuple[float, float], ...]:

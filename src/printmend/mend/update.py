@@ -36,7 +36,7 @@ from printmend.effects.words import NAMED_SIGMAS, Fault
 from printmend.errors import InputError, ModelError, TraceError
 from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
 from printmend.infer.phase import Phase, found_phase
-from printmend.infer.update import Renewed, both_seen, renewed, told_apart
+from printmend.infer.update import Renewed, both_seen, renewed, surely_there
 from printmend.learn.learned import (
     PLANE_FACTOR,
     enlarged,
@@ -287,7 +287,8 @@ def changes_of(found: Renewed) -> list[Change]:
     changes = [_turn(found, motor, by) for motor, by in enumerate(story.turned_rad) if by and motor not in story.anew]
     changes = [each for each in changes if abs(each.now) > max(NAMED_SIGMAS * each.sd, LEAST_CHANGE["°"])]
     # what was in doubt is no change where it came as the old machine may have had it
-    doubted = {part.key[:2] for part in told_apart(found.before)[1]}.difference(key[:2] for key in found.changes)
+    known = surely_there(found.before, scene) | {key[:2] for key in found.changes}
+    doubted = {part.key[:2] for part in found.before} - known
     before, now = (
         _likely([part for part in parts if part.key[:2] not in doubted], scene)
         for parts in (found.before, found.now.parts)
@@ -307,7 +308,7 @@ def changes_of(found: Renewed) -> list[Change]:
 def _likely(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]:
     """Return the faults that act or that most drawn machines have, named or not, by part and kind, from those drawn
     machines that have them, near shapes put together."""
-    likely = {part.key[:2] for part in told_apart(parts)[0] if EFFECTS[part.effect].acts is not Acts.NOT}
+    likely = {slot for slot in surely_there(parts, scene) if EFFECTS[slot[0]].acts is not Acts.NOT}
     found = []
     for each in gathered(parts):
         if each.acts or (each.effect, each.where) in likely:
