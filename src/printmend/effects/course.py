@@ -1,7 +1,7 @@
-"""The smooth errors of one belt as one course: a scale that changes along it, and what has no pattern.
+"""The smooth errors of one belt, added up: its bend and its unevenness.
 
-These and a wrong scale may stand for parts of each other; a measurement tells little more than their sum. So each of
-them is told of that sum: its slope, its bend beside that, and what remains beside those that are told.
+A measurement determines little more than the sum of these and of a wrong scale, because each may stand for a part of
+another. So each is reported from the sum: its slope, its bend beyond that, and the rest.
 """
 
 from collections.abc import Sequence
@@ -16,8 +16,7 @@ SMOOTH = ("bend", "uneven")
 
 
 def course_of(found: Found, beside: Sequence[Found], scene: Scene) -> Found:
-    """Return an effect with the smooth course of its belt along what was seen [N] as its sizes: of what acts, and of
-    each drawn machine."""
+    """Return an effect whose sizes are the sum [N] along the measured span: of what acts, and of each drawn machine."""
     motor = found.where
     places = belt_places(motor, along_motor_mm(scene, motor), 1.0)
     acts_mm, draws_mm = np.zeros(len(places)), np.zeros((len(places), found.draws_mm.shape[1]))
@@ -30,12 +29,12 @@ def course_of(found: Found, beside: Sequence[Found], scene: Scene) -> Found:
 
 
 def slope_of(scene: Scene, motor: int) -> np.ndarray:
-    """Return what makes of a course [N] its slope, in mm per 100 mm."""
+    """Return the row [N] that gives the slope of a course [N], in mm per 100 mm."""
     return np.asarray(np.linalg.pinv(_powers(scene, motor, 1))[1])
 
 
 def fit_of(scene: Scene, motor: int, degree: int) -> np.ndarray:
-    """Return what makes of a course [N] its best polynomial of a degree [N, N]."""
+    """Return the matrix [N, N] that gives the best polynomial of a degree through a course [N]."""
     powers = _powers(scene, motor, degree)
     return np.asarray(powers @ np.linalg.pinv(powers))
 
