@@ -195,9 +195,9 @@ def test_a_tower_completes_a_planar_model(bent: SavedModel) -> None:
 
 def test_a_flat_print_leaves_the_screw_as_it_was(bent: SavedModel) -> None:
     done = update(bent, measured(SCREW, body(1), heights=False), rng=np.random.default_rng(0))
-    (heights, push), (old_heights, old_push) = errors_mm(done.model, SCREW), errors_mm(bent, SCREW)
+    (heights, push), (old_heights, _) = errors_mm(done.model, SCREW), errors_mm(bent, SCREW)
     assert heights == pytest.approx(old_heights, abs=0.001)
-    assert push < old_push + 0.001  # it may say more of where X and Y lie
+    assert push < 0.01  # as at first; it may say more of where X and Y lie
     assert "Z lead" in done.model.findings[0]
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from printmend.corruption.cause import Cause, named_keys, offered, said, typical_shape
 from printmend.effects import EFFECTS, title_of
-from printmend.effects.effect import Effect, Term, terms_of
+from printmend.effects.effect import SCALE_MM, Effect, Term, terms_of
 from printmend.effects.sized import scene_of_printer
 from printmend.effects.words import AXES, limits_of
 from printmend.messages import say
@@ -30,7 +30,7 @@ _LABELS = {
     "after_share": "number-after", "at_share": "number-moment", "grow_x_mm": "number-grow-x",
     "grow_y_mm": "number-grow-y", "move_x_mm": "number-move-x", "move_y_mm": "number-move-y", "x_mm": "number-along-x",
     "y_mm": "number-along-y", "scale_percent": "number-scale", "axes_percent": "number-axes",
-    "lean_percent": "number-lean",
+    "lean_percent": "number-lean", "zero_x_mm": "number-zero-x", "zero_y_mm": "number-zero-y",
 }  # fmt: skip
 _OF = {"machine": "of-machine", "session": "of-session", "instrument": "of-instrument", "material": "of-material"}
 
@@ -68,8 +68,9 @@ def _sliders(effect: Effect, terms: list[Term]) -> list[dict[str, Any]]:
             row |= {"choices": list(keys.harmonics), "value": keys.harmonics[0]}  # type: ignore[attr-defined]
         elif name in shape:
             each = [term.shape[of_shape.index(name)] for term in terms]
-            alone = min(each) == max(each)
-            low, high = (shape[name] / _FURTHEST, shape[name] * _FURTHEST) if alone else (min(each), max(each))
+            low, high = min(each), max(each)
+            if low == high:  # a place at 0 is anywhere about it
+                low, high = (low / _FURTHEST, low * _FURTHEST) if low else (-SCALE_MM, SCALE_MM)
             row |= _range(low, high, shape[name])
         elif name == "phase_rad":
             row |= _range(-math.pi, math.pi, 0.0)
