@@ -360,7 +360,7 @@ def test_a_message_is_german_by_its_id_however_its_english_is_worded(browser: Br
     said, why, turned = watched.page.evaluate("""async () => {
         const { heed, said, why } = await import("/words.js");
         const todo = { id: "scan-printed-side", values: {} };
-        const least = { id: "least-measured-marks", values: { a: "12" } };
+        const least = { id: "least-measured-points", values: { a: "12" } };
         const whole = { id: "why", values: { a: "scan.png", b: "half of them", c: "3.5", d: "scan it all" } };
         heed({ jobs: [{ result: { messages: { "scan it all": todo, "half of them": least, "all of it": whole } } }] });
         heed({ messages: { "turned": { id: "", values: { a: "−0.5°" } } } });
