@@ -14,7 +14,8 @@ from printmend.messages import say
 class Calibration(Usual):
     """A scale of a table's instrument, in mm per 100 mm. Its shape is the place from which it counts: the zero of the
     printer's coordinates, or home. In one of five next prints it is there: then it was the printer's. A picture's scale
-    is as uncertain as its instrument says (`stretch`)."""
+    is as uncertain as its instrument says (`stretch`). On a CoreXY, whose bed axes share both motors, a frame that is
+    too wide changes the mean of both axes as an instrument does: there the scale is the machine's."""
 
     name = "calibration"
     of = Of.INSTRUMENT
@@ -22,7 +23,7 @@ class Calibration(Usual):
     keys = Numbers(("percent",), ("zero_x_mm", "zero_y_mm"))
 
     def carriers(self, scene: Scene) -> range:
-        return range(scene.placed and not scene.instrument.covariance.any())
+        return range(scene.placed and not scene.corexy and not scene.instrument.covariance.any())
 
     def shapes(self, where: int, scene: Scene) -> Shapes:
         return list(dict.fromkeys([(0.0, 0.0), scene.printer.home_mm]))

@@ -338,9 +338,10 @@ def acting(scene: Scene, parts: Sequence[Part]) -> list[Part]:
     kept = min((helpful(mine), helpful(np.zeros_like(mine))), key=lambda each: worse(each)[1])
     while kept.any() and worse(kept)[0] > HARDLY_ANY:
         kept = min((kept & (np.arange(len(parts)) != at) for at in np.flatnonzero(kept)), key=worse)
+    is_any = kept.any() or any(part.effect == "place" and part.is_likely for part in parts)
     found = [
         part if does else replace(part, acts_mm=np.zeros_like(part.acts_mm))
-        for part, does in zip(parts, kept | (~machine & kept.any()), strict=True)
+        for part, does in zip(parts, kept | (~machine & is_any), strict=True)
     ]
     return _shifted(scene, found, drawn_mm - shift_mm @ kept) if scene.placed else found
 
