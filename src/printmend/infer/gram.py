@@ -197,7 +197,7 @@ def with_blocks(dictionary: Dictionary, more: Sequence[Block], look: Look) -> Di
     """Return the dictionary with more blocks and what the rows see of them."""
     if not more:
         return dictionary
-    return dictionary.with_more(more, dictionary_of(tuple(more), look).columns)
+    return dictionary.with_more(more, look.columns(block.key for block in more))
 
 
 def _shows(term: Term, scene: Scene) -> bool:

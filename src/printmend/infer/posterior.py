@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Places, Scene, columns_of
+from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
 from printmend.effects.effect import HARDLY_ANY, Key, drawn_places, held_mm
 from printmend.effects.homing import lasting
 from printmend.infer.fit import Fit
@@ -220,7 +220,7 @@ def posterior_here(fit: Fit, rng: np.random.Generator) -> Posterior:
     fit = replace(fit, state=central(fit, drawn, [likely, *sorted(states.values(), key=lambda each: -each.score)]))
     acting_mm = _acting_mm(fit.dictionary, [fit.state])[:, 0]
     order = dict.fromkeys([*(b for b, _ in fit.state.members), *drawn])
-    parts = [replace(drawn[b], acts_mm=held_mm(EFFECTS[blocks[b].effect], acting_mm[blocks[b].at])) for b in order]
+    parts = [replace(drawn[b], acts_mm=acting_mm[blocks[b].at]) for b in order]
     return Posterior(fit.scene, tuple(acting(fit.scene, parts)), fit.state, _nats(fit))
 
 
@@ -268,8 +268,7 @@ def _acting_mm(dictionary: Dictionary, states: Sequence[State]) -> np.ndarray:
     """Return the sizes [P, S] of a dictionary's columns in the machines of some states: 0 where none holds them."""
     sizes_mm = np.stack([state.laid_out_mm(dictionary.columns.shape[1]) for state in states], axis=1)
     for block in dictionary.blocks:
-        if EFFECTS[block.effect].acts is Acts.NOT:
-            sizes_mm[block.at] = 0.0
+        sizes_mm[block.at] = held_mm(EFFECTS[block.effect], sizes_mm[block.at])
     return sizes_mm
 
 
