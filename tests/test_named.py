@@ -253,7 +253,7 @@ def test_play_below_0_is_the_firmwares_and_says_what_to_set(preset: str) -> None
     assert advice.urgency == "left"
     name, (told,) = scene.printer.motors[1].upper(), misfits_of([excess], scene)
     assert f"Reduce its compensation for {name} by 0.20 mm" in told.words
-    assert f"Ausgleich von {name} um 0,20 mm kleiner" in translated(told.words, GERMAN)
+    assert f"Ausgleich für {name} um 0,20 mm verringern" in translated(told.words, GERMAN)
     assert "healthy" not in diagnose([excess, part("play", 0, [0.2])], scene).summary
     (grows,) = faults_of([part("friction", 0, [0.1, 0.0], scene.motor_span_mm[0])], scene)
     assert (grows.kind, grows.is_mended) == ("friction", True)

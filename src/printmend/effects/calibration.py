@@ -1,5 +1,7 @@
-"""An instrument whose scale is off: a rule that is too long, a microscope's stage, an image of another resolution. Its
-table shows both axes off by the same share."""
+"""An instrument whose scale is wrong: an inexact rule, a microscope's stage, an image of another resolution.
+
+Both axes of its table are off by the same share.
+"""
 
 from collections.abc import Iterator, Sequence
 
@@ -12,10 +14,12 @@ from printmend.messages import say
 
 
 class Calibration(Usual):
-    """A scale of a table's instrument, in mm per 100 mm. Its shape is the place from which it counts: the zero of the
-    printer's coordinates, or home. In one of five next prints it is there: then it was the printer's. A picture's scale
-    is as uncertain as its instrument says (`stretch`). On a CoreXY, whose bed axes share both motors, a frame that is
-    too wide changes the mean of both axes as an instrument does: there the scale is the machine's."""
+    """The scale error of a table's instrument, in mm per 100 mm.
+
+    Its shape is the point that the error leaves in place: the printer's zero, or home. With a chance of one in five,
+    the error was the printer's, and the next print has it, too. For pictures, `stretch` covers this. On a CoreXY, a
+    frame error can look the same, so the scale is attributed to the machine.
+    """
 
     name = "calibration"
     of = Of.INSTRUMENT

@@ -1,7 +1,7 @@
 """The smooth errors of one belt, added up: its bend and its unevenness.
 
-A measurement determines little more than the sum of these and of a wrong scale, because each may stand for a part of
-another. So each is reported from the sum: its slope, its bend beyond that, and the rest.
+A measurement determines little more than the sum of these and of a wrong scale, because each can stand in for part of
+another. So the sum is reported: its slope as the scale, its curvature as the bend, the rest as unevenness.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,8 @@ SMOOTH = ("bend", "uneven")
 
 
 def course_of(found: Found, beside: Sequence[Found], scene: Scene) -> Found:
-    """Return an effect whose sizes are the sum [N] along the measured span: of what acts, and of each drawn machine."""
+    """Return ``found`` with the sum of the smooth errors, at N places along the measured span, in place of its sizes:
+    ``sizes_mm`` [N] of what acts, ``draws_mm`` [N, D] of each drawn machine."""
     motor = found.where
     places = belt_places(motor, along_motor_mm(scene, motor), 1.0)
     acts_mm, draws_mm = np.zeros(len(places)), np.zeros((len(places), found.draws_mm.shape[1]))

@@ -24,8 +24,8 @@ PLAYS = ("play", "wear", "friction", "breathing", "rub")  # effects that make a 
 
 
 class Play(Usual):
-    """Play that is the same everywhere. Below 0 the firmware's backlash compensation takes up more than there is: after
-    each change of direction the carriage is ahead at once, and no table of a motor holds that."""
+    """Play that is the same everywhere. A negative size means that the firmware compensates more backlash than there
+    is: after a reversal the carriage runs ahead. The tables of a motor cannot represent that."""
 
     name = "play"
     kinds = ("play", "overcompensation")

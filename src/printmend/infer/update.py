@@ -150,8 +150,9 @@ def surely_there(parts: Sequence[Part], scene: Scene) -> set[tuple[str, int]]:
 def told_apart(parts: Sequence[Part], scene: Scene) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
     """Return the parts of effects that are known at their place, and those that are in doubt.
 
-    An effect is in doubt where it adds more variance to what all of them make together than the square of its mean,
-    which counts where most drawn machines have it. One that makes up for others takes variance away.
+    All effects start as known. While some effect adds more variance to the sum of the known ones than its squared mean,
+    the worst one becomes doubtful. That square is divided by the share of machines that have the effect, and is 0 below
+    `LIKELY`. An effect that compensates for others reduces the variance, so it stays known.
     """
     there = there_of(parts)
     slots, shares = list(there), np.array([has.mean() for has in there.values()])
@@ -191,11 +192,11 @@ def laid_out(parts: Sequence[Part], like: Sequence[Part]) -> np.ndarray:
 
 
 def directions(draws: np.ndarray, together: np.ndarray) -> np.ndarray:
-    """Return directions [P, K] whose squares sum up to the covariance of draws [P, D], shrunk as far as that many draws
-    leave it open (oracle approximating shrinkage, Chen et al. 2010).
+    """Return directions [P, K] whose outer products sum to the covariance of draws [P, D], shrunk as so few draws
+    require (oracle approximating shrinkage, Chen et al. 2010).
 
-    What shrinks are correlations between the axes of what sizes make ``together`` [P, P]: rows tell of each such axis
-    by itself, but of two effects that are alike nearly only the sum.
+    The shrinkage acts on correlations between the principal axes of what the sizes do ``together`` [P, P], not between
+    the sizes. Otherwise the well-known sum of two similar effects would become uncertain.
     """
     sd = draws.std(axis=1)
     moves = sd > 0
@@ -281,7 +282,8 @@ class Left:
         return np.asarray(self.sizes_mm(changes) + self.root @ rng.standard_normal((len(self.covariance), DRAWS)))
 
     def without(self, none: np.ndarray, sizes_mm: np.ndarray) -> np.ndarray:
-        """Return sizes [P, D] where some are ``none`` [P, D]: others make up for these, as far as they are alike."""
+        """Return sizes [P, D] with those marked in ``none`` [P, D] set to 0. The remaining sizes take over their error,
+        as far as the two are correlated."""
         found = np.where(none, 0.0, sizes_mm)
         kinds, which = np.unique(none, axis=1, return_inverse=True)
         for number, gone in enumerate(kinds.T):
@@ -641,8 +643,8 @@ def _held(part: Part) -> Part:
 
 
 def _those_without(parts: Sequence[Part]) -> np.ndarray:
-    """Return which drawn machines have none of each size [P, DRAWS]: one keeps its own of an effect's shapes, and what
-    few have stays with these."""
+    """Return which drawn machines must keep a size of zero [P, DRAWS]: those with the effect in another shape, and, if
+    fewer than `LIKELY` have the effect, all without it."""
     there = there_of(parts)
     few = {slot: has.mean() < LIKELY for slot, has in there.items()}
     none = [~part.draws_mm.any(axis=0) & (there[part.key[:2]] | few[part.key[:2]]) for part in parts]

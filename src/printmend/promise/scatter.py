@@ -43,8 +43,8 @@ class Scatter:
 
 @dataclass(frozen=True)
 class Outliers:
-    """Marks that are left out because they fit no model, as far as a printer may have made them: their number, how many
-    were ``measured``, and the mean square of their coordinates' errors [mm²]."""
+    """Marks that fit no model and that the printer may have made: their expected number, rounded; the number of all
+    marks ``measured``; the mean square error of their coordinates [mm²]."""
 
     count: int = 0
     measured: int = 0
@@ -52,8 +52,8 @@ class Outliers:
 
     @classmethod
     def of(cls, left_mm: np.ndarray, measured: int) -> "Outliers":
-        """Return what errors [K, 2] of marks say. Each counts by the chance that a printer made an error of its size:
-        wrong cells and wrong marks are farther off."""
+        """Return what errors [K, 2] of marks say. Each mark is weighted by the probability that the printer, not a
+        wrong cell or mark, made an error of its size."""
         dirt_mm, own_mm = number_of("outliers", "dirt_mm"), number_of("outliers", "own_mm")
         off_mm = np.hypot(*left_mm.T)
         weight = 1 / (1 + own_mm / dirt_mm * np.exp(np.minimum(off_mm / own_mm - off_mm / dirt_mm, 500.0)))
