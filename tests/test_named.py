@@ -10,7 +10,7 @@ import pytest
 
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import diagnose, faults_of, misfits_of
-from printmend.effects import EFFECTS, Acts, Of, Scene
+from printmend.effects import EFFECTS, Acts, Of, Scene, title_of
 from printmend.effects.effect import belt_places, drawn_places
 from printmend.effects.words import Message, fault_of, is_of_motor
 from printmend.infer.machine import DRAWS, Part
@@ -18,6 +18,7 @@ from printmend.machine import healthy_mechanism
 from printmend.messages import ENGLISH, GERMAN, messages_of, restored, together, translated
 from printmend.model.model import NOTE, WARNING
 from printmend.printer import read_printer
+from printmend.promise.words import in_a_table
 from tests.believed import SCENES, part
 
 
@@ -251,8 +252,10 @@ def test_play_below_0_is_the_firmwares_and_says_what_to_set(preset: str) -> None
     advice = advise(fault_of(fault.row), corexy=preset == "corexy")
     assert "only the firmware" in advice.software
     assert advice.urgency == "left"
+    assert in_a_table(fault.kind)[0] == title_of(fault.kind)  # as certain as the finding
+    assert "(M425 Y in Marlin" in advice.repair  # of a CoreXY it is motor B's, too
     name, (told,) = scene.printer.motors[1].upper(), misfits_of([excess], scene)
-    assert f"Reduce its compensation for {name} by 0.20 mm" in told.words
+    assert f"Reduce its compensation for {name} by 0.20 mm (M425 Y in Marlin" in told.words
     assert f"Ausgleich für {name} um 0,20 mm verringern" in translated(told.words, GERMAN)
     assert "healthy" not in diagnose([excess, part("play", 0, [0.2])], scene).summary
     (grows,) = faults_of([part("friction", 0, [0.1, 0.0], scene.motor_span_mm[0])], scene)

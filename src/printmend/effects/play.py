@@ -13,7 +13,6 @@ from printmend.effects.words import (
     Told,
     along_motor_mm,
     amount,
-    carrier_name,
     motor_name,
     those_of,
     where_seen,
@@ -46,19 +45,24 @@ class Play(Usual):
             yield Fault(motor_name(scene, found.where), "play", mean, sd, "mm", say("fault-play", amount(mean, sd)))
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        size_mm = f"{abs(found.sizes_mm[0]):.2f}"
-        yield Told(self.below, say("firmware-takes-up-more-set-less", carrier_name(scene, found.where), size_mm))
+        motor, size_mm = motor_name(scene, found.where), f"{abs(found.sizes_mm[0]):.2f}"
+        yield Told(self.below, say("firmware-takes-up-more-set-less", motor.upper(), size_mm, _set_by(motor)))
 
     def advice(self, fault: Fault, where: str) -> Care:
         """Return the advice: what stands still or jumps after a reversal, and what to tighten or to set."""
         if fault.kind == self.below:
             title, said = say("firmware-takes-up-too-much", where), (where, fault.shown)
-            meaning = say("after-each-change-direction-jumps", *said)
-            return Care(title, meaning, fault.size, say("nothing-repair-set-backlash-compensation", *said))
+            setting = say("nothing-repair-set-backlash-compensation", *said, _set_by(fault.part))
+            return Care(title, say("after-each-change-direction-jumps", *said), fault.size, setting)
         meaning = say("after-each-change-direction-stands-still", where, fault.shown)
         repair = where_seen(fault.size, say("tighten-belt-then-look-pulley-s"), say("nothing-tighten"))
         carries = say("printmend-carries-takes-slack-up-each")
         return Care(say("belt-has-play", where), meaning, fault.size, repair, carries)
+
+
+def _set_by(motor: str) -> str:
+    """Say what sets a motor's backlash compensation: firmwares keep that of a CoreXY's motors under X and Y."""
+    return say("backlash-set-by", {"a": "X", "b": "Y"}.get(motor, motor.upper()))
 
 
 def play_mm(beside: Sequence[Found], motor: int, scene: Scene) -> tuple[float, float, float, float]:

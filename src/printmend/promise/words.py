@@ -146,9 +146,7 @@ _CAUSES = {
 
 def in_a_table(cause: str) -> tuple[str, str]:
     """Return a cause in words, and its type; an effect that does not act is called as it calls itself."""
-    if cause in _CAUSES:
-        return _CAUSES[cause][1:]
-    return say("cause-misfit", in_words(cause)), "A"
+    return _CAUSES[cause][1:] if cause in _CAUSES else (in_words(cause), "A")
 
 
 def in_words(cause: str) -> str:
