@@ -146,6 +146,13 @@ def test_play_goes(firmware: str) -> None:
     assert said == pytest.approx(after, abs=0.002)
 
 
+def test_rrf_takes_the_play_of_a_corexys_motors() -> None:
+    before, after, said = judged(PLAY, COREXY, "rrf")
+    assert before > 0.25
+    assert after < 0.002
+    assert said == pytest.approx(after, abs=0.002)
+
+
 @pytest.mark.parametrize(("firmware", "left_mm"), [("marlin", 0.003), ("rrf", 0.003), ("klipper", 0.41)])
 def test_all_together(firmware: str, left_mm: float) -> None:
     before, after, said = judged(ALL, ENDER3, firmware)

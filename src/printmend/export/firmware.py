@@ -129,9 +129,10 @@ def export_klipper(mechanism: Mechanism, simple: Simple | None = None) -> Export
 
 
 def export_marlin(mechanism: Mechanism, simple: Simple | None = None) -> Export:
-    """Return M92, M852 and M425 for values that change; backlash only if each motor moves one axis."""
+    """Return M92, M852 and M425 for values that change; backlash only if each motor moves one axis: on a CoreXY, Marlin
+    compensates it only if it was compiled so."""
     simple, printer = simple or simple_part(mechanism), mechanism.printer
-    play = _play_words(printer, simple)
+    play = _play_words(simple) if printer.kinematics == "cartesian" else ""
     lines = _steps(printer, simple, "M503")
     if simple.skew:
         lines.append(f"M852 I{simple.skew:.6f} ; skew")
@@ -144,13 +145,14 @@ def export_marlin(mechanism: Mechanism, simple: Simple | None = None) -> Export:
 
 
 def export_rrf(mechanism: Mechanism, simple: Simple | None = None) -> Export:
-    """Return config.g lines for RepRapFirmware: M92, M556 and M425; backlash only if each motor moves one axis.
+    """Return config.g lines for RepRapFirmware: M92, M556 and M425.
 
-    M556 is added, x + tan·y, where Marlin subtracts: an acute angle between the axes is negative. M425 spreads the
-    backlash over S times itself, ten times by default; S1 takes it up at once.
+    M556 is added, x + tan·y, where Marlin subtracts: an acute angle between the axes is negative. M425 takes motors,
+    so X and Y are A and B of a CoreXY. It spreads the backlash over S times itself, ten times by default; S1 takes it
+    up at once.
     """
     simple, printer = simple or simple_part(mechanism), mechanism.printer
-    play = _play_words(printer, simple)
+    play = _play_words(simple)
     lines = _steps(printer, simple, "M92 alone")
     if simple.skew:
         lines.append(f"M556 S{SKEW_SIDE_MM:.0f} X{-SKEW_SIDE_MM * simple.skew:.4f} ; skew")
@@ -202,11 +204,7 @@ EXPORTS: dict[str, Callable[..., Export]] = {
 }
 
 
-NO_BACKLASH = {
-    "klipper": "no-backlash-klipper",
-    "marlin": "no-backlash-marlin",
-    "rrf": "no-backlash-rrf",
-}
+NO_BACKLASH = {"klipper": "no-backlash-klipper", "marlin": "no-backlash-marlin"}
 
 
 def remainder(export: Export) -> str:
@@ -247,10 +245,8 @@ def _steps_words(printer: Printer, gain: tuple[float, float], new: tuple[float, 
     )
 
 
-def _play_words(printer: Printer, simple: Simple) -> str:
-    """Return the backlash of each axis that has any; nothing if a motor moves two axes."""
-    if printer.kinematics != "cartesian":
-        return ""
+def _play_words(simple: Simple) -> str:
+    """Return the backlash of each motor that has any."""
     return " ".join(f"{letter}{play:.4f}" for letter, play in zip("XY", simple.play_mm, strict=True) if play)
 
 
