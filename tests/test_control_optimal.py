@@ -130,6 +130,21 @@ def test_without_play_one_step_greedy_is_optimal(ender5: Printer) -> None:
     )
 
 
+def test_the_lattice_leaves_the_error_of_its_steps(ender5: Printer) -> None:
+    """Physics.md eq. 23: targets at every place between two of the lattice, on pulleys whose steps differ."""
+    model, ends = worn("egg", 0.0, ender5), np.array([[300.0, 320.0], [700.0, 730.0]])
+    targets = ends[0] + np.linspace(0, 1, 8001)[:, None] * (ends[1] - ends[0])
+    tables = lattice_tables(model.mechanism, ends[0].astype(int))  # type: ignore[arg-type]
+    squares = []
+    for motor, (low, high) in zip(tables.motors, ends.T, strict=True):
+        at = motor.lower_steps[(motor.lower_steps > low) & (motor.lower_steps < high)]
+        gains = np.diff(at)
+        squares.append((gains**3).sum() / (12 * gains.sum()))
+    found = rmse(controller("optimal").plan(model, targets, ends[0].astype(int)), targets)
+    assert found == pytest.approx(np.sqrt(sum(squares)), rel=0.01)
+    assert found > 1.02 * np.sqrt(2 / 12)  # steps that differ leave more than equal ones
+
+
 @pytest.mark.parametrize("preset", ["ender5", "corexy"])
 def test_long_layers_in_blocks_are_planned_alike(preset: str, monkeypatch: pytest.MonkeyPatch) -> None:
     model = worn("egg", 5.0, read_printer(preset))

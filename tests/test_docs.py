@@ -80,6 +80,12 @@ def test_every_test_that_a_document_names_is_there() -> None:
         assert not name or f"def {name}(" in text, f"{path} has no test {name}"
 
 
+def test_every_equation_has_a_row_with_its_test() -> None:
+    rows = re.findall(r"^\| ([\d, ]+)[^|]*\| `tests/", PHYSICS, re.MULTILINE)
+    tested = {f"eq. {number}" for row in rows for number in re.findall(r"\d+", row)}
+    assert tested == {each for each in offered() if each.startswith("eq.")}
+
+
 @pytest.mark.parametrize("package", ["src/printmend", "lab/src/printmend_lab"])
 def test_the_overview_says_what_every_package_knows(package: str) -> None:
     rows = re.findall(r"^\| (`.*?) \|", (ROOT / "docs/code_overview.md").read_text(encoding="utf-8"), re.MULTILINE)

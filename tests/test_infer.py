@@ -225,6 +225,13 @@ def test_backlash_that_the_firmware_takes_up_and_is_not_there_is_found_and_left(
     assert {fault.kind for fault in faults_of(posterior.parts, fit.scene)} == {"overcompensation"}
 
 
+def test_a_pulley_has_the_prior_of_its_equation() -> None:
+    """Physics.md eq. 18: 0.8 k^−2.5 mm of position, times the scales that may raise the evidence."""
+    scene, order = scene_for(read_printer("ender3")), np.arange(1, 33)
+    whole = [np.array(term.sd_mm) for term in EFFECTS["pulley"].terms(scene) if len(term.sd_mm) == 64]
+    assert any(np.allclose(sds_mm, np.tile(0.8 * order**-2.5, 2)) for sds_mm in whole)
+
+
 def test_no_finer_idler_is_the_pulley() -> None:
     scene = scene_for(read_printer("ender3"))
     turn_mm = scene.turns_mm[0]
