@@ -157,9 +157,8 @@ def main() -> None:
         import matplotlib.pyplot as plt
 
         figure, axes = plt.subplots(1, 3, figsize=(10, 2.6), layout="constrained")
-        for axis, name, column in zip(
-            axes, ("the size of a fault", "a point on the bed", "the error after mending"), ranks.T, strict=True
-        ):
+        names = ("the size of a fault", "the error at one point on the bed", "the error after mending")
+        for axis, name, column in zip(axes, names, ranks.T, strict=True):
             axis.hist(column, bins=BINS, range=(0, 1), color="#0f766e")
             axis.axhline(len(column) / BINS, color="#444", lw=1)
             axis.set(xlabel=f"rank of {name}", ylabel="printers")
