@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printmend.errors import ConfigError
+import printmend
+from printmend.corruption import HEALTHY
+from printmend.errors import ConfigError, TraceError
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.printer.toml import parse_printer, preset_text
 
@@ -66,6 +68,18 @@ def test_a_wrong_key_is_named(tmp_path: Path, old: str, new: str, named: str) ->
 @pytest.mark.parametrize("name", ["Ender3", "Ender 3", "ENDER-3"])
 def test_capitals_spaces_and_hyphens_of_a_preset_do_not_matter(name: str) -> None:
     assert read_printer(name) == read_printer("ender3")
+
+
+def test_python_takes_a_printers_name_for_it() -> None:
+    printer = read_printer("ender3")
+    assert printmend.Twin.of(HEALTHY, "ender3").printer == printer
+    named, plan = (printmend.design_probe(each, size_mm=60) for each in ("ender3", printer))
+    np.testing.assert_array_equal(named.waypoints_mm, plan.waypoints_mm)
+    few = printmend.Trace(np.zeros((3, 2)), np.zeros((3, 2)))
+    with pytest.raises(TraceError):
+        printmend.learn_model(few, "ender3")
+    with pytest.raises(ConfigError, match="ender33"):
+        printmend.learn_model(few, "ender33")
 
 
 @pytest.mark.parametrize("name", ["Creality CR-10S", "cr10"])

@@ -7,6 +7,7 @@ mean acts; machines drawn from all likely sets are the promise.
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ from printmend.model import SavedModel, saved_model, with_screw
 from printmend.model.branches import HARMONICS
 from printmend.model.model import DIGESTS, NOTE, WARNING, Misfit, misfit_section, misfit_words
 from printmend.path import Trace
-from printmend.printer import Printer, preset_names, read_printer
+from printmend.printer import Printer, preset_names, printer_of, read_printer
 from printmend.promise.belief import belief_section
 from printmend.promise.filament import UNTOLD
 from printmend.promise.scatter import Scatter
@@ -118,10 +119,10 @@ class Learned:
 
 
 def learn_model(
-    trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator | None = None
+    trace: Trace, printer: Printer | str | Path, *, model: str = AUTO, rng: np.random.Generator | None = None
 ) -> SavedModel:
-    """Learn a machine from a trace, as `learn` does, and return its saved model."""
-    return learn(trace, printer, model=model, rng=rng).saved
+    """Learn a machine from a trace, as `learn` does, and return its saved model; a ``printer`` may be named."""
+    return learn(trace, printer_of(printer), model=model, rng=rng).saved
 
 
 def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator | None = None) -> Learned:

@@ -1,7 +1,7 @@
 """Machine geometry as a frozen value: axes, bed, steps, homing, kinematics."""
 
 from printmend.printer.printer import Axis, Extruder, Homing, Kinematics, MotionLimits, Printer
-from printmend.printer.toml import check_preset, preset_names, read_printer
+from printmend.printer.toml import check_preset, preset_names, printer_of, read_printer
 
 __all__ = [
     "Axis",
@@ -12,5 +12,6 @@ __all__ = [
     "Printer",
     "check_preset",
     "preset_names",
+    "printer_of",
     "read_printer",
 ]

@@ -105,6 +105,11 @@ def read_printer(source: str | Path) -> Printer:
     )
 
 
+def printer_of(printer: Printer | str | Path) -> Printer:
+    """Return a printer as it is, or read the one that a name or a path means."""
+    return printer if isinstance(printer, Printer) else read_printer(printer)
+
+
 def printer_section(printer: Printer) -> dict[str, Any]:
     """Return a printer's mechanics as the plain table that `parse_printer` reads, without default values."""
     axes = {axis.name: {key: value for key, value in asdict(axis).items() if key != "name"} for axis in printer.axes}

@@ -12,7 +12,7 @@ from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan, plan_text, write_plan
 from printmend.messages import say
 from printmend.path import Trace
-from printmend.printer import Extruder, Printer
+from printmend.printer import Extruder, Printer, printer_of
 from printmend.printer.printer import PAUSE
 from printmend.probe.gcode import probe_gcode
 from printmend.probe.layout import MARKS, area_around_mm, glass_area_mm, lay_out, mark_area_mm, square_mm, walk
@@ -28,7 +28,7 @@ TARGETS = 2000  # places of the bed for which a print is optimised
 
 
 def design_probe(
-    printer: Printer,
+    printer: Printer | str | Path,
     *,
     design: str = "fixed",
     size_mm: float | None = None,
@@ -46,6 +46,7 @@ def design_probe(
     both may start from the trace ``after``. Raises `ConfigError` for another design and if the bed is too small,
     `GcodeError` for a part that extrudes nothing or whose layer is too small.
     """
+    printer = printer_of(printer)
     if design not in DESIGNS:
         raise ConfigError(
             "--design", wanted=say("usage-one-of", ", ".join(DESIGNS)), came=repr(design), todo=say("correct-name")

@@ -7,6 +7,7 @@ of the same way-points.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from printmend.machine import (
 )
 from printmend.messages import say
 from printmend.path import Trace
-from printmend.printer import Printer
+from printmend.printer import Printer, printer_of
 from printmend.twin import kernels
 
 # Effects along a commanded path that no machine's tables hold: columns times sizes, row by row.
@@ -88,8 +89,9 @@ class Twin:
     beads: Beads = field(default_factory=Beads)
 
     @classmethod
-    def of(cls, corruption: Fault, printer: Printer) -> "Twin":
+    def of(cls, corruption: Fault, printer: Printer | str | Path) -> "Twin":
         """Build the twin of ``printer`` broken by ``corruption``, a `Corruption` or a fault of another package."""
+        printer = printer_of(printer)
         along: tuple[Sized, ...] = ()
         beads = Beads()
         if isinstance(corruption, Corruption):
