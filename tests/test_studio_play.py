@@ -45,6 +45,14 @@ def test_every_effect_has_sliders_that_break_the_printer() -> None:
             assert (max(drawn["rms_mm"], drawn["part_rms_mm"]) > 0.008) == (card["name"] not in SHAPELESS), card["name"]
 
 
+def test_play_goes_below_0_as_where_the_firmware_takes_up_too_much() -> None:
+    card = next(card for card in offered_effects(play_printer()[0]) if card["name"] == "play")
+    (size,) = card["sliders"]
+    assert size["low"] == -size["high"]
+    row = _row(card) | {"values": {"size_mm": size["low"]}}
+    assert shown(Faults(causes=causes_of([row])))["rms_mm"] > 0.3
+
+
 def test_an_effect_of_another_package_appears_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     class Mine:
         """A belt of mine that is kinked."""

@@ -76,7 +76,8 @@ def _sliders(effect: Effect, terms: list[Term]) -> list[dict[str, Any]]:
             row |= _range(-math.pi, math.pi, 0.0)
         else:
             most = min(limits_of(name)[2] * _FURTHEST, shape.get("period_mm", math.inf) / _STEEPNESS)
-            row |= _range(0.0 if terms[0].sign else -most, most, most / _FURTHEST if first else 0.0)
+            least = 0.0 if all(term.sign > 0 for term in terms) else -most
+            row |= _range(least, most, most / _FURTHEST if first else 0.0)
             first = False
         sliders.append(row)
     return sliders
