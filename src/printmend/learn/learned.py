@@ -30,7 +30,6 @@ from printmend.learn.order import once_in_order, roughly
 from printmend.learn.rows import FINEST_MM, LEAST_ROWS, MOST_LOST, lost_rows, outliers_of, said_of_rows, skipped
 from printmend.machine import Mechanism
 from printmend.measure.checks import (
-    check_follows,
     check_origin,
     check_trace,
     digest_of,
@@ -144,8 +143,7 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     ordered = once_in_order(trace, printer)
     told = (*ordered.found, *another_home(ordered.trace, printer))
     trace = with_heights(ordered.trace, printer)
-    check_trace(trace)
-    check_follows(trace, printer)
+    check_trace(trace, printer)
     if model not in (AUTO, SEARCH):
         return _learned_without_parts(trace, printer, model, told, rng)
     lift = find_lift(trace, printer)

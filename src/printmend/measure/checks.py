@@ -78,8 +78,9 @@ _SAME_DIGITS = 6  # of millimetres: places that differ by less are the same
 LEAST_RANK_CORRELATION = 0.5  # Spearman's, of commanded and measured positions
 
 
-def check_trace(trace: Trace) -> None:
-    """Raise `TraceError` if a trace lacks a commanded position, or has too few or impossible measured positions."""
+def check_trace(trace: Trace, printer: Printer) -> None:
+    """Raise `TraceError` if a trace lacks a commanded position, if it has too few or impossible measured positions, or
+    if these do not follow a motor."""
     if not np.isfinite(trace.commanded_mm).all():
         raise TraceError(
             say("trace"), wanted=say("every-commanded-way-point"), came=say("nan"),
@@ -101,6 +102,7 @@ def check_trace(trace: Trace) -> None:
             say("trace"), wanted=say("least-measured-points", LEAST_MEASURED), came=say("rows", count, len(trace)),
             todo=say("measure-more-print-printmend-probe-makes"),
         )  # fmt: skip
+    _check_follows(trace, printer)
 
 
 def heights_alone(trace: Trace) -> bool:
@@ -114,7 +116,7 @@ def is_at_home(place_mm: np.ndarray, printer: Printer) -> bool:
     return bool(np.abs(place_mm - np.array(printer.home_mm)).max() <= AT_HOME_MM)
 
 
-def check_follows(trace: Trace, printer: Printer) -> None:
+def _check_follows(trace: Trace, printer: Printer) -> None:
     """Raise `TraceError` if the measured positions do not follow a motor: they belong to another print.
 
     The test uses ranks and quantiles, which outliers hardly change. A motor that hardly moved passes.

@@ -24,7 +24,7 @@ from printmend.infer.update import Renewed
 from printmend.learn.learned import PLANE_FACTOR, known_digests
 from printmend.learn.order import once_in_order
 from printmend.machine import print_from_home
-from printmend.measure.checks import check_follows, check_origin, check_trace, digest_of, with_heights
+from printmend.measure.checks import check_origin, check_trace, digest_of, with_heights
 from printmend.mend.history import remember
 from printmend.mend.mend import mend_gcode
 from printmend.mend.update import Updated, changes_of, measured_again, update
@@ -140,8 +140,7 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
             todo=say("mend-test-print-print-measure-one"),
         )  # fmt: skip
     trace = once_in_order(trace, model.printer).trace
-    check_trace(trace)
-    check_follows(trace, model.printer)
+    check_trace(trace, model.printer)
     known = np.flatnonzero(trace.measured_rows)
     outlook, off = _outlook_at_marks(model, belief, trace)
     commanded, wanted_mm = made(model, trace)

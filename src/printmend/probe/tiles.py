@@ -16,7 +16,7 @@ from printmend.infer.fit import begun
 from printmend.infer.machine import machine_of
 from printmend.machine import Contacts, Mechanism
 from printmend.machine.kernels import run
-from printmend.measure.checks import check_follows, check_trace
+from printmend.measure.checks import check_trace
 from printmend.measure.plan import ProbePlan
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
@@ -123,8 +123,7 @@ def belief_after(printer: Printer, trace: Trace) -> Belief:
 
     An effect that was not found keeps the prior of its mildest term. Raises `TraceError` like `learn`.
     """
-    check_trace(trace)
-    check_follows(trace, printer)
+    check_trace(trace, printer)
     with threadpool_limits(1, user_api="blas"):
         fit, turned = begun(trace, scene_of(trace, printer))
     scene = replace(_bed_scene(printer), turns_mm=fit.scene.turns_mm)

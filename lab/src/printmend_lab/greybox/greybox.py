@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.errors import TraceError
 from printmend.learn.walls import wall_shares
-from printmend.measure.checks import LEAST_MEASURED, check_follows, check_trace
+from printmend.measure.checks import LEAST_MEASURED, check_trace
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
@@ -189,8 +189,7 @@ def fit_greybox(
     trace: Trace, printer: Printer, rng: np.random.Generator, *, complete: Complete = lambda rows, choice: choice
 ) -> GreyboxModel:
     """Learn from a trace; ``complete`` may say more about each motor than its rows did."""
-    check_trace(trace)
-    check_follows(trace, printer)
+    check_trace(trace, printer)
     full = motor_rows(trace, printer)
     trial = trial_of(full, rng)
     absolute = trace.instrument_doubt.is_exact

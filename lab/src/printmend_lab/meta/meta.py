@@ -134,8 +134,8 @@ class MetaLearner:
     weights: Mapping[str, np.ndarray] | None = None
 
     def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> MetaModel:
-        """Learn from a trace. Raise `TraceError` where it has too few measured points."""
-        check_trace(trace)
+        """Learn from a trace. Raise `TraceError` as `check_trace` does."""
+        check_trace(trace, printer)
         weights = shipped() if self.weights is None else self.weights
         with _libraries().limit(limits=1, user_api="blas"):
             rows = motor_rows(_with_home(trace, printer), printer)
