@@ -14,7 +14,7 @@ import numpy as np
 
 from printmend.diagnosis.named import misfits_of
 from printmend.effects import EFFECTS, Of, columns_of
-from printmend.effects.effect import SCALE_MM, at_places, strokes_of
+from printmend.effects.effect import drawn_places, strokes_of
 from printmend.errors import TraceError
 from printmend.gcode.read import read_gcode
 from printmend.infer.gram import seen
@@ -225,15 +225,15 @@ def _unseen_mm(found: Renewed) -> float:
 
 
 def _stretch_percent(found: Renewed) -> float:
-    """Return the scale error that may be the instrument's [%]."""
+    """Return the scale error that may be the instrument's [%]: the mean slope of its errors along both axes."""
     scene = found.now.scene
-    bed = scene.middle_mm + SCALE_MM * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    places = at_places(bed_mm=bed, motor_mm=scene.printer.to_motor(bed))
-    moved = sum(
-        (columns_of(part.effect, places, part.where, part.shape, scene) @ part.mean_mm
-         for part in found.now.parts if part.effect in ("stretch", "resized", "calibration")), np.zeros_like(bed),
-    )  # fmt: skip
-    return float((moved[1, 0] - moved[0, 0] + moved[2, 1] - moved[0, 1]) / 2)
+    places = drawn_places(scene)
+    moved = np.zeros_like(places.bed_mm)
+    for part in found.now.parts:
+        if EFFECTS[part.effect].of is Of.INSTRUMENT:
+            moved += columns_of(part.effect, places, part.where, part.shape, scene) @ part.mean_mm
+    off, moved = (each - each.mean(axis=0) for each in (places.bed_mm, moved))
+    return 100 * float(np.trace(np.linalg.lstsq(off, moved)[0])) / 2
 
 
 def expectation(model: SavedModel, trace: Trace) -> Promise | None:
