@@ -9,7 +9,9 @@ import pytest
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.effects import EFFECTS, Scene, places_of, scene_of
 from printmend.effects.uneven import Uneven
+from printmend.infer import update
 from printmend.infer.fit import Fit, fitted
+from printmend.infer.gram import blocks_of
 from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
 from printmend.infer.posterior import Posterior, posterior_of
 from printmend.infer.update import Renewed, both_seen, directions, rebased, renewed, told_apart, turned
@@ -61,6 +63,15 @@ def test_the_same_machine_is_known_better(old: tuple[Fit, Posterior]) -> None:
         assert sd < before
         assert abs(mean - play_mm) < 4 * sd
         assert acts == pytest.approx(mean, abs=sd)
+
+
+def test_no_place_of_a_belt_need_be_offered(old: tuple[Fit, Posterior], monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is what shifts a print as the drawn machines do, whether the search may find one or not."""
+    names = [name for name in EFFECTS if name != "place"]
+    monkeypatch.setattr(update, "blocks_of", lambda scene, names=names: blocks_of(scene, names=names))
+    found = again(old, printed(machine(), 300, 5), months=0.0)
+    acts, mean, sd = size(found.now.parts, "play", 0)
+    assert acts == pytest.approx(mean, abs=sd)
 
 
 def test_a_print_that_tells_everything_ends_where_learning_anew_ends() -> None:

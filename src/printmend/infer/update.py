@@ -610,10 +610,11 @@ def _now(at: _Pass, before: tuple[Part, ...], rng: np.random.Generator) -> Renew
     fit = Fit(at.look, search, at.state)
     found = posterior_here(fit, rng)
     where = {block.key: block.at for block in at.sums.dictionary.blocks}
-    changes = np.zeros((at.sums.own, DRAWS))
+    changes, likely_mm = np.zeros((at.sums.own, DRAWS)), found.likely.laid_out_mm(at.sums.own)
+    likely = {key: likely_mm[own] for key, own in where.items()}  # a belt's place may act that is none of these
     for part in found.parts:
-        changes[where[part.key]] = part.draws_mm
-    likely_mm = found.likely.laid_out_mm(at.sums.own)
+        if part.key in where:
+            changes[where[part.key]] = part.draws_mm
     like, left = at.sums.like, at.left
     draws = left.without(_those_without(like), left.drawn_mm(changes, rng))
     idle = np.array([not (part.acts_mm.any() or part.is_likely) for part in like for _ in part.acts_mm], bool)
@@ -627,7 +628,7 @@ def _now(at: _Pass, before: tuple[Part, ...], rng: np.random.Generator) -> Renew
     for part in found.parts:
         had = parts.get(part.key)
         parts[part.key] = part if had is None else replace(
-            had, acts_mm=had.acts_mm + likely_mm[where[part.key]], draws_mm=had.draws_mm + part.draws_mm
+            had, acts_mm=had.acts_mm + likely.get(part.key, 0.0), draws_mm=had.draws_mm + part.draws_mm
         )  # fmt: skip
     seldom = {key for key in kept if parts.get(key) is kept[key]}  # these act as they did
     now = tuple(part if key in seldom else after_homing(_held(part), scene) for key, part in parts.items())
