@@ -232,6 +232,15 @@ def test_terminated_while_writing_leaves_no_temporary_file(tmp_path: Path) -> No
         assert list(tmp_path.iterdir()) == []
 
 
+def test_stopped_while_it_is_imported_it_ends_quietly(tmp_path: Path) -> None:
+    (tmp_path / "click.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "printmend", "--version"], capture_output=True, check=False, preexec_fn=heed_ctrl_c,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])},
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+
+
 def test_devices_and_pipes_are_written_not_replaced(tmp_path: Path) -> None:
     with replacing(Path(os.devnull)) as file:
         file.write("nothing")

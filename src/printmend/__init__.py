@@ -18,14 +18,10 @@ The names are imported when they are first used. `learn.registry` knows the lear
 planners, and judges your own learners: anything with a name and a `fit` (`protocols`).
 """
 
+# Here and in __main__ only what is needed at once is imported: until then Ctrl-C ends in a traceback.
 import os
-import tempfile
-from pathlib import Path
 
 import lazy_loader
-
-from printmend.cache import kernel_folder, user_cache
-from printmend.extras import missing_extra
 
 __version__ = "0.1.0"
 _import_name, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
@@ -35,6 +31,8 @@ def __getattr__(name: str) -> object:
     try:
         return _import_name(name)
     except ImportError as error:
+        from printmend.extras import missing_extra
+
         if (missing := missing_extra(error)) is not None:
             raise missing from None
         raise
@@ -42,7 +40,12 @@ def __getattr__(name: str) -> object:
 
 # numba marks up, in colours, texts of errors that it raises and catches by the thousand: a tenth of a compilation
 os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
-if os.name == "posix" and "NUMBA_CACHE_DIR" not in os.environ:  # numba reads it once, when it is imported
+if os.name == "posix" and "NUMBA_CACHE_DIR" not in os.environ and not os.access(os.path.dirname(__file__), os.W_OK):
+    import tempfile
+    from pathlib import Path
+
+    from printmend.cache import kernel_folder, user_cache
+
     _kernels = kernel_folder(Path(__file__).parent, user_cache(), Path(tempfile.gettempdir()))
     if _kernels is not None:
-        os.environ["NUMBA_CACHE_DIR"] = str(_kernels)
+        os.environ["NUMBA_CACHE_DIR"] = str(_kernels)  # numba reads it once, when it is imported

@@ -180,7 +180,7 @@ def main() -> None:
         sys.exit(error.exit_code)
     except click.ClickException as error:
         _end(terminal.say(usage_words(error)), error.exit_code)
-    except click.Abort:
+    except (click.Abort, KeyboardInterrupt):
         _end(terminal.say(say("terminal-stopped")), 130)
     except BrokenPipeError:
         _silence()
