@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -212,7 +213,10 @@ def test_check(folder: Path) -> None:
     same = json.loads(
         run("check", folder / "part.gcode", "-m", model, "--json", "--against", folder / "part.gcode").output
     )
-    assert same["after"]["rms_mm"] == pytest.approx(same["before"]["rms_mm"])
+    assert same["after"] == same["before"]
+    told = run("check", folder / "part.gcode", "-m", model, "--against", folder / "part.gcode").output
+    assert "Nothing is mended: every move stays as it is" in told
+    assert not re.search("^  mended", told, re.MULTILINE)
 
 
 def test_relative_e_that_no_line_asks_for_is_said(folder: Path) -> None:

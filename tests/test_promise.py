@@ -24,7 +24,7 @@ from printmend.learn.learned import learn_model
 from printmend.learn.rows import _left_out
 from printmend.machine import healthy_mechanism
 from printmend.mend import check_gcode, mend_gcode
-from printmend.mend.against import judge_gcode
+from printmend.mend.against import checked_against, judge_gcode
 from printmend.mend.mend import _check_worth_writing
 from printmend.mend.prediction import advice_of, doubt_mm
 from printmend.messages import say
@@ -109,6 +109,9 @@ def test_figures_and_pictures_leave_the_same_shift_out(part: Path) -> None:
     assert shift_mm > 0.05
     assert f"the whole print is shifted by {shift_mm:.2f} mm" in done.summary()
     assert done.json()["shift_mm"] == pytest.approx(done.shift_mm)
+    itself = checked_against(check_gcode(part, model), str(part), str(part), model)
+    assert itself.is_untouched  # held against itself it is no worse by its shift
+    assert itself.after == itself.before == done.before
     drawing = read_drawing(part, ENDER3)
     shape, all_of = (as_printed(drawing, model.mechanism, aligned=aligned) for aligned in (True, False))
     assert done.path is not None

@@ -30,8 +30,7 @@ def command(source: Path, model_path: Path, filament: str | None, against: Path 
     with file_progress(source) as tick:
         prediction = check_gcode(source, model, progress=tick)
     if against is not None:
-        from printmend.mend.against import judged
-        from printmend.mend.prediction import with_doubt
+        from printmend.mend.against import checked_against
 
-        prediction = with_doubt(judged(prediction, str(source), str(against), model.mechanism), model)
+        prediction = checked_against(prediction, str(source), str(against), model)
     echo(json.dumps(prediction.json()) if as_json else prediction.summary())

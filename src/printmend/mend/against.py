@@ -12,9 +12,9 @@ from printmend.errors import GcodeError
 from printmend.gcode.read import Moves, read_gcode, straightened
 from printmend.machine import Mechanism, print_from_home
 from printmend.mend.mend import check_gcode
-from printmend.mend.prediction import Heights, Prediction
+from printmend.mend.prediction import Heights, Prediction, with_doubt
 from printmend.messages import say
-from printmend.model import exact_model
+from printmend.model import SavedModel, exact_model
 from printmend.promise.predict import Errors, without_doubt
 from printmend.twin.twin import Twin
 
@@ -48,6 +48,13 @@ def judge_gcode(source: str | Path, output: str | Path, twin: Twin) -> Predictio
     """
     truth = twin.homed()
     return judged(check_gcode(source, exact_model(truth)), str(source), str(output), truth)
+
+
+def checked_against(prediction: Prediction, source: str, output: str, model: SavedModel) -> Prediction:
+    """Return what `judged` does, with the model's uncertainty; a file that errs as its source does has the source's."""
+    known = judged(prediction, source, output, model.mechanism)
+    found = with_doubt(known, model)
+    return replace(found, after=found.before) if known.after == known.before else found
 
 
 def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanism) -> Prediction:
@@ -93,7 +100,8 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
         duration = replace(duration, after_s=file_seconds(output, duration.limits, mechanism.printer))
     return replace(
         prediction, duration=duration, before=without_doubt(_errors(before)), after=without_doubt(_errors(after)),
-        layers=tuple(layers), commands=len(given), distance_to=say("nearest-wanted-line"), heights=heights,
+        layers=tuple(layers), commands=prediction.moves + len(given) - len(wanted),
+        distance_to=say("nearest-wanted-line"), heights=heights,
     )  # fmt: skip
 
 

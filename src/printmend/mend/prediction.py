@@ -146,11 +146,11 @@ class Prediction:
 
     @property
     def is_untouched(self) -> bool:
-        """Return whether there is nothing to mend here: the model prints every line at its place."""
+        """Return whether every move stays as it is: the model prints it at its place, or nothing was mended."""
         known_mm = max(self.before.planning_rms_mm, self.heights[0].rms_mm if self.heights else 0.0)
         if self.path is not None:  # a pure shift is no error of the shape, but mending would correct it
             known_mm = max(known_mm, float(np.abs(self.path.off_mm).max(initial=0.0)))
-        return known_mm < _NO_ERROR_MM and self.commands == self.moves
+        return self.commands == self.moves and (known_mm < _NO_ERROR_MM or self.after == self.before)
 
     @property
     def shift_words(self) -> str:
