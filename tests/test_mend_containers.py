@@ -159,12 +159,16 @@ def test_plates_of_a_project_are_prints_of_their_own(tmp_path: Path) -> None:
     with zipfile.ZipFile(source, "w", zipfile.ZIP_DEFLATED) as archive:
         for number, text in plates.items():
             archive.writestr(f"Metadata/plate_{number}.gcode", b";" + b"x" * 2_000_000 + b"\n" + text)
-            archive.writestr(f"Metadata/plate_{number}.gcode.md5", "0" * 32)
+            text = archive.read(f"Metadata/plate_{number}.gcode")
+            said = hashlib.md5(text, usedforsecurity=False).hexdigest() if number == 1 else "0" * 32
+            archive.writestr(f"Metadata/plate_{number}.gcode.md5", said)
         archive.writestr("Metadata/project_settings.config", settings)
     with open_gcode(source) as file:
         assert [part.flavour() for part in file.parts] == [Flavour.RRF, Flavour.RRF]
     done = mend_gcode(source, exactly(BENT), output)
     assert len(done.prediction.layers) == 2
+    (changed,) = done.prediction.warnings
+    assert "plate_2.gcode is not what the checksum (.md5) beside it says" in changed
     with zipfile.ZipFile(output) as archive:
         for number, text in plates.items():
             plate = archive.read(f"Metadata/plate_{number}.gcode")

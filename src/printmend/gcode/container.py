@@ -74,6 +74,14 @@ class Part:
     def flavour(self) -> Flavour:
         return detect_flavour(*self.hints())
 
+    @cached_property
+    def is_as_summed(self) -> bool:
+        """Tell whether a plate is what its project's checksum says; other files have none."""
+        if self.member is None:
+            return True
+        with self.source.path.open("rb") as handle, threemf.open_zip(handle, self.name) as archive:
+            return threemf.is_as_summed(archive, self.member, self.name)
+
     def _pieces(self) -> Iterator[bytes]:
         if self.source.container == "plain":
             with self.source.path.open("rb") as handle:

@@ -20,6 +20,7 @@ _SLICE_INFO = "Metadata/slice_info.config"  # states the printing time of each p
 _PLATE_INFO = re.compile(rb"<plate>.*?</plate>", re.DOTALL)
 _INDEX = re.compile(rb'key="index"\s+value="(\d+)"')
 _TIME = re.compile(rb'(key="(?:prediction|first_layer_time)"\s+value=")([0-9.]+)(?=")')
+_SUM = re.compile(rb"[0-9A-Fa-f]{32}")  # an MD5
 _COPY_BYTES = 1 << 20  # bytes copied at once
 _SETTINGS_BYTES = 4 << 20  # bytes read of a settings file
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError)
@@ -77,6 +78,17 @@ def settings(archive: zipfile.ZipFile) -> bytes:
             return member.read(_SETTINGS_BYTES)
     except (KeyError, *BROKEN):
         return b""
+
+
+def is_as_summed(archive: zipfile.ZipFile, path: str, name: str) -> bool:
+    """Return whether a plate has the MD5 that stands beside it, if any does."""
+    if path + ".md5" not in archive.namelist():
+        return True
+    said = _SUM.search(b"".join(_member(archive, archive.getinfo(path + ".md5"), name)))
+    digest = hashlib.md5(usedforsecurity=False)
+    for data in _member(archive, archive.getinfo(path), name):
+        digest.update(data)
+    return said is not None and said[0].lower() == digest.hexdigest().encode()
 
 
 def write_like(
@@ -145,7 +157,7 @@ def _entry(info: zipfile.ZipInfo) -> zipfile.ZipInfo:
 
 def _same_style(old: bytes, digest: str) -> bytes:
     """Replace the old digest with the new one, in the same upper or lower case."""
-    found = re.search(rb"[0-9A-Fa-f]{32}", old)
+    found = _SUM.search(old)
     if not found:
         return digest.upper().encode()
     new = digest.encode() if found[0] == found[0].lower() else digest.upper().encode()

@@ -68,7 +68,8 @@ def begun(part: Part, planner: Planner, model: SavedModel, fineness: Fineness) -
     most_mm_s2 = limits.most_mm_s2 or asked_mm_s2
     planner.begin(fineness.segments_per_s(state.flavour), min(asked_mm_s2, most_mm_s2), fineness.ease)
     held = None if asked_mm_s2 <= most_mm_s2 else say("crossings-speed-up-by-most", f"{most_mm_s2:.0f}")
-    return state, Read((*_said_of(hints, state, model.printer), held), watch)
+    changed = None if part.is_as_summed else say("plate-changed", part.name)
+    return state, Read((*_said_of(hints, state, model.printer), held, changed), watch)
 
 
 def _beginning(part: Part, model: SavedModel) -> MachineState:
