@@ -1,6 +1,6 @@
 // Flat drawings: pulleys, the test print, a layer of a part. All SVG, so that they can be saved and scale.
 import { html } from "./vendor.js";
-import { number, t } from "./words.js";
+import { nice, number, t } from "./words.js";
 
 const line = (points) => points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(3)} ${(-y).toFixed(3)}`).join("");
 
@@ -107,7 +107,7 @@ export const percent = (share) => `${number(100 * share, 0)} %`;
 
 // At most `count` round values from low to high, or one more, each with its label.
 export function ticks(low, high, count) {
-  const power = 10 ** Math.floor(Math.log10((high - low) / count)), step = power * [1, 2, 5, 10].find((k) => k * power * count >= high - low), first = Math.ceil(low / step);
+  const step = nice((high - low) / count), first = Math.ceil(low / step);
   return Array.from({ length: Math.floor(high / step) - first + 1 }, (_, i) => [(first + i) * step, number((first + i) * step, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)))]);
 }
 

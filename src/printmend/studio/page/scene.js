@@ -1,6 +1,7 @@
 // The picture of a job's part: wanted and as printed, then mended over it.
 import { useEffect, useMemo, useRef, useState } from "./vendor.js";
 import { fileOf, PAUSE_MS, tables } from "./api.js";
+import { nice } from "./words.js";
 
 // Fetch what a job has of its picture: [the scene, null until there is something to show; why a job that is done shows none].
 // What a job listed may be gone before it is fetched: it failed, was stopped, or begins again. Only of one that was done
@@ -52,7 +53,6 @@ export function errorOf({ raw, mended, doubt }, morph) {
 
 // The scale of the colours [mm]: `most` at its end, and where there is something mended `fine` in its middle, so that what
 // is left of the error does not look all the same.
-const nice = (value) => { const p = 10 ** Math.floor(Math.log10(value)); return [1, 2, 5, 10].map((k) => k * p).find((v) => v >= value * 0.999); };
 export function scaleOf(scene) {
   const [before, after] = scene?.doubt ?? [0, 0], most = nice(Math.max(Math.hypot(scene?.p95_mm || 0, before), 0.01)), left = nice(Math.max(Math.hypot(scene?.left_mm || 0, after), 0.005));
   return { most, fine: scene?.mended && left < most / 2 ? left : 0 };

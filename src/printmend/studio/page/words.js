@@ -57,6 +57,8 @@ export function why(text) {
   return t("why", { subject: subject ? `${subject}: ` : "", wanted, came, todo: `${todo[0].toUpperCase()}${todo.slice(1)}${/[.?!]$/.test(todo) ? "" : "."}` });
 }
 
+// The least of 1, 2 and 5 times a power of ten that is not below a value, but for a thousandth of it.
+export const nice = (value) => { const p = 10 ** Math.floor(Math.log10(value)); return [1, 2, 5, 10].map((k) => k * p).find((v) => v >= value * 0.999); };
 export const number = (value, digits = 2) =>
   value === null || value === undefined ? "–" : (Math.abs(value) * 10 ** digits < 0.5 ? 0 : value).toLocaleString(language, { minimumFractionDigits: digits, maximumFractionDigits: digits }).replace("-", "−");
 export const bytes = (value) => (value < 1e9 ? `${number(value / 1e6, value < 1e7 ? 1 : 0)} MB` : `${number(value / 1e9, 1)} GB`);
