@@ -137,8 +137,15 @@ def test_play_is_named_once_by_its_most_telling_form() -> None:
             ("X gradually runs ahead by", "eilt X um"),
         ),
         ("wear", (), [0.2], ("grew by", "mm zu"), ("shrank by", "mm ab")),
-        ("warmth", (0.2,), [0.2, 0.0, 0.0, 0.0], ("X grew by", "dehnte sich"), ("X shrank by", "schrumpfte")),
-        ("warmth", (0.2,), [0.2, 0.1, 0.0, 0.0], ("mm and Y by", "und Y um"), ("mm and Y by", "und Y um")),
+        ("warmth", (0.2,), [0.2, 0.0, 0.0, 0.0, 0.0, 0.0], ("X grew by", "dehnte sich"), ("X shrank by", "schrumpfte")),
+        (
+            "warmth",
+            (0.2,),
+            [0.0, 0.0, 0.2, 0.1, 0.0, 0.0],
+            ("Y came to lean by", "Y neigte"),
+            ("Y came to lean by", "Y neigte"),
+        ),
+        ("warmth", (0.2,), [0.2, 0.0, 0.0, 0.1, 0.0, 0.0], ("mm and Y by", "und Y um"), ("mm and Y by", "und Y um")),
     ],
 )
 def test_a_verb_says_which_way_and_no_sign_does(

@@ -458,7 +458,7 @@ def test_what_shifts_all_of_a_print_keeps_no_fault_from_being_mended(rng: np.ran
 
 def test_a_print_that_is_faster_than_dots_is_less_warm_when_it_ends() -> None:
     """A test print stands at each dot; nobody says how long it took. Marks of another one take as long as its own."""
-    scene, sizes = replace(SCENES["ender3"], homed=True), [0.2, 0.2, 0.0, 0.0]
+    scene, sizes = replace(SCENES["ender3"], homed=True), [0.2, 0.0, 0.0, 0.2, 0.0, 0.0]
     warms = believed_part("warmth", 0, sizes, (0.4,))
     angle = np.linspace(0, 40 * np.pi, 400)
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -28,9 +28,10 @@ _LABELS = {
     "harmonic": "number-harmonic", "phase_rad": "number-phase", "at_mm": "number-at", "width_mm": "number-width",
     "period_mm": "number-period", "angle_deg": "number-angle", "across_mm": "number-across", "axis": "number-axis",
     "after_share": "number-after", "at_share": "number-moment", "grow_x_mm": "number-grow-x",
-    "grow_y_mm": "number-grow-y", "move_x_mm": "number-move-x", "move_y_mm": "number-move-y", "x_mm": "number-along-x",
-    "y_mm": "number-along-y", "scale_percent": "number-scale", "axes_percent": "number-axes",
-    "lean_percent": "number-lean", "zero_x_mm": "number-zero-x", "zero_y_mm": "number-zero-y",
+    "grow_y_mm": "number-grow-y", "lean_x_mm": "number-lean-x", "lean_y_mm": "number-lean-y",
+    "move_x_mm": "number-move-x", "move_y_mm": "number-move-y", "x_mm": "number-along-x", "y_mm": "number-along-y",
+    "scale_percent": "number-scale", "axes_percent": "number-axes", "lean_percent": "number-lean",
+    "zero_x_mm": "number-zero-x", "zero_y_mm": "number-zero-y",
 }  # fmt: skip
 _OF = {"machine": "of-machine", "session": "of-session", "instrument": "of-instrument", "material": "of-material"}
 
