@@ -69,7 +69,7 @@ def another_printers(fit: Fit, trace: Trace) -> tuple[Misfit, ...]:
     if known.sum() < LEAST_ROWS:
         return ()
     their, our = (log_likelihood(each[known].ravel(), LEAST_SIGMA_MM) for each in (theirs_mm, ours_mm))
-    share = min(independent_share(each, scale_of(each, FINEST_MM)) for each in theirs_mm[known].T)
+    share = min(independent_share(each, scale_of(each, FINEST_MM)) for each in ours_mm[known].T)  # what is no noise
     nats = share * (their - our) + _of_set(other) - _of_set(fit) + math.log(share_of("other_printer"))
     if nats < math.log(SURE_ODDS):
         return ()
