@@ -21,7 +21,7 @@ from printmend.infer.fit import fitted, home_sd_of, weighed, worn
 from printmend.infer.gram import Block, Dictionary, Look, Rows, blocks_of, dictionary_of, gram_of, seen
 from printmend.infer.machine import DRAWS, Part, machine_of
 from printmend.infer.posterior import acting, central, drawn_by, drawn_of, drawn_sets, likely_set, posterior_of, seen_at
-from printmend.infer.scatter import inverse_of, log_below
+from printmend.infer.scatter import log_below
 from printmend.infer.search import State, doubted, search_of, searched
 from printmend.learn.learned import learn, learn_model
 from printmend.machine import contacts_of, healthy_mechanism, print_from_home
@@ -786,32 +786,59 @@ def test_a_cause_that_stands_for_two_takes_their_place(rng: np.random.Generator)
     assert doubted(search, stuck).members == ((2, 0),)
 
 
-def test_a_kernel_gains_what_the_formula_says(rng: np.random.Generator) -> None:
-    """For blocks of every width, side by side; what is not asked for is left alone."""
-    shapes = [(2, 3, 1), (3, 1, 2), (1, 4, 7), (2, 2, 12)]
-    blocks = [
-        [(at.T @ at, rng.standard_normal(p), rng.uniform(0, 2, (v, p))) for at in rng.standard_normal((b, p + 3, p))]
-        for b, v, p in shapes
-    ]
-    information, pull, sds = (
-        np.concatenate([block[part].ravel() for group in blocks for block in group]) for part in range(3)
-    )
-    asked = rng.uniform(size=sum(b * v for b, v, _ in shapes)) < 0.7
-    out = np.full(len(asked), 9.0)
-    kernels.gains(np.array(shapes), information, pull, sds, asked, out)
+@pytest.mark.parametrize("freed", [0, 3])
+def test_a_kernel_gains_what_the_formula_says(freed: int, rng: np.random.Generator) -> None:
+    """For blocks of every width, side by side, with members taken out or not; what is not asked for is left alone."""
+    shapes, variance = [(1, 3), (1, 3), (2, 1), (2, 1), (2, 1), (7, 4), (12, 2), (12, 2)], 0.7
+    first = np.cumsum([0, *(p for p, _ in shapes)])
+    slope, half = rng.standard_normal(first[-1]), 0.3 * rng.standard_normal((first[-1], 5))
+    out_of, pull = rng.standard_normal((5, freed)), rng.standard_normal(freed)
+    products = [at.T @ at + 5 * np.eye(p) for p, _ in shapes for at in [rng.standard_normal((p + 3, p))]]
+    sizes = [rng.uniform(0.1, 2, (v, p)) for p, v in shapes]
+    log_odds = rng.standard_normal(sum(v for _, v in shapes))
+    asked, signs = rng.uniform(size=len(log_odds)) < 0.7, np.zeros(len(log_odds))
+    signs[:6] = [0, 1, -1, 0, 1, -1]
+    blocks = np.array([(at, *shape) for at, shape in zip(first, shapes, strict=False)])
+    alternatives = kernels.Alternatives(blocks, np.concatenate([each.ravel() for each in sizes]), log_odds, signs)
+    out, flat = np.full(len(asked), 9.0), np.concatenate([each.ravel() for each in products])
+    kernels.gains(alternatives, flat, variance, slope, half, out_of, pull, asked, out)
     wanted = []
-    for told, pulled, sizes in itertools.chain(*blocks):
-        for sd in sizes:
-            whole = np.eye(len(sd)) + sd[:, None] * told * sd
-            scaled = sd * pulled
+    for at, own, sds_mm in zip(first, products, sizes, strict=False):
+        mine = half[at : at + len(own)]
+        told = own / variance - mine @ mine.T + mine @ out_of @ (mine @ out_of).T
+        pulled = slope[at : at + len(own)] + mine @ out_of @ pull
+        for sd in sds_mm:
+            whole, scaled = np.eye(len(sd)) + sd[:, None] * told * sd, sd * pulled
             wanted.append(0.5 * scaled @ np.linalg.solve(whole, scaled) - 0.5 * np.linalg.slogdet(whole)[1])
-    np.testing.assert_allclose(out, np.where(asked, wanted, 9.0), rtol=1e-9, atol=1e-12)
+            if sign := signs[len(wanted) - 1]:
+                wanted[-1] += special.log_ndtr(sign * pulled[0] / np.sqrt(sd[0] ** -2 + told[0, 0])) + np.log(2)
+    np.testing.assert_allclose(out, np.where(asked, wanted + log_odds, 9.0), rtol=1e-9, atol=1e-12)
 
 
-def test_a_triangle_is_inverted_by_halves(rng: np.random.Generator) -> None:
-    for size in (0, 1, 47, 131):
-        lower = np.tril(rng.standard_normal((size, size))) + 10 * np.eye(size)
-        np.testing.assert_allclose(inverse_of(lower), np.linalg.inv(lower), atol=1e-12)
+def test_a_kernel_weighs_a_set_as_the_formula_says(rng: np.random.Generator) -> None:
+    """Of sets of every size: the normal posterior of the sizes and the evidence of the errors, of either sign."""
+    for size in (0, 1, 7, 60):
+        columns, sds_mm = rng.standard_normal((90, size)), rng.uniform(0.1, 2.0, size)
+        errors, signs, variance = rng.standard_normal(90), np.zeros(size), 1.3
+        signs[:1] = -1.0
+        mean, root = np.empty(size), np.empty((size, size))
+        given, limits = (float(errors @ errors), 90.0), (variance, 1e-6, 0, 1e-3)
+        told = columns.T @ columns, columns.T @ errors
+        found, evidence = kernels.weigh(told[0].copy(), told[1].copy(), sds_mm, signs, given, limits, mean, root)
+        covariance = np.linalg.inv(told[0] / variance + np.diag(sds_mm**-2.0))
+        whole = variance * np.eye(90) + columns * sds_mm**2 @ columns.T
+        wanted = -0.5 * (np.linalg.slogdet(whole)[1] + errors @ np.linalg.solve(whole, errors))
+        if size:
+            wanted += special.log_ndtr(-mean[0] / np.sqrt(covariance[0, 0])) + np.log(2)
+        np.testing.assert_allclose(mean, covariance @ told[1] / variance, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(root.T @ root, covariance, rtol=1e-9, atol=1e-12)
+        assert (found, evidence) == (variance, pytest.approx(wanted, rel=1e-9))
+        found, _ = kernels.weigh(
+            told[0].copy(), told[1].copy(), sds_mm, signs, given, (variance, 1e-6, 300, 1e-9), mean, root
+        )
+        left = errors - columns @ mean
+        freedom = size - np.trace(root.T @ root / np.outer(sds_mm, sds_mm)) if size else 0.0
+        assert found == pytest.approx(float(left @ left + found * freedom) / 90, rel=1e-6)
 
 
 def test_the_normal_tail_is_that_of_scipy() -> None:

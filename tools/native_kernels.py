@@ -20,7 +20,7 @@ _KNOWN = {
     "NRT_MemInfo_alloc_aligned", "NRT_MemInfo_alloc", "NRT_MemInfo_new_varsize_dtor", "NRT_MemInfo_varsize_realloc",
     "NRT_MemInfo_call_dtor", "NRT_Allocate", "NRT_Free", "memcpy", "memset", "memmove", "malloc", "free",
     "acos", "asin", "atan", "atan2", "cos", "cosh", "exp", "expm1", "fmod", "hypot", "log", "log10", "log1p", "log2",
-    "ceil", "fabs", "floor", "pow", "rint", "round", "sin", "sinh", "sqrt", "tan", "tanh", "trunc",
+    "ceil", "erfc", "fabs", "floor", "pow", "rint", "round", "sin", "sinh", "sqrt", "tan", "tanh", "trunc",
 }  # fmt: skip
 _PROCESSORS = {"x86_64": "x86-64-v2", "AMD64": "x86-64-v2"}
 

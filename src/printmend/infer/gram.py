@@ -230,8 +230,8 @@ class Table:
 
     def rows(self, first: np.ndarray) -> np.ndarray:
         """Return the products [A, P] of some columns with all, and keep them."""
-        missing = np.unique(first[~self.known[first]])
-        if len(missing):
+        if not self.known[first].all():
+            missing = np.unique(first[~self.known[first]])
             self.matrix[missing] = self._told(missing, slice(None))
             self.known[missing] = True
         return np.asarray(self.matrix[first])
@@ -239,9 +239,10 @@ class Table:
     def among(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """Return the products [A, B] of some columns with others. Rows that are known are read; of all others only
         these products are summed, and they are not kept."""
-        found, new, other = self.matrix[np.ix_(first, second)], ~self.known[first], ~self.known[second]
+        found, new = self.matrix[first[:, None], second], ~self.known[first]
         if new.any():
-            found[new] = self.matrix[np.ix_(second, first[new])].T
+            other = ~self.known[second]
+            found[new] = self.matrix[second, first[new, None]]
             found[np.ix_(new, other)] = self._told(first[new], second[other])
         return np.asarray(found)
 
@@ -251,11 +252,8 @@ class Table:
         some = slice(seen[0], seen[-1] + 1) if len(seen) else slice(0)
         return np.asarray((told[some] * self.weight[some, None]).T @ self.columns[some, second])
 
-    def within(self, columns: np.ndarray) -> np.ndarray:
-        """Return the products [B, P, P] of the columns [B, P] of each of some blocks, which lie side by side."""
-        return np.array([self._own(int(each[0]), int(each[-1]) + 1) for each in columns])
-
-    def _own(self, first: int, end: int) -> np.ndarray:
+    def within(self, first: int, end: int) -> np.ndarray:
+        """Return the products [P, P] of the columns from ``first`` to ``end`` among themselves."""
         if (first, end) not in self._owned:
             mine = slice(first, end)
             told = self.columns[:, mine]
@@ -292,10 +290,11 @@ class Gram:
     def _of(self, columns: np.ndarray) -> np.ndarray:
         return columns if self.at is None else self.at[columns]
 
-    def within(self, columns: np.ndarray) -> np.ndarray:
-        """Return the products [B, P, P] of the columns [B, P] of each of some blocks among themselves."""
-        told = self.table.within(self._of(columns))
-        return told if self.out is None else told - products(self.out.T[columns])
+    def within(self, own: slice) -> np.ndarray:
+        """Return the products [P, P] of a block's columns among themselves."""
+        first, last = (own.start, own.stop - 1) if self.at is None else self.at[[own.start, own.stop - 1]].tolist()
+        told = self.table.within(first, last + 1)
+        return told if self.out is None else told - self.out[:, own].T @ self.out[:, own]
 
     def some(self, columns: np.ndarray) -> "Gram":
         """Return the sums of some columns alone."""
@@ -324,11 +323,6 @@ class Gram:
         pull = root.T @ values
         out = half if self.out is None else np.vstack([self.out[:, few], half])
         return replace(self, at=self._of(few), slope=few_slope, square=float(square), out=out), root, pull
-
-
-def products(half: np.ndarray) -> np.ndarray:
-    """Return the sums of products [B, P, P] of the rows [B, P, K] of each of some blocks among themselves."""
-    return np.asarray(half @ np.swapaxes(half, 1, 2))
 
 
 def gram_of(columns: np.ndarray, rows: Rows, weight: np.ndarray) -> Gram:

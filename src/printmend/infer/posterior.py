@@ -442,8 +442,8 @@ class _Chain:
     def _gains(self, others: Set, rivals: frozenset[int]) -> Gains:
         if (others, rivals) not in self.known:
             state = self.search.posterior(others, self.sigma_mm, rounds=0)
-            offered = self.search.offered((*self.staying, *others))
-            gains = self.search.gains(state, offered[np.isin(offered, list(rivals))])
+            offered = [b for b in self.search.offered((*self.staying, *others)).tolist() if b in rivals]
+            gains = self.search.gains(state, np.array(offered, int))
             self.known[others, rivals] = gains.above(LEAST_LOG_WEIGHT)
         return self.known[others, rivals]
 

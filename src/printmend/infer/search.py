@@ -10,8 +10,9 @@ has half a normal prior: its evidence is 2 Φ(±mean ÷ standard deviation) time
 """
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,8 +20,8 @@ import numpy as np
 from printmend.effects import EFFECTS, Of
 from printmend.effects.effect import LINEAR, SHIFTS
 from printmend.infer import kernels
-from printmend.infer.gram import Block, Dictionary, Gram, Rows, gram_of, laid_side_by_side, products, slices
-from printmend.infer.scatter import inverse_of, log_below
+from printmend.infer.gram import Block, Dictionary, Gram, Rows, gram_of, laid_side_by_side, slices
+from printmend.infer.scatter import log_below
 
 LEAST_SIGMA_MM = 2e-3  # of any instrument; tables and G-code are written to half of it
 LEAST_BETTER = 1e-6  # of the score: what rounding leaves
@@ -89,42 +90,22 @@ class Gains:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """A dictionary's Gram matrix, with its blocks sorted by width so that all of one width are tried at once."""
+    """A dictionary and its Gram matrix."""
 
     dictionary: Dictionary
     gram: Gram
 
     def posterior(self, members: Set, sigma_mm: float, *, rounds: int = 3) -> State:
         """Return the posterior of a set, the noise found by ``rounds`` of expectation and maximisation."""
-        columns, sd = self.prior_of(members)
+        columns, sds_mm = self.prior_of(members)
         odds = sum(float(self.dictionary.blocks[b].log_odds[v]) for b, v in members)
+        least_mm2 = max(LEAST_SIGMA_MM, self.gram.least_mm) ** 2
+        errors = self.gram.square, self.gram.count
+        limits = max(sigma_mm**2, least_mm2), least_mm2, rounds, SETTLED_SHARE
+        mean_mm, root = np.empty(len(columns)), np.empty((len(columns), len(columns)))
         matrix, slope = self.gram.between(columns, columns), self.gram.slope[columns]
-        scaled, scaled_slope = matrix * (sd[:, None] * sd), slope * sd
-        one = np.eye(len(sd))
-        least_mm = max(LEAST_SIGMA_MM, self.gram.least_mm)
-        newer = max(sigma_mm, least_mm) ** 2
-        for at in range(rounds + 1):
-            variance = newer
-            factor = np.linalg.cholesky(one + scaled / variance)
-            inverse, pull = inverse_of(factor), scaled_slope / variance
-            mean = inverse.T @ (inverse @ pull)
-            mean += inverse.T @ (inverse @ (pull - mean - scaled @ mean / variance))
-            if at == rounds:
-                break
-            left = self.gram.square - 2 * mean @ scaled_slope + mean @ scaled @ mean
-            left += variance * (len(sd) - np.sum(np.square(inverse)))  # what the sizes' covariance adds
-            newer = max(float(left) / max(self.gram.count, 1), least_mm**2)
-            if abs(newer - variance) < SETTLED_SHARE * variance:
-                break
-        log_det = 2 * np.log(np.diag(factor)).sum()
-        # the least that any sizes leave: rounding of the mean counts by its square alone
-        quadratic = self.gram.square / variance - mean @ (2 * pull - mean - scaled @ mean / variance)
-        evidence = -0.5 * (self.gram.count * np.log(variance) + log_det + quadratic)
-        signs = self.signs_of(members)
-        halved = np.flatnonzero(signs)
-        sure = signs[halved] * mean[halved] / np.linalg.norm(inverse[:, halved], axis=0)
-        evidence += float(np.sum(log_below(sure) + np.log(2)))
-        return State(members, columns, mean * sd, inverse * sd, float(np.sqrt(variance)), float(evidence + odds))
+        variance, evidence = kernels.weigh(matrix, slope, sds_mm, self.signs_of(members), errors, limits, mean_mm, root)
+        return State(members, columns, mean_mm, root, math.sqrt(variance), evidence + odds)
 
     def gains(self, state: State, offered: np.ndarray) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the score of a set that has none of them."""
@@ -183,73 +164,51 @@ class Search:
         return Search(some, self.gram.some(columns))
 
     @cached_property
-    def groups(self) -> list["_Group"]:
-        """The blocks of each width and of the same signs."""
-        by_size: dict[tuple[tuple[int, ...], bytes], list[int]] = {}
-        for number, block in enumerate(self.dictionary.blocks):
-            by_size.setdefault((block.sds_mm.shape, block.signs.tobytes()), []).append(number)
-        blocks = self.dictionary.blocks
-        return [
-            _Group(
-                np.array(which),
-                columns_at(blocks[b] for b in which).reshape(len(which), -1),
-                np.array([blocks[b].sds_mm for b in which]),
-                np.array([blocks[b].log_odds for b in which]),
-                blocks[which[0]].signs,
-            )
-            for which in by_size.values()
-        ]
+    def order(self) -> np.ndarray:
+        """The numbers of the blocks [B] as draws count them: those of one size and with the same signs side by side."""
+        kinds: dict[tuple[tuple[int, ...], bytes], int] = {}
+        each = [(block.sds_mm.shape, block.signs.tobytes()) for block in self.dictionary.blocks]
+        return np.argsort([kinds.setdefault(kind, len(kinds)) for kind in each], kind="stable")
 
     @cached_property
-    def own(self) -> list[np.ndarray]:
-        """The products of the columns of each group's blocks among themselves."""
-        return [self.gram.within(group.columns) for group in self.groups]
+    def alternatives(self) -> kernels.Alternatives:
+        """All alternatives in size, block by block in their order."""
+        blocks = [self.dictionary.blocks[b] for b in self.order.tolist()]
+        laid_out = np.array([(block.at.start, block.width, len(block.signs)) for block in blocks], np.int64)
+        flat = (
+            np.concatenate([np.zeros(0), *(getattr(block, name).ravel() for block in blocks)])
+            for name in kernels.Alternatives._fields[1:]
+        )
+        return kernels.Alternatives(laid_out.reshape(-1, 3), *flat)
+
+    @cached_property
+    def own(self) -> np.ndarray:
+        """The products [P, P] of each block's columns among themselves, flat, one block after the other."""
+        each = (self.gram.within(self.dictionary.blocks[b].at).ravel() for b in self.order.tolist())
+        return np.concatenate([np.zeros(0), *each])
 
     @cached_property
     def keys(self) -> np.ndarray:
-        """The block and the number of each alternative [K, 2], group by group."""
-        none = np.zeros((0, 2), np.int64)
-        return np.concatenate([none, *(group.keys.reshape(-1, 2) for group in self.groups)])
+        """The block and the number of each alternative [K, 2]."""
+        counts = self.alternatives.blocks[:, 2]
+        first = np.repeat(np.cumsum(counts) - counts, counts)
+        return np.stack([np.repeat(self.order, counts), np.arange(len(first)) - first], axis=1)
 
-    @cached_property
-    def ends(self) -> list[slice]:
-        """Which of the alternatives [K] are of each group."""
-        return list(slices(group.log_odds.size for group in self.groups))
-
-    @cached_property
-    def one_sided(self) -> np.ndarray:
-        """Which of the alternatives [K] have sizes of one sign."""
-        none = np.zeros(0, bool)
-        return np.concatenate([none, *(np.tile(group.signs != 0, len(group.blocks)) for group in self.groups)])
-
-    def alternatives(self, blocks: np.ndarray) -> np.ndarray:
+    def of_blocks(self, blocks: np.ndarray) -> np.ndarray:
         """Tell which of the alternatives [K] are of some blocks."""
         chosen = np.zeros(len(self.dictionary.blocks), bool)
         chosen[blocks] = True
         return np.asarray(chosen[self.keys[:, 0]])
 
-    def added(self, asked: np.ndarray, told: Callable[[int], tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """Return what each of the ``asked`` alternatives [K] adds to a score, 0 for others, where ``told`` returns what
-        the rows tell of the sizes [B, P, P] of each block of a group of some number, and how they pull on these [B, P].
-        """
-        values, starts = np.zeros(len(asked)), np.array([own.start for own in self.ends], np.int64)
-        numbers = np.flatnonzero(np.logical_or.reduceat(asked, starts)).tolist()
-        if not numbers:
-            return values
-        groups = [self.groups[at] for at in numbers]
-        rows = [(*told(at), self.groups[at].sds_mm, asked[self.ends[at]]) for at in numbers]
-        every = (np.concatenate([each.ravel() for each in some]) for some in zip(*rows, strict=True))
-        normal = np.zeros(sum(group.log_odds.size for group in groups))
-        kernels.gains(np.array([group.sds_mm.shape for group in groups]), *every, normal)
-        own = slices(group.log_odds.size for group in groups)
-        for at, group, (information, pull, sds_mm, which), mine in zip(numbers, groups, rows, own, strict=True):
-            gained = group.log_odds + normal[mine].reshape(group.log_odds.shape)
-            halved = np.flatnonzero(group.signs)
-            if len(halved):
-                sd = np.sqrt(sds_mm[:, halved, 0] ** -2 + np.maximum(information[:, :, 0], 0.0))
-                gained[:, halved] += log_below(group.signs[halved] * pull / sd) + np.log(2)
-            values[self.ends[at]] = np.where(which, gained.ravel(), 0.0)
-        return values
+    def columns_of(self, asked: np.ndarray) -> np.ndarray:
+        """Tell which columns [P] are of the blocks of some alternatives [K]."""
+        chosen = np.zeros(len(self.dictionary.blocks), bool)
+        chosen[self.keys[asked, 0]] = True
+        return np.repeat(chosen, self._widths)
+
+    @cached_property
+    def _widths(self) -> list[int]:
+        return [block.width for block in self.dictionary.blocks]
 
     def offered(self, members: Set, without: int | None = None) -> np.ndarray:
         """Return the blocks that a set may take in, but none of the slot of the block ``without``."""
@@ -272,9 +231,10 @@ class Search:
 
     def needed(self, members: Set, member: tuple[int, int]) -> bool:
         """Tell whether another member needs this one, and the set has nothing else that it needs."""
-        there = {self.dictionary.blocks[one[0]].slot for one in members if one != member}
         needing = (slots for slots, which in self._needing.items() if any(b in which for b, _ in members))
-        return any(there.isdisjoint(slots) for slots in needing)
+        return any(
+            slots.isdisjoint(self.dictionary.blocks[b].slot for b, _ in {*members} - {member}) for slots in needing
+        )
 
     @cached_property
     def _needing(self) -> dict[frozenset[tuple[str, int]], list[int]]:
@@ -307,50 +267,44 @@ class Beside:
     state: State
     crossing: np.ndarray
     slope: np.ndarray
-    _halves: dict[int, np.ndarray] = field(default_factory=dict, init=False)
-    _information: dict[int, np.ndarray] = field(default_factory=dict, init=False)
 
     @cached_property
     def _known(self) -> tuple[np.ndarray, np.ndarray]:
         """Which alternatives [K] were asked for, and what each of them adds to the state's score [K], 0 for others."""
         return np.zeros(len(self.search.keys), bool), np.zeros(len(self.search.keys))
 
-    def half(self, columns: np.ndarray) -> np.ndarray:
-        """Return what the root of the state's covariance makes of the products of its columns with some [..., A]."""
-        crossing = np.take(self.crossing, columns.ravel(), axis=1)
-        return np.asarray(crossing.T @ self._root).reshape(*columns.shape, len(crossing))
+    def half_of(self, columns: np.ndarray) -> np.ndarray:
+        """Return what the root of the state's covariance makes of the products of some columns with its own [B, A]."""
+        return np.asarray(self.crossing[:, columns].T @ (self.state.root.T / self.state.sigma_mm**2))
 
     @cached_property
-    def _root(self) -> np.ndarray:
-        return np.asarray(self.state.root.T / self.state.sigma_mm**2)
+    def _half(self) -> tuple[np.ndarray, np.ndarray]:
+        """The half of all columns [P, A], and of which it was asked for [P]; it is made where it is."""
+        return np.empty(self.crossing.T.shape), np.zeros(len(self.slope), bool)
 
-    def halves(self, number: int) -> np.ndarray:
-        """Return the half [B, P, A] of the columns of each block of the group of this number."""
-        if number not in self._halves:
-            self._halves[number] = self.half(self.search.groups[number].columns)
-        return self._halves[number]
-
-    def information(self, number: int) -> np.ndarray:
-        """Return what the rows tell of the sizes [B, P, P] of each block of the group of this number."""
-        if number not in self._information:
-            told = self.search.own[number] / self.state.sigma_mm**2
-            if len(self.crossing):
-                told -= products(self.halves(number))
-            self._information[number] = told
-        return self._information[number]
+    def added(self, asked: np.ndarray, freed: np.ndarray, pull: np.ndarray, out: np.ndarray) -> None:
+        """Fill ``out`` [K] with what each of the ``asked`` alternatives [K] adds to the score, where members are
+        ``freed`` [A, F] that ``pull`` [F] on others."""
+        search, (half, known) = self.search, self._half
+        new = search.columns_of(asked) & ~known
+        if new.any():
+            half[new] = self.half_of(new)
+            known |= new
+        kernels.gains(
+            search.alternatives, search.own, self.state.sigma_mm**2, self.slope, half, freed, pull, asked, out
+        )
 
     def told(self, asked: np.ndarray) -> np.ndarray:
         """Return what each of the ``asked`` alternatives [K] adds to the state's score; what it has for others counts
         for nothing."""
         known, values = self._known
-        new = asked & ~known
-        values += self.search.added(new, lambda at: (self.information(at), self.slope[self.search.groups[at].columns]))
-        known |= new
+        self.added(asked & ~known, np.zeros((len(self.crossing), 0)), np.zeros(0), values)
+        known |= asked
         return values
 
     def gains(self, offered: np.ndarray) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the state's score."""
-        asked = self.search.alternatives(offered)
+        asked = self.search.of_blocks(offered)
         return Gains(self.search.keys[asked], self.told(asked)[asked])
 
     def together(self, choices: Sequence[Set]) -> np.ndarray:
@@ -363,12 +317,12 @@ class Beside:
             for b, variant in choice:
                 sds_mm[number, at[b]] = blocks[b].sds_mm[variant]
                 log_odds[number] += blocks[b].log_odds[variant]
-        told = self.search.gram.between(columns, columns) / self.state.sigma_mm**2
-        half = self.half(columns)
-        told -= half @ half.T
-        every, gains = np.ones(len(choices), bool), np.zeros(len(choices))
-        kernels.gains(np.array([[1, *sds_mm.shape]]), told.ravel(), self.slope[columns], sds_mm.ravel(), every, gains)
-        return gains + log_odds
+        laid_out, none = np.array([[0, *sds_mm.T.shape]]), np.zeros((len(self.crossing), 0))
+        both = kernels.Alternatives(laid_out, sds_mm.ravel(), log_odds, np.zeros(len(choices)))
+        own, variance = self.search.gram.between(columns, columns).ravel(), self.state.sigma_mm**2
+        half, every, gains = self.half_of(columns), np.ones(len(choices), bool), np.zeros(len(choices))
+        kernels.gains(both, own, variance, self.slope[columns], half, none, np.zeros(0), every, gains)
+        return gains
 
     def without(self, member: tuple[int, int]) -> "Less":
         """Return the same beside the state without a member: its sizes are 0.
@@ -380,7 +334,7 @@ class Beside:
         own = self.search.dictionary.own(self.state.members)[self.state.members.index(member)]
         mine = self.state.root[:, own]
         root = np.asarray(np.linalg.qr(mine, mode="r")).T
-        inverse = inverse_of(root)
+        inverse = np.linalg.inv(root)
         pull = inverse @ self.state.mean_mm[own]
         told = float(np.log(block.sds_mm[variant] / np.abs(np.diag(root))).sum() - pull @ pull / 2)
         told -= float(block.log_odds[variant])
@@ -409,35 +363,16 @@ class Less:
         """Return what each alternative of the ``offered`` blocks adds to the score without the member, where that may
         be ``least`` above the state's."""
         search, beside = self.beside.search, self.beside
-        may = search.alternatives(offered)
-        may &= search.one_sided | (beside.told(may) + self.more > least)
-
-        def told(at: int) -> tuple[np.ndarray, np.ndarray]:
-            freed = beside.halves(at) @ self.freed
-            return beside.information(at) + products(freed), beside.slope[search.groups[at].columns] + freed @ self.pull
-
-        return Gains(search.keys[may], search.added(may, told)[may])
+        may = search.of_blocks(offered)
+        may &= (search.alternatives.signs != 0) | (beside.told(may) + self.more > least)
+        values = np.zeros(len(may))
+        beside.added(may, self.freed, self.pull, values)
+        return Gains(search.keys[may], values[may])
 
 
 def columns_at(blocks: Iterable[Block]) -> np.ndarray:
     """Return the numbers of all columns of some blocks."""
     return np.concatenate([np.zeros(0, np.int64), *(np.arange(block.at.start, block.at.stop) for block in blocks)])
-
-
-@dataclass(frozen=True, eq=False)
-class _Group:
-    """Blocks [B] of one width with their columns [B, P], sizes [B, V, P], log odds [B, V] and ``signs`` [V]."""
-
-    blocks: np.ndarray
-    columns: np.ndarray
-    sds_mm: np.ndarray
-    log_odds: np.ndarray
-    signs: np.ndarray
-
-    @cached_property
-    def keys(self) -> np.ndarray:
-        """The block and the number of each alternative [B, V, 2]."""
-        return np.stack(np.broadcast_arrays(self.blocks[:, None], np.arange(self.sds_mm.shape[1])), axis=2)
 
 
 def searched(search: Search, start: Set, sigma_mm: float) -> State:

@@ -215,9 +215,7 @@ def _unseen_mm(found: Renewed) -> float:
             continue
         at = block.at.start
         crossing = search.gram.between(state.columns, np.array([at]))[:, 0] / state.sigma_mm**2
-        told = (
-            search.gram.within(np.array([[at]]))[0, 0, 0] / state.sigma_mm**2 - crossing @ state.covariance @ crossing
-        )
+        told = search.gram.within(block.at)[0, 0] / state.sigma_mm**2 - crossing @ state.covariance @ crossing
         costs = 0.5 * np.log1p(block.sds_mm[:, 0] ** 2 * told) - block.log_odds
         size_mm = float((np.sqrt(2 * costs.min()) + _SURELY_SDS) / np.sqrt(max(told, 1e-12)))
         most_mm = max(most_mm, size_mm * float(np.sqrt(np.mean(search.dictionary.columns[:, at] ** 2))))
