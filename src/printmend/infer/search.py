@@ -135,8 +135,9 @@ class Search:
 
     def signs_of(self, members: Set) -> np.ndarray:
         """Return the sign of each of a set's sizes [A] that has to be above 0 or below it, 0 for others."""
-        blocks = self.dictionary.blocks
-        return np.concatenate([np.zeros(0), *(np.full(blocks[b].width, blocks[b].signs[v]) for b, v in members)])
+        chosen = [(self.dictionary.blocks[b], v) for b, v in members]
+        signs = np.array([block.signs[v] for block, v in chosen], float)
+        return np.repeat(signs, np.array([block.width for block, _ in chosen], int))
 
     @cached_property
     def families(self) -> list[list[Set]]:
@@ -207,8 +208,8 @@ class Search:
         return np.repeat(chosen, self._widths)
 
     @cached_property
-    def _widths(self) -> list[int]:
-        return [block.width for block in self.dictionary.blocks]
+    def _widths(self) -> np.ndarray:
+        return np.array([block.width for block in self.dictionary.blocks], np.int64)
 
     def offered(self, members: Set, without: int | None = None) -> np.ndarray:
         """Return the blocks that a set may take in, but none of the slot of the block ``without``."""
