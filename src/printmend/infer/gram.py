@@ -37,7 +37,7 @@ class Block:
     coarse: "Block | None" = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "signs", np.broadcast_to(self.signs, len(self.log_odds)))
+        object.__setattr__(self, "signs", np.zeros(len(self.log_odds)) + self.signs)
 
     @property
     def key(self) -> Key:

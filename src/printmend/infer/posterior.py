@@ -387,6 +387,7 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
     few = few.given(staying, likeliest.sigma_mm)
     few = replace(few, gram=summed([few.gram], len(few.gram.slope)))  # every chain asks for the same products
     numbered = [[tuple(sorted(number[member] for member in choice)) for choice in choices] for choices in families]
+    grouped = [(frozenset(b for choice in choices for b, _ in choice), choices) for choices in numbered]
     chain = _Chain(few, staying, likeliest.sigma_mm)
     sets: list[Set] = [tuple(member for member in every if member not in staying)] * DRAWS
     for some in rivals * ROUNDS:
@@ -394,10 +395,12 @@ def drawn_sets(search: Search, likeliest: State, rng: np.random.Generator) -> li
         for _ in range(1 + len(set(likeliest.members).intersection(some))):  # a step takes one of them away, or none
             alike = Counter(sets).items()
             sets = [each for members, count in alike for each in chain.stepped(members, count, mine, rng)]
-        for choices in numbered:
-            if not mine.isdisjoint(b for choice in choices for b, _ in choice):
+        for blocks, choices in grouped:
+            if not mine.isdisjoint(blocks):
                 alike = Counter(sets).items()
-                sets = [each for members, count in alike for each in chain.regrouped(members, choices, count, rng)]
+                sets = [
+                    each for members, count in alike for each in chain.regrouped(members, blocks, choices, count, rng)
+                ]
     chained = [tuple(key[member] for member in (*staying, *members)) for members in sets]
     return [tuple(sorted(each)) for each in _with_more(search, _resized(chained, sizes, rng), more, rng)]
 
@@ -427,10 +430,11 @@ class _Chain:
                 chosen = gains.keys[choice : choice + 1].tolist()  # none where it is the last
                 yield (*others, *((b, variant) for b, variant in chosen))
 
-    def regrouped(self, members: Set, choices: Sequence[Set], count: int, rng: np.random.Generator) -> Iterator[Set]:
-        """Draw the effects of one family again, as a set, by what each set adds to the score (Gibbs sampling), for
-        ``count`` draws that have a set."""
-        blocks = {b for choice in choices for b, _ in choice}
+    def regrouped(
+        self, members: Set, blocks: frozenset[int], choices: Sequence[Set], count: int, rng: np.random.Generator
+    ) -> Iterator[Set]:
+        """Draw the effects of one family again, as a set of its ``blocks``, by what each set adds to the score (Gibbs
+        sampling), for ``count`` draws that have a set."""
         others = tuple(member for member in members if member[0] not in blocks)
         own = tuple(sorted(member for member in members if member[0] in blocks))
         every = list(dict.fromkeys([own, *choices]))

@@ -310,14 +310,19 @@ class Beside:
 
     def together(self, choices: Sequence[Set]) -> np.ndarray:
         """Return what each of some sets of blocks, whose sizes may have either sign, adds to the score [C]."""
-        blocks = {b: self.search.dictionary.blocks[b] for choice in choices for b, _ in choice}
+        members = list(dict.fromkeys(itertools.chain(*choices)))
+        blocks = {b: self.search.dictionary.blocks[b] for b, _ in members}
         columns = columns_at(blocks.values())
         at = dict(zip(blocks, slices(block.width for block in blocks.values()), strict=True))
-        sds_mm, log_odds = np.zeros((len(choices), len(columns))), np.zeros(len(choices))
-        for number, choice in enumerate(choices):
-            for b, variant in choice:
-                sds_mm[number, at[b]] = blocks[b].sds_mm[variant]
-                log_odds[number] += blocks[b].log_odds[variant]
+        own_mm = np.zeros((len(members), len(columns)))
+        for number, (b, variant) in enumerate(members):
+            own_mm[number, at[b]] = blocks[b].sds_mm[variant]
+        numbers = {member: number for number, member in enumerate(members)}
+        which = np.array([numbers[member] for member in itertools.chain(*choices)], int)
+        choice = np.repeat(np.arange(len(choices)), [len(each) for each in choices])
+        has, own_odds = np.zeros((len(choices), len(members))), [blocks[b].log_odds[variant] for b, variant in members]
+        has[choice, which] = 1.0
+        sds_mm, log_odds = has @ own_mm, np.bincount(choice, np.array(own_odds)[which], len(choices))
         laid_out, none = np.array([[0, *sds_mm.T.shape]]), np.zeros((len(self.crossing), 0))
         both = kernels.Alternatives(laid_out, sds_mm.ravel(), log_odds, np.zeros(len(choices)))
         own, variance = self.search.gram.between(columns, columns).ravel(), self.state.sigma_mm**2
