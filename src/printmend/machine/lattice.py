@@ -104,15 +104,20 @@ def lattice_tables(mechanism: Mechanism, start_steps: np.ndarray) -> PlayTables:
     At the start, each belt rests at the mechanism's position in its play, which becomes the nominal position. Raise
     `InputError` if the start lies outside the tables.
     """
+    return _tables_from(mechanism, *np.asarray(start_steps, np.int64).tolist())
+
+
+@lru_cache(maxsize=16)  # every tick on a machine asks again
+def _tables_from(mechanism: Mechanism, *start_steps: int) -> PlayTables:
     printer = mechanism.printer
-    start = printer.to_motor(np.asarray(start_steps, np.int64))
+    start = printer.to_motor(np.array(start_steps))
     # Lattice motor positions count from the motor's image of the bed's lower corner.
     corner_mm = printer.to_motor(np.array([printer.x.min_mm, printer.y.min_mm]))
     a, b = (
         _lattice_motor(printer.motors[k], table, printer.axes[k], corner_mm[k], int(start[k]), mechanism.rest_share[k])
         for k, table in enumerate(mechanism.transmissions)
     )
-    return PlayTables((a, b), lattice_bed(mechanism).anchored(np.asarray(start_steps, float)))
+    return PlayTables((a, b), lattice_bed(mechanism).anchored(np.array(start_steps, float)))
 
 
 def lattice_screw(screw: ScrewDrive, printer: Printer, start_step: int) -> LatticeScrew:

@@ -13,7 +13,7 @@ because a clip passes through a monotone map. A `Frame` then maps the two belt p
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -144,6 +144,7 @@ def _looked_up(law: Callable[..., None], table_mm: np.ndarray, at: Transmission,
     return out
 
 
+@lru_cache(maxsize=16)
 def healthy_transmission(printer: Printer, motor: int) -> Transmission:
     """Return the identity at every micro-step of the bed, and of one more bed on either side.
 
