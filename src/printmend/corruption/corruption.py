@@ -61,7 +61,7 @@ class Drive:
         if self.pulley is not None:
             angle = rotor * (TURN_RAD / axis.mm_per_turn)
             span1 = _unwound_mm(self.pulley, axis.radius_mm, 0.0, angle)
-            span2 = _unwound_mm(self.pulley, axis.radius_mm, np.pi, angle)
+            span2 = span1 if self.belt is None else _unwound_mm(self.pulley, axis.radius_mm, np.pi, angle)
         lower, upper = (span1, span1) if self.belt is None else self.belt.branches_mm(grid, span1, span2)
         if self.shaft is not None:
             slack_mm = self.shaft.slack_rad * axis.mm_per_turn / TURN_RAD

@@ -231,7 +231,8 @@ def _gather(value: Any, found: dict[str, Any]) -> None:
             _gather(item, found)
     elif isinstance(value, list | tuple):
         for item in value:
-            _gather(item, found)
+            if type(item) is not float:  # of a table there may be many thousands
+                _gather(item, found)
 
 
 def _restored(text: str, messages: Mapping[str, Any], deep: int) -> str:

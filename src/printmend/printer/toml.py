@@ -61,6 +61,7 @@ def preset_of(name: str) -> str | None:
     return _presets().get(bare_name(name))
 
 
+@cache
 def _presets() -> dict[str, str]:
     """Return the presets by their bare names."""
     return {bare_name(preset): preset for preset in preset_names()}
