@@ -55,6 +55,7 @@ def text_of(mechanism: Mechanism) -> str:
     return model_text(exactly(mechanism))
 
 
+@cache
 def tolerance_mm(mechanism: Mechanism) -> float:
     """Return how far lines without a type may be off on a machine."""
     return float(start(mechanism).tolerances_mm[ROLE_UNKNOWN])

@@ -279,22 +279,24 @@ def contour_errors_mm(
 
     ``heights`` are those after each given move, by default the commanded ones.
     """
-    errors = []
+    errors, at_height = [np.empty(0)], {}
     for number, (move, way) in enumerate(zip(given, printed, strict=True)):
         if not move.draws:
             continue
         height = move.end[2] if heights is None else heights[number]
-        lines = [
-            w
-            for w in wanted
-            if w.draws and min(w.start[2], w.end[2]) - 0.06 <= height <= max(w.start[2], w.end[2]) + 0.06
-        ]
-        a = np.array([w.start[:2] for w in lines])
-        d = np.array([w.end[:2] for w in lines]) - a
-        for place in way:
-            t = np.clip(((place - a) * d).sum(1) / (d * d).sum(1), 0, 1)
-            errors.append(np.sqrt(((place - a - t[:, None] * d) ** 2).sum(1)).min())
-    return np.array(errors)
+        if height not in at_height:
+            at_height[height] = np.array(
+                [
+                    (w.start[:2], w.end[:2])
+                    for w in wanted
+                    if w.draws and min(w.start[2], w.end[2]) - 0.06 <= height <= max(w.start[2], w.end[2]) + 0.06
+                ]
+            )
+        a, d = at_height[height][:, 0], np.diff(at_height[height], axis=1)[:, 0]
+        off = way[:, None] - a
+        t = np.clip((off * d).sum(2) / (d * d).sum(1), 0, 1)
+        errors.append(np.sqrt(((off - t[:, :, None] * d) ** 2).sum(2)).min(1))
+    return np.concatenate(errors)
 
 
 def rms(errors: np.ndarray) -> float:
