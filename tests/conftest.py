@@ -34,18 +34,18 @@ def corpus() -> Path:
     return CORPUS
 
 
-ONCE = (
-    "learn.learned._learned", "mend.update.measured_again", "mend.verify.measured_again", "mend.part.fit_walls",
-    "mend.fit.measure_part",
-)  # fmt: skip
+ONCE = {
+    "learn.learned._learned": 16, "mend.update.measured_again": 16, "mend.verify.measured_again": 32,
+    "mend.part.fit_walls": 64, "mend.fit.measure_part": 16,
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def once() -> Iterator[None]:
     """What a measurement says is worked out once in a file that asks for this, whether its tests or commands ask."""
     with pytest.MonkeyPatch.context() as patch:
-        for name in ONCE:
-            patch.setattr(f"printmend.{name}", remembered(pkgutil.resolve_name(f"printmend.{name}")))
+        for name, most in ONCE.items():
+            patch.setattr(f"printmend.{name}", remembered(pkgutil.resolve_name(f"printmend.{name}"), most))
         yield
 
 

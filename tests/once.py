@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-MOST = 16  # results of a function that are remembered: what was learned takes tens of megabytes
 
-
-def remembered(function: Callable) -> Callable:
+def remembered(function: Callable, most: int) -> Callable:
     """Return a function that computes each result once: the same arguments, in content, give the same object again.
 
-    A generator among them is left as the computation left it.
+    The last ``most`` results are remembered: what was learned takes tens of megabytes. A generator among the arguments
+    is left as the computation left it.
     """
     known: dict[bytes, tuple[Any, list[Any]]] = {}
 
@@ -25,7 +24,7 @@ def remembered(function: Callable) -> Callable:
         if key not in known:
             result = function(*arguments, **options)
             known[key] = result, [each.bit_generator.state for each in generators]
-            if len(known) > MOST:
+            if len(known) > most:
                 del known[next(iter(known))]
         result, states = known[key]
         for generator, state in zip(generators, states, strict=True):

@@ -123,7 +123,7 @@ def test_known_uncertainties_are_used() -> None:
 
 
 def test_healthy_machines_stay_healthy(printer: Printer) -> None:
-    plan, twin = design_probe(printer), Twin.of(HEALTHY, printer)
+    plan, twin = design_probe(printer, marks=300), Twin.of(HEALTHY, printer)
     marks = twin.follow(plan.waypoints_mm)[plan.rows]
     exact = learn(plan.trace(marks), printer)
     assert exact.is_healthy
