@@ -129,5 +129,5 @@ def scan(levels, rng, *, below, dpi=600, stretch=(0.0, 0.0)):
     )
     image += rng.normal(0, 3, image.shape)
     file = io.BytesIO()
-    Image.fromarray(image.clip(0, 255).astype(np.uint8)).save(file, "PNG", dpi=(dpi, dpi))
+    Image.fromarray(image.clip(0, 255).astype(np.uint8)).save(file, "PNG", compress_level=1, dpi=(dpi, dpi))
     return file.getvalue()

@@ -19,15 +19,15 @@ from printmend.jit import digest
 
 SOURCES = Path(printmend.__file__).parent
 LAB = Path(printmend_lab.__file__).parent
-RENUMBER = """
+CLIP = """
 import numpy as np
-from printmend.gcode.kernels import renumber
 from printmend.jit import compilations
+from printmend.machine.kernels.run import clip_each
 from printmend.shipped import Shipped
 Shipped.fill = {fill}
-text, out = np.frombuffer(b"N7 G1 X1\\n", np.uint8), np.zeros(99, np.uint8)
-lines = np.array([1, 0])
-print(out[: renumber(text, 0, len(text), lines, out)[1]].tobytes().decode(), end="")
+out = np.zeros(1)
+clip_each(np.array([8.0]), np.array([1.0]), np.array([5.0]), out)
+print(out[0])
 print(compilations.entries)
 """
 
@@ -38,22 +38,22 @@ def test_kept_and_shipped_code_runs_until_a_helper_of_another_file_is_edited(tmp
     outside = {**os.environ, "PYTHONPATH": str(tmp_path)}
 
     def run(kept="kept", *, fill=False, **more):
-        command = [sys.executable, "-c", RENUMBER.replace("{fill}", str(fill))]
+        command = [sys.executable, "-c", CLIP.replace("{fill}", str(fill))]
         environment = {**outside, "NUMBA_CACHE_DIR": str(tmp_path / kept), **more}
         return subprocess.run(command, env=environment, capture_output=True, check=True, text=True).stdout.split("\n")  # noqa: S603
 
-    assert run(fill=True) == ["N8 G1 X1", "1", ""]
+    assert run(fill=True) == ["5.0", "1", ""]
     # what was shipped is at once there for a user with nothing kept, on a plainer processor too
-    assert run("nothing", NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="") == ["N8 G1 X1", "0", ""]
+    assert run("nothing", NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="") == ["5.0", "0", ""]
     assert len(list((copy / "compiled").glob("*.nbc"))) == 1
-    helper = copy / "gcode" / "kernels" / "text.py"
-    helper.write_text(helper.read_text().replace("return np.int64(byte) - ZERO", "return np.int64(byte) - ZERO + 1"))
-    assert run() == ["N9 G1 X1", "1", ""]
-    assert run() == ["N9 G1 X1", "0", ""]
+    helper = copy / "machine" / "kernels" / "play.py"
+    helper.write_text(helper.read_text().replace("return min(max(", "return 1 + min(max("))
+    assert run() == ["6.0", "1", ""]
+    assert run() == ["6.0", "0", ""]
     for kind in ("nbi", "nbc"):  # an index that older code or a full disk left, then its code
         for path in (tmp_path / "kept").rglob(f"*.{kind}"):
             path.write_bytes(path.read_bytes()[:-40])
-        assert run() == ["N9 G1 X1", "1", ""], kind
+        assert run() == ["6.0", "1", ""], kind
 
 
 def test_kernels_come_through_the_door_and_know_nothing_but_numpy_and_kernels():
