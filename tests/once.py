@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 
-def remembered(function: Callable, most: int) -> Callable:
+def remembered(function: Callable, most: int = 16) -> Callable:
     """Return a function that computes each result once: the same arguments, in content, give the same object again.
 
     The last ``most`` results are remembered: what was learned takes tens of megabytes. A generator among the arguments
