@@ -134,7 +134,7 @@ def _overlap(shown: np.ndarray, wanted: np.ndarray, turn_deg: float, room: tuple
     turn = cv2.getRotationMatrix2D((middle, middle), -turn_deg, 1.0)
     cv2.warpAffine(shown, turn, shown.shape[::-1], dst=turned, flags=cv2.INTER_LINEAR)
     both = np.minimum(turned, wanted, out=each).sum()
-    return float(both / max(turned.sum() + wanted.sum() - both, 1e-6))
+    return float(both / max(np.maximum(turned, wanted, out=each).sum(), 1e-6))
 
 
 def _pieces(plastic: np.ndarray) -> int:
