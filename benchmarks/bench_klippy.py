@@ -138,7 +138,7 @@ def judged(source: Path, family: str, options: argparse.Namespace, folder: Path)
     if isinstance(machine, Mechanism):
         moves = read_gcode(plain, printer=printer).moves
         found = crossings(straightened(moves, TOLERANCE_MM), machine)
-        least_times = least_moves_times(moves, machine)
+        least_times = least_moves_times(moves, machine, found)
     uneven = [float("nan")] * 5
     if options.bead:
         true = TruePrinter.of(corruption_toml(corruption), printer)

@@ -13,7 +13,9 @@ time as printmend reads it, acceleration left out.
 that it parts: Klipper brakes for both of its corners by their angles (its docs/Kinematics.md, "junction deviation").
 
 *moves* is moves after ÷ before for whoever stays within the tolerance: each line of the file needs as many straight
-commands as straight strips of that half width cover the exact command, whatever joins them. The frame is left out.
+commands as straight strips of that half width cover the exact command, whatever joins them, and at least two where
+slack is crossed between two lines along which the belt moves: one command that crosses it, too, would leave the strip
+(along the motor's own axis it does not). The frame is left out.
 """
 
 from typing import NamedTuple
@@ -110,11 +112,12 @@ def _arrived(moves: Moves, first: int) -> np.ndarray | None:
 
 
 class Crossing(NamedTuple):
-    """A crossing of slack before a line of the file, ``amid`` a path or at its beginning: what it costs at the least,
-    and as one straight command [s]."""
+    """A crossing of slack before a line of the file, ``amid`` a path or at its beginning, ``alone`` where it needs a
+    command of its own: what it costs at the least, and as one straight command [s]."""
 
     line: int
     amid: bool
+    alone: bool
     least_s: float
     straight_s: float
 
@@ -147,13 +150,19 @@ def crossings(moves: Moves, machine: Mechanism) -> list[Crossing]:
                         way[k] = np.copysign(slack, u[i] - u[at])
                         before = places[at] - places[at - 1] if at else _arrived(moves, int(run[0]))
                         straight = straight_s(before, way, places[here + 1] - places[here], speed[here])
-                        found.append(
-                            Crossing(int(moves.line[run[here]]), at > 0, least_s(slack, speed[here]), straight)
-                        )
+                        line, alone = int(moves.line[run[here]]), at > 0 and _alone(places, at, k, slack)
+                        found.append(Crossing(line, at > 0, alone, least_s(slack, speed[here]), straight))
                     trend, at = np.sign(u[i] - u[at]), i
             came[k] = trend
         travelled = run[-1] + 1
     return found
+
+
+def _alone(places_mm: np.ndarray, at: int, k: int, slack_mm: float) -> bool:
+    """Return whether no command of a line to or from node ``at`` can cross the slack of motor k as well."""
+    before, after = np.abs(places_mm[at] - places_mm[at - 1]), np.abs(places_mm[at + 1] - places_mm[at])
+    aside = slack_mm / (slack_mm + after[k]) * after[0] * after[1] / np.hypot(*after)
+    return bool(min(aside, before[k]) > 2 * TOLERANCE_MM)
 
 
 def standing(text: bytes, found: list[Crossing]) -> bytes:
@@ -168,8 +177,9 @@ def standing(text: bytes, found: list[Crossing]) -> bytes:
     return b"".join(lines)
 
 
-def least_moves_times(moves: Moves, machine: Mechanism) -> float:
+def least_moves_times(moves: Moves, machine: Mechanism, found: list[Crossing]) -> float:
     """Return moves after ÷ before at the least, of a cartesian machine; see the head of this file."""
+    alone = {each.line for each in found if each.alone}
     way = (moves.end_mm - moves.start_mm)[:, :2]
     drawn = np.flatnonzero(moves.extruding & moves.known[:, :2].all(axis=1) & (np.hypot(*way.T) > 0))
     needed = len(way) - len(drawn)
@@ -180,7 +190,8 @@ def least_moves_times(moves: Moves, machine: Mechanism) -> float:
         for k, drive in enumerate(machine.transmissions):
             u = moves.start_mm[row, k] + way[row, k] * s / long
             off.append(np.interp(u, drive.lower_mm if way[row, k] > 0 else drive.upper_mm, drive.motor_mm) - u)
-        needed += strips(s, (way[row, 0] * off[1] - way[row, 1] * off[0]) / long)
+        strip = strips(s, (way[row, 0] * off[1] - way[row, 1] * off[0]) / long)
+        needed += max(strip, 1 + (moves.line[row] in alone))
     return needed / len(way)
 
 
@@ -218,7 +229,8 @@ def main() -> None:
             print(f"  {type(error).__name__}: {str(error)[:100]}  {source.name}")
             continue
         machine = drawn(family, options).lower(around(printer, moves))
-        found, times = crossings(moves, machine), least_moves_times(read, machine)  # type: ignore[arg-type] — gain tables are no family here
+        found = crossings(moves, machine)  # type: ignore[arg-type] — gain tables are no family here
+        times = least_moves_times(read, machine, found)  # type: ignore[arg-type]
         least, straight = (sum(getattr(each, name) for each in found) for name in ("least_s", "straight_s"))
         print(f"{len(found):7} {least:8.2f} {straight:11.2f} {times:6.2f}  {source.name} ({family})", flush=True)
 
