@@ -73,6 +73,11 @@ def wear_share(name: str) -> float:
     return float(_table()["since"]["wear"].get(name, 0.0))
 
 
+def belt_effects() -> tuple[str, ...]:
+    """Return the effects that come anew with another belt."""
+    return tuple(_table()["since"]["anew"])
+
+
 def homing_priors() -> Iterator[tuple[str, float, float, float, float]]:
     """Yield each kind of end stop: name, share, scatter [mm], deviation of its logarithm, electrical turns."""
     for name, row in _table()["homing"].items():

@@ -63,6 +63,14 @@ class Part:
         waves_mm = waves_of(*self.key, scene)
         return self if waves_mm is None else replace(self, draws_mm=shifted(self.draws_mm, waves_mm, by_mm[self.where]))
 
+    def standing(self, by_mm: float, scene: Scene) -> "Part":
+        """Return the part as it acts where its motor was shifted ``by_mm`` for good."""
+        waves_mm = waves_of(*self.key, scene)
+        if waves_mm is None:
+            return self
+        acts_mm = shifted(self.acts_mm[:, None], waves_mm, by_mm)[:, 0]
+        return replace(self, acts_mm=acts_mm, draws_mm=shifted(self.draws_mm, waves_mm, by_mm))
+
 
 def those_acting(parts: Sequence[Part]) -> list[Sized]:
     """Return the parts that act, with the sizes that do."""

@@ -109,7 +109,7 @@ def found_phase(parts: Sequence[Part], mechanism: Mechanism, trace: Trace, scene
             by_mm[motor] = share @ grids[motor]
             sd_mm[motor] = np.sqrt(share @ (grids[motor] - by_mm[motor]) ** 2) if turning[motor] else np.nan
         own = rows.idler_shifts_mm(by_mm)
-        now = tuple(_moved(part, _shift_of(part, own, by_mm), scene) if part.where < 2 else part for part in old)
+        now = tuple(part.standing(_shift_of(part, own, by_mm), scene) if part.where < 2 else part for part in old)
         mechanism, _ = machine_of(scene, those_acting(now))
     return Phase(by_mm, sd_mm, now, mechanism)
 
@@ -163,11 +163,3 @@ def _smallest(scores: np.ndarray, grids: Sequence[np.ndarray]) -> np.ndarray:
     best = np.argmin(np.where(scores >= scores.max() - ALIKE_NATS, size, np.inf))
     i, j = np.unravel_index(best, scores.shape)
     return np.array([grids[0][i], grids[1][j]])
-
-
-def _moved(part: Part, by_mm: float, scene: Scene) -> Part:
-    waves_mm = waves_of(*part.key, scene)
-    if waves_mm is None:
-        return part
-    acts = shifted(part.acts_mm[:, None], waves_mm, by_mm)[:, 0]
-    return replace(part, acts_mm=acts, draws_mm=shifted(part.draws_mm, waves_mm, by_mm))

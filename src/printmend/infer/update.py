@@ -2,7 +2,7 @@
 
 The old machine's errors are subtracted from the rows. Its uncertainty and wear are columns of unit prior in every set,
 and are integrated out of the Gram matrix. The search then finds only changes. It is compared with other explanations: a
-pulley turned on its shaft, a motor with other parts, another machine.
+pulley turned on its shaft, another belt, an end stop that moved, a motor with other parts, another machine.
 """
 
 import math
@@ -15,6 +15,7 @@ import numpy as np
 from printmend.effects import EFFECTS, Acts, Of, Scene, scene_of
 from printmend.effects.breathing import HARMONICS as BREATHS
 from printmend.effects.effect import (
+    ALWAYS,
     SCALE_MM,
     SEED,
     TIMES_FINER,
@@ -26,7 +27,7 @@ from printmend.effects.effect import (
 )
 from printmend.effects.elastic import HARMONICS as STRETCHES
 from printmend.effects.homing import waves_of
-from printmend.effects.prior import number_of, wear_share
+from printmend.effects.prior import belt_effects, number_of, wear_share
 from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.effects.switch import drawn_shifts_mm, spread_mm
 from printmend.effects.words import along_motor_mm
@@ -70,18 +71,50 @@ OPEN_RAD = 0.03  # standard deviation of an angle that was found
 TURNING = {"pulley": ROUNDS, "breathing": BREATHS, "elastic": STRETCHES}  # effects that turn with a motor's pulley
 
 
+@dataclass(frozen=True)
+class Event:
+    """What happened to a machine: the pulley of a motor ``turned`` on its shaft, its ``belt`` is another one or lies
+    elsewhere, or the end ``stop`` of an axis moved. ``where`` is the motor or the axis, ``by_rad`` the angle."""
+
+    kind: str
+    where: int
+    by_rad: float
+
+    def shift_mm(self, by_rad: float | np.ndarray, scene: Scene) -> np.ndarray:
+        """Return how far an angle shifts the waves of its motor, or its end stop."""
+        return np.asarray(-by_rad * scene.turns_mm[self.where] / (2 * np.pi))
+
+    def after(self, parts: Sequence[Part], by_rad: float, scene: Scene) -> tuple[Part, ...]:
+        """Return parts as they are once it happened: an end stop moves the whole print and all waves along with it."""
+        if self.kind != "stop":
+            return turned(parts, self.where, by_rad)
+        shift_mm = self.shift_mm(by_rad, scene) * np.eye(2)[self.where]
+        motors_mm = scene.printer.to_motor(shift_mm[None])[0]
+
+        def on(part: Part) -> Part:
+            if part.effect == "shift":
+                return replace(part, draws_mm=part.draws_mm + shift_mm[:, None])
+            return part.standing(float(motors_mm[part.where]), scene) if part.where < 2 else part
+
+        return tuple(map(on, parts))
+
+
 @dataclass(frozen=True, eq=False)
 class Story:
-    """A story of an old machine: its remaining ``parts``, the angles ``turned_rad`` by which each motor's pulley turned
-    on its shaft, and the motors with new parts (``anew``); ``whole``: nothing of it remains. Its belts were worked on
-    in a ``refit``."""
+    """A story of an old machine: its remaining ``parts``, the ``events`` since then, and the motors with new parts
+    (``anew``); ``whole``: nothing of it remains. Its belts were worked on in a ``refit``."""
 
     parts: tuple[Part, ...]
-    turned_rad: tuple[float, float] = (0.0, 0.0)
+    events: tuple[Event, ...] = ()
     anew: tuple[int, ...] = ()
     whole: bool = False
     log_odds: float = 0.0
     refit: bool = False
+
+    @property
+    def belts(self) -> tuple[int, ...]:
+        """The motors with another belt."""
+        return tuple(event.where for event in self.events if event.kind == "belt")
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +136,9 @@ class Wearing:
         draws = laid_out(story.parts, like)
         together = overlaps(tuple(part.key for part in like), self.scene)
         mean, ways = draws.mean(axis=1), [directions(draws, together)]
-        for motor, by_rad in enumerate(story.turned_rad):
-            if by_rad:
-                more = laid_out(turned(story.parts, motor, OPEN_RAD), like)
-                ways.append((more - draws).mean(axis=1)[:, None])
+        for event in story.events:
+            more = laid_out(event.after(story.parts, OPEN_RAD, self.scene), like)
+            ways.append((more - draws).mean(axis=1)[:, None])
         for each, own in zip(like, slices(len(part.acts_mm) for part in like), strict=True):
             if each.key not in has:
                 continue
@@ -199,7 +231,7 @@ def directions(draws: np.ndarray, together: np.ndarray) -> np.ndarray:
     the sizes. Otherwise the well-known sum of two similar effects would become uncertain.
     """
     sd = draws.std(axis=1)
-    moves = sd > 0
+    moves = np.ptp(draws, axis=1) > 0  # rounding gives those that are all alike a deviation
     if not moves.any():
         return np.zeros((len(sd), 0))
     axes = sd[moves, None] * np.linalg.eigh(together[np.ix_(moves, moves)] * np.outer(sd[moves], sd[moves]))[1]
@@ -329,6 +361,7 @@ def rebased(part: Part, scene: Scene) -> Part:
 
 
 PASSES = 3  # of contacts, then search, where anything is new; the last one weighs stories
+ANGLE_NATS = math.log(OPEN_RAD / math.sqrt(2 * np.pi))  # an angle may be any; it is known by a normal OPEN_RAD
 PHASES = 72  # angles by which a pulley may have turned that are tried, then those between the best and its neighbours
 SEEN_SHARE = 0.5  # of its prior deviation that a shift may keep and counts as seen
 ALIKE_NATS = SELDOM_SDS**2 / 2  # of turns that fit alike to this, the smallest is told: an oval repeats after half
@@ -382,7 +415,9 @@ def renewed(
     own = [each for each in parts if EFFECTS[each.effect].of is Of.MACHINE]
     before = tuple(rebased(each, scene) for each in own)
     # machines of a homing of their own are drawn by a generator of their own: other figures stay as they are
-    story, whole, turned_rad = Story(homed_again(before, scene, np.random.default_rng(SEED)), refit=refit), trace, 0.0
+    old = homed_again(before, scene, np.random.default_rng(SEED))
+    shift = [Part("shift", 0, (), np.zeros(2), np.zeros((2, DRAWS)))] if scene.placed else []  # which end stops make
+    story, whole, turned_rad = Story((*old, *shift), refit=refit), trace, 0.0
     wearing = Wearing(math.sqrt(max(months, 0.0)), grown or {}, scene, spread_mm(scene))
     seen = replace(scene, bed_span_mm=scene_of(trace, scene.printer).bed_span_mm)  # no mark tells a border elsewhere
     at: _Pass | None = None
@@ -441,12 +476,13 @@ def _weighed_stories(story: Story, wearing: Wearing, look: Look, offered: Sequen
             state = searched(_search(sums, each, left), start, sd_mm)
             left = sums.without(left.mean, left.ways, state.sigma_mm)
             state = _search(sums, each, left).posterior(state.members, state.sigma_mm, rounds=0)
-            score = state.score - left.log_det / 2 + each.log_odds
+            sure = ALWAYS * len(each.belts)  # that another belt has another pitch
+            score = state.score - left.log_det / 2 + each.log_odds - sure
             return _Pass(each, look, sums, left, state, score)
 
         best = told(story, members)
         while stories and _news(best) and not best.story.whole:
-            newer = max((told(each, always) for each in _others(best, always)), key=lambda each: each.score)
+            newer = max((told(each, always) for each in _others(best, always, wearing)), key=lambda each: each.score)
             if newer.score <= best.score:
                 break
             best = newer
@@ -481,7 +517,8 @@ def _search(sums: Sums, story: Story, left: Left) -> Search:
 def _seldom(blocks: tuple[Block, ...], story: Story, known: tuple[Part, ...]) -> tuple[Block, ...]:
     """Return blocks with the odds of changes: what a machine has since, it seldom has; what does not wear comes only
     with other parts. After a ``refit`` belts may well rest elsewhere at home. What was in doubt at a place comes as
-    often, and as large, as the drawn machines had it: these are the last alternatives of its blocks."""
+    often, and as large, as the drawn machines had it. Another belt has another pitch. Both are the last alternatives of
+    their blocks."""
     parts: dict[_Slot, list[Part]] = {}
     sure = {part.key for part in known}
     for part in story.parts:
@@ -495,7 +532,9 @@ def _seldom(blocks: tuple[Block, ...], story: Story, known: tuple[Part, ...]) ->
 
     def seldom(one: Block) -> Block:
         effect = EFFECTS[one.effect]
-        if effect.of is not Of.MACHINE or story.whole or (effect.acts is Acts.DRIVE and one.where in story.anew):
+        of_belt = one.where in story.belts and one.effect in belt_effects()
+        is_anew = effect.acts is Acts.DRIVE and one.where in story.anew
+        if effect.of is not Of.MACHINE or story.whole or is_anew or of_belt:
             return one
         doubt, sds_mm, log_odds = doubts.get((*one.slot, one.width)), one.sds_mm, one.log_odds
         if not story.refit or effect.from_home:
@@ -503,6 +542,9 @@ def _seldom(blocks: tuple[Block, ...], story: Story, known: tuple[Part, ...]) ->
         if doubt is not None:
             more_mm, more = doubt.alternatives(one)
             sds_mm, log_odds = np.concatenate([sds_mm, more_mm]), np.concatenate([log_odds, more])
+        if one.effect == "scale" and one.where in story.belts:
+            pitch = np.full((1, one.width), number_of("since", "pitch"))
+            sds_mm, log_odds = np.concatenate([sds_mm, pitch]), np.append(log_odds, ALWAYS)
         return replace(one, sds_mm=sds_mm, log_odds=log_odds, signs=np.zeros(1))
 
     return tuple(map(seldom, blocks))
@@ -551,7 +593,7 @@ def _news(at: _Pass) -> list[Block]:
     return [one for of, one, v in new if of is Of.MACHINE or (of is Of.SESSION and one.log_odds[v] < 0)]
 
 
-def _others(at: _Pass, always: Set) -> Iterator[Story]:
+def _others(at: _Pass, always: Set, wearing: Wearing) -> Iterator[Story]:
     """Yield the stories that tell one thing more than one does."""
     story = at.story
     other = math.log(number_of("since", "replaced"))
@@ -561,34 +603,43 @@ def _others(at: _Pass, always: Set) -> Iterator[Story]:
             continue
         rest = tuple(part for part in story.parts if not is_of_drive(part, motor))
         yield replace(story, parts=rest, anew=(*story.anew, motor), log_odds=story.log_odds + other)
-        if not story.turned_rad[motor] and any(part.effect in TURNING for part in own):
-            by_rad = _likeliest_turn_rad(at, motor, always)
-            turned_rad = (by_rad, story.turned_rad[1]) if motor == 0 else (story.turned_rad[0], by_rad)
-            odds = story.log_odds + math.log(number_of("since", "turned"))
-            yield replace(story, parts=turned(story.parts, motor, by_rad), turned_rad=turned_rad, log_odds=odds)
+        if motor in (each.where for each in story.events) or all(part.effect != "pulley" for part in own):
+            continue
+        turn, stop = (_likeliest(Event(kind, motor, 0.0), at, always, wearing) for kind in ("turned", "stop"))
+        for event in (turn, replace(turn, kind="belt"), stop):
+            if event.by_rad:
+                anew = belt_effects() if event.kind == "belt" else ()
+                parts = [part for part in story.parts if part.where != motor or part.effect not in anew]
+                yield replace(
+                    story,
+                    parts=event.after(parts, event.by_rad, at.look.scene),
+                    events=(*story.events, event),
+                    log_odds=story.log_odds + math.log(number_of("since", event.kind)) + ANGLE_NATS,
+                )
     yield replace(story, parts=(), anew=(0, 1), whole=True, log_odds=story.log_odds + 2 * other)
 
 
-def _likeliest_turn_rad(at: _Pass, motor: int, always: Set) -> float:
-    """Return the angle by which a motor's pulley most likely turned."""
-    blocks = at.sums.dictionary.blocks
-    kept = [blocks[b] for b, _ in always] + [block for block in blocks if block.effect in ("place", "play")]
+def _likeliest(event: Event, at: _Pass, always: Set, wearing: Wearing) -> Event:
+    """Return an event by the angle by which it most likely was; where the place is known, only an end stop moves it."""
+    blocks, story = at.sums.dictionary.blocks, at.story
+    free = ("place", "play") if event.kind == "stop" else ("place", "play", "shift")
+    kept = [blocks[b] for b, _ in always] + [block for block in blocks if block.effect in free]
     columns = columns_at(kept)
     few = laid_side_by_side(kept)
     dictionary = Dictionary(few, np.zeros((0, len(columns))))
     members = tuple((b, 0) for b in range(len(few)))
 
     def score(by_rad: float) -> float:
-        mean = laid_out(turned(at.story.parts, motor, by_rad), at.sums.like).mean(axis=1)
-        left = at.sums.without(mean, np.zeros((len(mean), 0)), at.state.sigma_mm, columns)
-        return Search(dictionary, left.gram).posterior(members, at.state.sigma_mm).score
+        turned = replace(story, parts=event.after(story.parts, by_rad, at.look.scene))
+        left = at.sums.without(*wearing.known(turned, at.sums.like), at.state.sigma_mm, columns)
+        return Search(dictionary, left.gram).posterior(members, at.state.sigma_mm).score - left.log_det / 2
 
     angles = np.arange(-PHASES // 2 + 1, PHASES // 2 + 1) * (2 * np.pi / PHASES)
     scores = np.array([score(float(each)) for each in angles])
     alike = angles[scores > scores.max() - ALIKE_NATS]
     best = float(alike[np.argmin(np.abs(alike))])
     around = best + 2 * np.pi / PHASES * np.linspace(-1.0, 1.0, 17)
-    return float(around[np.argmax([score(float(each)) for each in around])])
+    return replace(event, by_rad=float(around[np.argmax([score(float(each)) for each in around])]))
 
 
 def _finer(at: _Pass, weight: np.ndarray) -> _Pass:
@@ -617,9 +668,9 @@ def _now(at: _Pass, before: tuple[Part, ...], rng: np.random.Generator) -> Renew
             changes[where[part.key]] = part.draws_mm
     like, left = at.sums.like, at.left
     draws = left.without(_those_without(like), left.drawn_mm(changes, rng))
-    idle = np.array([not (part.acts_mm.any() or part.is_likely) for part in like for _ in part.acts_mm], bool)
+    idle = np.array([_is_idle(part) for part in like for _ in part.acts_mm], bool)
     acts = left.without(idle[:, None], left.sizes_mm(likely_mm[:, None]))[:, 0]
-    kept = {part.key: part for part in at.story.parts}
+    kept = {part.key: part for part in at.story.parts if EFFECTS[part.effect].of is Of.MACHINE}
 
     parts = {key: part for key, part in kept.items() if key not in where}  # what nothing sees stays as it was drawn
     for part, own in zip(like, slices(len(part.acts_mm) for part in like), strict=True):
@@ -643,11 +694,16 @@ def _held(part: Part) -> Part:
     return replace(part, acts_mm=held_mm(EFFECTS[part.effect], part.acts_mm))
 
 
+def _is_idle(part: Part) -> bool:
+    """Tell whether a part of a machine neither acts nor is likely."""
+    return EFFECTS[part.effect].of is Of.MACHINE and not (part.acts_mm.any() or part.is_likely)
+
+
 def _those_without(parts: Sequence[Part]) -> np.ndarray:
     """Return which drawn machines must keep a size of zero [P, DRAWS]: those with the effect in another shape, and, if
     fewer than `LIKELY` have the effect, all without it."""
     there = there_of(parts)
-    few = {slot: has.mean() < LIKELY for slot, has in there.items()}
+    few = {slot: has.mean() < LIKELY and EFFECTS[slot[0]].of is Of.MACHINE for slot, has in there.items()}
     none = [~part.draws_mm.any(axis=0) & (there[part.key[:2]] | few[part.key[:2]]) for part in parts]
     widths = [len(part.draws_mm) for part in parts]
     return np.repeat(np.array(none, bool).reshape(-1, DRAWS), widths, axis=0)

@@ -36,7 +36,7 @@ from printmend.effects.words import NAMED_SIGMAS, Fault
 from printmend.errors import InputError, ModelError, TraceError
 from printmend.infer.machine import DRAWS, Part, machine_of, those_acting
 from printmend.infer.phase import Phase, found_phase
-from printmend.infer.update import Renewed, both_seen, renewed, surely_there
+from printmend.infer.update import Event, Renewed, both_seen, renewed, surely_there
 from printmend.learn.learned import (
     PLANE_FACTOR,
     enlarged,
@@ -284,8 +284,8 @@ def changes_of(found: Renewed) -> list[Change]:
     """Return the sure changes of named faults, and the pulleys that turned on their shafts."""
     scene, story = found.now.scene, found.story
     of_motors = [scene.printer.motors[motor] for motor in story.anew]
-    changes = [_turn(found, motor, by) for motor, by in enumerate(story.turned_rad) if by and motor not in story.anew]
-    changes = [each for each in changes if abs(each.now) > max(NAMED_SIGMAS * each.sd, LEAST_CHANGE["°"])]
+    changes = [_happened(found, event) for event in story.events if event.where not in story.anew]
+    changes = [each for each in changes if abs(each.now) > max(NAMED_SIGMAS * each.sd, LEAST_CHANGE[each.unit])]
     # what was in doubt is no change where it came as the old machine may have had it
     known = surely_there(found.before, scene) | {key[:2] for key in found.changes}
     doubted = {part.key[:2] for part in found.before} - known
@@ -338,25 +338,35 @@ def _z_changed(was: Fault, new: Fault) -> str:
     return say("z-was-is", what, f"{was.value:.3f}", f"{new.value:.3f}", new.unit)
 
 
-def _turn(found: Renewed, motor: int, by_rad: float) -> Change:
-    """Return the angle by which a pulley turned on its shaft, refined harmonic by harmonic.
+def _happened(found: Renewed, event: Event) -> Change:
+    """Return by how much a pulley turned on its shaft or stands elsewhere, or an end stop moved, refined harmonic by
+    harmonic.
 
-    A belt that is put back a whole number of teeth away looks the same, but for how the end stop scatters.
+    A belt that is put back a whole number of teeth away looks as if the pulley had turned, but for how the end stop
+    scatters. So does an end stop that moved, unless it moves both motors, or the place of the print is known.
     """
+    scene, motor, name = found.now.scene, event.where, found.now.scene.printer.motors[event.where].upper()
+    way = float(scene.printer.to_motor(np.eye(2))[motor, motor]) if event.kind == "stop" else 1.0
     (before, *_), (now, *_) = found.of("pulley", motor)
     cos, sin = np.split(before.mean_mm, 2)
-    old = (cos - 1j * sin) * np.exp(-1j * HARMONICS * by_rad)
+    old = (cos - 1j * sin) * np.exp(-1j * HARMONICS * event.by_rad * way)
     cos, sin = np.split(now.draws_mm, 2)
     more_rad = -(HARMONICS * np.conj(old)) @ (cos - 1j * sin) / np.sum(HARMONICS**2 * np.abs(old) ** 2)
-    angles = np.degrees(by_rad + more_rad.imag)
-    value, sd, name = float(angles.mean()), float(angles.std()), found.now.scene.printer.motors[motor].upper()
-    words = say("pulley-turned-shaft", name, f"{value:.1f}°", f"{sd:.1f}")
-    scene = found.now.scene
-    mm_per_degree = scene.turns_mm[motor] / 360.0
-    teeth = round(value * mm_per_degree / TOOTH_MM)
-    doubt_mm = NAMED_SIGMAS * float(np.hypot(sd * mm_per_degree, spread_mm(scene)[motor]))
-    if teeth and abs(value * mm_per_degree - teeth * TOOTH_MM) < doubt_mm < TOOTH_MM / 2:
+    angles_rad = event.by_rad + more_rad.imag / way
+    shifts_mm, angles = event.shift_mm(angles_rad, scene), np.degrees(angles_rad)
+    shift_mm, shift_sd_mm, value, sd = (float(each) for of in (shifts_mm, angles) for each in (of.mean(), of.std()))
+    is_alike = not (scene.placed or scene.corexy)
+    if event.kind == "stop" and not is_alike:
+        axis = "XY"[motor]
+        words = say("end-stop-moved", axis, f"{shift_mm:+.2f}", f"{shift_sd_mm:.2f}")
+        return Change(axis, "offset", 0.0, shift_mm, shift_sd_mm, "mm", words)
+    words = say("belt-replaced" if event.kind == "belt" else "pulley-turned-shaft", name, f"{value:.1f}°", f"{sd:.1f}")
+    teeth = round(shift_mm / TOOTH_MM)
+    doubt_mm = NAMED_SIGMAS * float(np.hypot(shift_sd_mm, spread_mm(scene)[motor]))
+    if event.kind != "belt" and teeth and abs(shift_mm - teeth * TOOTH_MM) < doubt_mm < TOOTH_MM / 2:
         words = say("pulley-turned-or-belt", words, say_count("count-teeth", abs(teeth)))
+    if event.kind != "belt" and is_alike:
+        words = say("pulley-turned-or-end-stop", words, f"{shift_mm:+.2f}")
     return Change(name, "phase", 0.0, value, sd, "°", words)
 
 
@@ -408,7 +418,7 @@ def learn_phase(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> U
         moved = replace(belief, parts=phase.parts)
         machine = replace(old, mechanism=phase.mechanism)
         found = measured_again(machine, moved, ordered.trace, rng, refit=True)
-        foreign: list[str] = [*(say("another-drive") for _ in found.story.anew)]
+        foreign: list[str] = [*(say("another-drive") for _ in (*found.story.anew, *found.story.belts))]
         foreign += [name for name, _, _ in found.changes if not wear_share(name) and EFFECTS[name].from_home]
         noise_mm, own_mm = found.now.noise_mm, max(old.noise_mm, LEAST_NOISE_MM)
         if found.story.whole or foreign or noise_mm > MOST_NOISE * own_mm:
