@@ -196,8 +196,10 @@ def test_the_command_writes_trace_and_overlay(tmp_path, plan, printed):
     result = CliRunner().invoke(command, [*arguments, "--overlay", str(tmp_path / "seen.png")], catch_exceptions=False)
     assert "300 dpi" in result.output
     rows = (tmp_path / "trace.csv").read_text().splitlines()
-    doubts = "scale_sd,axes_sd,lean_sd,wave_mm,carriage_mm,lens_mm,resized_sd"
-    assert rows[0] == f"x_mm,y_mm,x_measured_mm,y_measured_mm,sigma_mm,placed,{doubts},printer,kinematics,probe"
+    doubts = "scale_sd,axes_sd,lean_sd,wave_mm,carriage_mm,lens_mm,resized_sd,scale_axes,scale_lean,axes_lean,"
+    doubts += "turn_x_rad,turn_y_rad"
+    names = "x_mm,y_mm,x_measured_mm,y_measured_mm,sigma_mm,placed"
+    assert rows[0] == f"{names},{doubts},printer,kinematics,probe"
     assert rows[1].endswith(f"{plan.printer},{plan.kinematics},{plan.origin.probe}")
     assert len(rows) == len(plan.waypoints_mm) + 1
     assert read_trace(tmp_path / "trace.csv", PRINTER).instrument.scale_sd == FLATBED.scale_sd
@@ -213,6 +215,8 @@ def test_the_command_writes_trace_and_overlay(tmp_path, plan, printed):
     assert f"{turned} is the same picture as {path} and counts once" in " ".join(measurement.notes)
     assert len((tmp_path / "trace.csv").read_text().splitlines()) == len(rows)
     assert measurement.instrument.axes_sd > SETTLED_AXES_SD
+    assert measure_scans([turned], plan).instrument.turn_x_rad == pytest.approx(known.turn_y_rad, abs=2e-4)
+    assert 0.001 < abs(known.turn_y_rad) < 0.1
 
 
 def grey(height: int, width: int, value: int = 200) -> np.ndarray:

@@ -90,7 +90,7 @@ def test_no_scanners_lens_mends_a_healthy_printer(part: Path, rng: np.random.Gen
         seen = [off + distorted(off, 0) @ [0.15, 0.2, 0.1] + rng.normal(0, 0.01, off.shape) for off in turned]
         freed = freed_of_scanner(seen, FLATBED)
         upright = np.mean([place @ way.T for place, way in zip(freed.places_mm, ways, strict=True)], axis=0)
-        instrument = instrument_on_bed(freed.instrument, np.eye(2), settled=freed.settled)
+        instrument = instrument_on_bed(freed.instrument, [np.eye(2)], settled=freed.settled)
         model = learn_model(replace(trace, measured_mm=upright, placed=False, instrument=instrument), ENDER3)
         done = mend_gcode(part, model, part.with_name(f"{len(ways)}.gcode"))
         assert done.output is not None
@@ -285,7 +285,7 @@ def test_a_length_that_was_given_is_not_asked_for_again() -> None:
     """One distance settles the scale along it: a second scan, turned, what is left across it."""
     stretched = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.0027, y_scale=1.0008))
     doubt = Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.0, 0.001, {"planning": 0.001, "instrument": 0.049})
-    both = settled(0.0, 0.0, 140.0, instrument_on_bed(FLATBED, np.eye(2), settled=True))[1]
+    both = settled(0.0, 0.0, 140.0, instrument_on_bed(FLATBED, [np.eye(2)], settled=True))[1]
     whole = learn_model(scanned(measured(stretched, 0.01, 4), np.zeros((2, 2)), both), ENDER3)
     left_open = ("most of the remaining error is the scale, as far as the callipers left it open",)
     assert advice_of(whole, doubt) == left_open
@@ -302,7 +302,7 @@ def test_a_wave_along_the_bed_that_two_scans_show_is_mended(rng: np.random.Gener
     points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (250, 2))])
     wave = 0.022 * np.sin(points[:, 1] / 61.0 * 2 * np.pi)
     measured = points + np.stack([np.zeros(len(points)), wave], axis=1) + rng.normal(0, 0.01, points.shape)
-    twice = instrument_on_bed(FLATBED, np.eye(2), settled=True)
+    twice = instrument_on_bed(FLATBED, [np.eye(2)], settled=True)
     model = learn_model(Trace(points, measured, homed=True, placed=False, instrument=twice), ENDER3)
     left = (Twin(model.mechanism).follow(points) - points)[:, 1] - wave
     assert np.std(left) < 0.4 * np.std(wave)
@@ -312,7 +312,7 @@ def test_a_wave_along_the_bed_that_two_scans_show_is_mended(rng: np.random.Gener
     ("instrument", "axes"),
     [
         (FLATBED.known(0.0005), (1,)),  # one scan of a scanner whose lengths are known
-        (instrument_on_bed(replace(FLATBED, wave_mm=0.007), np.eye(2), settled=True), (0, 1)),  # two that disagree
+        (instrument_on_bed(replace(FLATBED, wave_mm=0.007), [np.eye(2)], settled=True), (0, 1)),  # two that disagree
     ],
 )
 def test_a_wave_that_the_carriage_may_have_made_is_left(
@@ -324,6 +324,19 @@ def test_a_wave_that_the_carriage_may_have_made_is_left(
     measured[:, axes] += 0.01 * np.sin(points[:, axes] / 61 * 2 * np.pi)
     model = learn_model(Trace(points, measured, homed=True, placed=False, instrument=instrument), ENDER3)
     assert is_healthy(model)
+
+
+@pytest.mark.parametrize("is_pulleys", [True, False])
+def test_a_wave_that_lies_as_the_picture_does_is_the_carriages(rng: np.random.Generator, *, is_pulleys: bool) -> None:
+    """A sheet lies turned by 0.3°: the front of a wave of 40 ÷ 4 mm tells the scanner's from a cornered pulley's."""
+    instrument = replace(FLATBED.known(0.0005), turn_y_rad=0.006)
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (250, 2))])
+    way = np.array([0.0, 1.0]) if is_pulleys else instrument.ways[1]
+    wave = 0.03 * np.sin(2 * np.pi * (points - ENDER3.home_mm) @ way / 10)
+    measured = points + wave[:, None] * way + rng.normal(0, 0.006, points.shape)
+    model = learn_model(Trace(points, measured, homed=True, placed=False, instrument=instrument), ENDER3)
+    found = [(fault["part"], fault["kind"]) for fault in model.document["diagnosis"]]
+    assert found == [("y", "harmonic-4")] * is_pulleys
 
 
 def test_no_firmware_gets_the_stretch_of_a_scanner(healthy: SavedModel) -> None:

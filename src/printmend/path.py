@@ -37,6 +37,7 @@ class Instrument:
     and by the cube of the place along its sensor), ``resized_sd`` of the scale of a picture whose stated resolution is
     wrong, or of a sheet that was fitted to its page (a share). All are 0 for an exact instrument. Once one length is
     known, the first three are correlated: ``scale_axes``, ``scale_lean`` and ``axes_lean`` are their correlations.
+    ``turn_x_rad`` and ``turn_y_rad`` are by how much pictures lay turned whose carriage moved along x and y of the bed.
     """
 
     scale_sd: float = 0.0
@@ -49,6 +50,14 @@ class Instrument:
     scale_axes: float = 0.0
     scale_lean: float = 0.0
     axes_lean: float = 0.0
+    turn_x_rad: float = 0.0
+    turn_y_rad: float = 0.0
+
+    @property
+    def ways(self) -> np.ndarray:
+        """The directions on the bed [2, 2] in which a carriage moved, the first along x, the second along y."""
+        x, y = self.turn_x_rad, self.turn_y_rad
+        return np.array([[np.cos(x), np.sin(x)], [-np.sin(y), np.cos(y)]])
 
     @property
     def covariance(self) -> np.ndarray:

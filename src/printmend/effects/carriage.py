@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along
+from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual
 from printmend.effects.prior import alternatives, each_share, numbers_of, share_of
 from printmend.effects.process import cosines, share_of_span, walk
 from printmend.effects.words import PLACES, Found, Told, Whole
@@ -32,8 +32,11 @@ class Carriage(Usual):
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         count, ways = map(int, shape)
-        share = np.clip(share_of_span(places.bed_mm[:, where], scene.bed_span_mm[where]), 0.0, 1.0)
-        return np.concatenate([along(axis, cosines(share, count)) for axis in (where, 1 - where)[:ways]], axis=2)
+        across, spans = scene.instrument.ways, np.array(scene.bed_span_mm)
+        middle_mm = np.abs(across[where]) @ np.ptp(spans, axis=1) / 2
+        span_mm = across[where] @ spans.mean(axis=1) + middle_mm * np.array([-1.0, 1.0])
+        moved = cosines(np.clip(share_of_span(places.bed_mm @ across[where], span_mm), 0.0, 1.0), count)
+        return np.concatenate([moved[:, None, :] * across[axis][:, None] for axis in (where, 1 - where)[:ways]], axis=2)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         count, ways = map(int, found.shape)

@@ -4,14 +4,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, along, periods_apart_mm, waves
+from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual, periods_apart_mm, waves
 from printmend.effects.prior import alternatives, periods_of
 from printmend.effects.words import Found, Told, Waves
 from printmend.messages import say
 
 
 class CarriageWave(Usual):
-    """A wave along one axis of a picture. How large it may be is the instrument's: scans at two turns tell it."""
+    """A wave along one axis of a picture. As that lies turned on the bed, a pulley's wave has another front. How large
+    it may be is the instrument's: scans at two turns tell it."""
 
     name = "carriage_wave"
     of = Of.INSTRUMENT
@@ -27,7 +28,8 @@ class CarriageWave(Usual):
             yield from alternatives(self.name, axis, [(each,) for each in periods], (1.0, 1.0), sd_mm=sd_mm)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        return along(where, waves(places.bed_mm[:, where], shape[0]))
+        way = scene.instrument.ways[where]
+        return waves(places.bed_mm @ way, shape[0])[:, None, :] * way[:, None]
 
     def spacing(self, where: int, shape: tuple[float, ...], scene: Scene) -> tuple[float, ...]:
         return (periods_apart_mm(shape[0], scene.bed_span_mm[where]),)

@@ -365,10 +365,12 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     instrument = replace(
         instrument, wave_mm=max(instrument.wave_mm, wave_mm), lens_mm=math.hypot(instrument.lens_mm, wave_mm)
     )
-    instrument = instrument_on_bed(instrument, pose.matrix, settled=freed.settled)
+    matrices = [reading.marks.pose.matrix for reading in readings]
+    instrument = instrument_on_bed(instrument, matrices, settled=freed.settled)
     if wave_mm > LEAST_DISAGREEMENT_MM:
         notes.append(say("scans-disagree-mm-where-dots-lie", f"{wave_mm:.3f}"))
-    rulers = [(one.stretched(freed.axes), reading.marks.pose.matrix) for reading in readings for one in reading.rulers]
+    turned = zip(readings, matrices, strict=True)
+    rulers = [(one.stretched(freed.axes), matrix) for reading, matrix in turned for one in reading.rulers]
     measured, instrument, said = scaled_by_rulers(rulers, measured, instrument)
     return measured, sigma, instrument, [*notes, *said]
 
@@ -418,13 +420,17 @@ def wave_left_mm(on_bed: Sequence[np.ndarray], marks_mm: np.ndarray) -> float:
     return math.sqrt(max(max(found), 0.0) / (2 * scans))
 
 
-def instrument_on_bed(instrument: Instrument, matrix: np.ndarray, *, settled: bool) -> Instrument:
-    """Return an instrument's uncertainty along the bed's axes. If ``settled``, two turns of the plate have shown its
-    own axes, and its carriage makes no larger waves than those in which the scans disagree."""
+def instrument_on_bed(instrument: Instrument, matrices: Sequence[np.ndarray], *, settled: bool) -> Instrument:
+    """Return an instrument's uncertainty along the bed's axes, whose pictures [K × [2, 2]] lie turned on it. If
+    ``settled``, two turns of the plate have shown its own axes, and its carriage makes no larger waves than those in
+    which the scans disagree."""
+    turns = [float(np.arctan2(matrix[0, 1], matrix[0, 0])) for matrix in matrices]
+    upright, lying = ([each for each in turns if (math.cos(2 * each) < 0) is lies] for lies in (False, True))
+    x, y = (math.remainder((own or turns)[0], math.pi / 2) for own in (lying, upright))
+    instrument = replace(instrument, turn_x_rad=x, turn_y_rad=y)
     if settled:
         return replace(instrument, axes_sd=SETTLED_AXES_SD, lean_sd=SETTLED_AXES_SD, carriage_mm=instrument.wave_mm)
-    double = 2 * np.arctan2(matrix[0, 1], matrix[0, 0])
-    c, s = np.cos(double), np.sin(double)
+    c, s = np.cos(2 * turns[0]), np.sin(2 * turns[0])
     axes, lean = instrument.axes_sd, instrument.lean_sd
     return replace(instrument, axes_sd=float(np.hypot(c * axes, s * lean)), lean_sd=float(np.hypot(s * axes, c * lean)))
 

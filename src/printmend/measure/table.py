@@ -7,10 +7,10 @@ Measured cells are empty where nothing was measured. These columns are optional:
 ``sigma_mm``, and ``placed``, which is 0 if the measured positions have their own origin, as in a scan. Others have the
 same value in every row. ``scale_sd``, ``axes_sd``, ``lean_sd``, ``wave_mm``, ``carriage_mm``, ``lens_mm`` and
 ``resized_sd`` are the instrument's uncertainty (see `Instrument`); ``scale_axes``, ``scale_lean`` and ``axes_lean`` are
-the correlations of the first three. ``motion_mm2`` and ``motion_sd_mm2`` give the error of a moving head (see
-`Motion`); ``printer``, ``kinematics`` and ``probe`` name the print (see `Origin`). A wall shows one direction only: its
-row has empty measured cells, the direction out of the plastic in ``nx``, ``ny``, and the offset along it in
-``offset_mm``. Other columns are ignored.
+the correlations of the first three, ``turn_x_rad`` and ``turn_y_rad`` how it lay. ``motion_mm2`` and ``motion_sd_mm2``
+give the error of a moving head (see `Motion`); ``printer``, ``kinematics`` and ``probe`` name the print (see `Origin`).
+A wall shows one direction only: its row has empty measured cells, the direction out of the plastic in ``nx``, ``ny``,
+and the offset along it in ``offset_mm``. Other columns are ignored.
 """
 
 import codecs
@@ -38,7 +38,8 @@ WALL = ("nx", "ny", "offset_mm")
 MOTION = ("motion_mm2", "motion_sd_mm2")  # from lines printed at speed: `Motion`
 TOGETHER = ("scale_axes", "scale_lean", "axes_lean")  # correlations of the first three, after a length was settled
 ORIGIN = ("printer", "kinematics", "probe")
-KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *DOUBTS, *TOGETHER, *MOTION)
+SIGNED = (*TOGETHER, "turn_x_rad", "turn_y_rad")  # each from −1 to 1, left out where all are 0
+KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *DOUBTS, *SIGNED, *MOTION)
 _ROUNDED = -1e-5  # rounding to six digits may make an eigenvalue of the correlations this small
 _MOST_DOUBT = 0.5  # an instrument less sure of a length than this measures nothing
 OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
@@ -140,11 +141,11 @@ def _instrument(path: Path, columns: dict[str, np.ndarray]) -> Instrument | None
             raise TraceError(
                 path, wanted=say("from-0", name, _MOST_DOUBT), came=f"{value:g}", todo=say("leave-column-out")
             )
-    alike = {name: float(columns[name][0]) for name in TOGETHER if name in columns}
-    for name, value in alike.items():
+    signed = {name: float(columns[name][0]) for name in SIGNED if name in columns}
+    for name, value in signed.items():
         if not -1 <= value <= 1:
             raise TraceError(path, wanted=say("from-1-1", name), came=f"{value:g}", todo=say("leave-column-out"))
-    instrument = Instrument(**found, **alike)
+    instrument = Instrument(**found, **signed)
     if np.linalg.eigvalsh(replace(instrument, scale_sd=1.0, axes_sd=1.0, lean_sd=1.0).covariance)[0] < _ROUNDED:
         raise TraceError(
             path, wanted=say("possible-together", ", ".join(TOGETHER)),
@@ -188,7 +189,7 @@ def write_trace(path: str | Path, trace: Trace) -> None:
         names.append(PLACED)
         columns.append(np.zeros(len(trace)))
     if trace.instrument is not None:
-        said = [*DOUBTS, *(TOGETHER if any(getattr(trace.instrument, name) for name in TOGETHER) else ())]
+        said = [*DOUBTS, *(SIGNED if any(getattr(trace.instrument, name) for name in SIGNED) else ())]
         names += said
         columns += [np.full(len(trace), getattr(trace.instrument, name)) for name in said]
     if trace.motion is not None:

@@ -114,7 +114,7 @@ def measure_part(
     widths = choose_widths(walls)
     beads_mm, beads_said = _beads(walls, edges, fit, printer, page.instrument, layer)
     offset = edges.offset_mm - beads_mm
-    instrument, asked = instrument_on_bed(page.instrument, match.pose.matrix, settled=False), None
+    instrument, asked = instrument_on_bed(page.instrument, [match.pose.matrix], settled=False), None
     if page.eye_mm is not None:
         rulers = tuple(ruler.in_photo(float(page.eye_mm[2]), walls.tall_mm) for ruler in rulers)
     seen = [(ruler, match.pose.matrix) for ruler in rulers]
