@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import Acts, Places, Profiles, Scene, Usual, along_both
-from printmend.effects.prior import profile_of
+from printmend.effects.prior import number_of, profile_of
 from printmend.effects.words import AXES, Care, Fault, Found, Numbers, where_seen
 from printmend.machine import Frame
 from printmend.messages import say
@@ -25,7 +25,10 @@ class Bent(Usual):
         return range(1)
 
     def profiles(self, where: int, scene: Scene) -> Profiles:
-        return [2 * profile_of(self.name)]
+        """Return profiles of the terms' sizes: of all alike, or mostly of what one guide pushes across itself."""
+        every = np.tile(profile_of(self.name), 2)
+        across = np.array([power == 0 for powers in zip(*POWERS, strict=True) for power in powers])
+        return [every, every * np.where(across, 1.0, number_of(self.name, "beside"))]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return along_both(_products(scene.off_middle(places.bed_mm)))
