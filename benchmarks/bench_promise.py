@@ -102,7 +102,7 @@ def settled_scan(ends: np.ndarray, noise_mm: float, rng: np.random.Generator) ->
     distance_mm = float(np.hypot(*(ends[span[1]] - ends[span[0]]))) + DOT_MM + rng.normal(0, CALLIPERS_SD_MM)
     dots_mm = DOT_MM * np.hypot(*glass).mean() + rng.normal(0, noise_mm, 2)
     measured, instrument, _ = scaled_by(
-        distance_mm, span, dots_mm, measured, instrument_on_bed(freed.instrument, np.eye(2), settled=True)
+        distance_mm, span, dots_mm, measured, instrument_on_bed(freed.instrument, [np.eye(2)], settled=True)
     )
     return measured + np.array([80.0, 95.0]), instrument
 
