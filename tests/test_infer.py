@@ -26,7 +26,7 @@ from printmend.infer.search import State, doubted, search_of, searched
 from printmend.learn.learned import learn, learn_model
 from printmend.machine import contacts_of, healthy_mechanism, print_from_home
 from printmend.model.model import LEAST_WAVE_MM
-from printmend.path import RESIZED, Trace
+from printmend.path import PAPER_SD, RESIZED, Trace
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend_lab.sampling import drawn_parts, fault, measured
@@ -58,8 +58,9 @@ def scenes() -> Iterator[Scene]:
         scene = scene_for(read_printer(preset))
         yield scene
         layers = (0.2, 16.2, 17.0)
+        instrument = replace(RESIZED, paper_sd=PAPER_SD)
         yield replace(
-            scene, placed=False, instrument=RESIZED, walls=True, shrinkage_sd=0.002, layers=layers, step_mm=0.1
+            scene, placed=False, instrument=instrument, walls=True, shrinkage_sd=0.002, layers=layers, step_mm=0.1
         )
 
 

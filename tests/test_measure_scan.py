@@ -196,8 +196,8 @@ def test_the_command_writes_trace_and_overlay(tmp_path, plan, printed):
     result = CliRunner().invoke(command, [*arguments, "--overlay", str(tmp_path / "seen.png")], catch_exceptions=False)
     assert "300 dpi" in result.output
     rows = (tmp_path / "trace.csv").read_text().splitlines()
-    doubts = "scale_sd,axes_sd,lean_sd,wave_mm,carriage_mm,lens_mm,resized_sd,scale_axes,scale_lean,axes_lean,"
-    doubts += "turn_x_rad,turn_y_rad"
+    doubts = "scale_sd,axes_sd,lean_sd,wave_mm,carriage_mm,lens_mm,resized_sd,paper_sd,scale_axes,scale_lean,"
+    doubts += "axes_lean,turn_x_rad,turn_y_rad"
     names = "x_mm,y_mm,x_measured_mm,y_measured_mm,sigma_mm,placed"
     assert rows[0] == f"{names},{doubts},printer,kinematics,probe"
     assert rows[1].endswith(f"{plan.printer},{plan.kinematics},{plan.origin.probe}")

@@ -16,6 +16,7 @@ from printmend.learn.learned import learn_model
 from printmend.measure import read_plan
 from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
+from printmend.path import FLATBED
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.probe.layout import glass_area_mm
@@ -162,6 +163,7 @@ def test_all_of_a_print_on_paper_lies_on_its_sheet(printer):
         assert plan.marks_mm[:, 1].min() - plan.waypoints_mm[1, 1] > 3.4
         assert np.ptp(plan.waypoints_mm[1:3, 0]) > 80
         assert paper.low_mm[1] >= machine.y.min_mm
+        assert plan.seen_by(FLATBED).paper_sd > 0
     with pytest.raises(ConfigError, match="expected a sheet for dots over"):
         papers_of(plan, machine, (60.0, 60.0))
     assert paper_for((216.0, 297.0)) == A4_MM

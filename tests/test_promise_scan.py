@@ -20,6 +20,7 @@ from printmend.measure.page import resolution
 from printmend.measure.table import read_trace, write_trace
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
+from printmend.mend.filament import learn_in, parse_travel
 from printmend.mend.mend import is_healthy
 from printmend.mend.prediction import advice_of
 from printmend.mend.update import update
@@ -27,7 +28,7 @@ from printmend.mend.verify import expectation, verify
 from printmend.messages import say
 from printmend.model import SavedModel
 from printmend.model.model import refusals
-from printmend.path import FLATBED, RESIZED, Instrument, Trace, distorted
+from printmend.path import FLATBED, PAPER_SD, RESIZED, Instrument, Trace, distorted
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.predict import (
@@ -245,6 +246,24 @@ def test_one_distance_settles_the_scale(rng: np.random.Generator) -> None:
         scaled_by(120.0, (0, 1), dots, true, FLATBED)
     with pytest.raises(TraceError, match="the picture was resized: take it again"):
         scaled_by(110.0, (0, 1), dots, true, RESIZED, say("scale-from-dpi-resized", "300"))
+
+
+def test_paper_that_grew_makes_no_printer_faulty(part: Path) -> None:
+    """Two scans and a distance all show the sheet as it is now: only the travel of the head tells its scale."""
+    _, plate, _ = settled(0.0, 1.2, 140.0, replace(FLATBED, axes_sd=1e-4, lean_sd=1e-4))
+    paper = replace(plate, paper_sd=PAPER_SD)
+    grown = scanned(measured(HEALTHY, 0.01, 3), np.diag([0.0018, 0.0003]), paper)
+    model = learn_model(grown, ENDER3)
+    assert is_healthy(model)
+    assert "give it to `learn --update` (--travel" in report(model)
+    assert not is_healthy(learn_model(replace(grown, instrument=plate), ENDER3))
+    told = learn_in(grown, ENDER3, None, [parse_travel("x=200:200"), parse_travel("y=200:200")])
+    assert scale_words(told) == ()
+    large = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.006))
+    known = learn_model(scanned(measured(large, 0.01, 4), np.diag([0.0004, 0.0001]), paper), ENDER3)
+    mend_gcode(part, known, part.with_name("out.gcode"))
+    truth = judge_gcode(part, part.with_name("out.gcode"), Twin.of(large, ENDER3))
+    assert truth.after.rms_mm < 0.3 * truth.before.rms_mm
 
 
 def test_a_distance_that_slipped_makes_no_printer_faulty(rng: np.random.Generator) -> None:

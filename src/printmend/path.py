@@ -35,9 +35,10 @@ class Instrument:
     [rad] of half the angle by which these lean, ``wave_mm`` of a slow unevenness, ``carriage_mm`` of a wave that a
     scanner's carriage may make along one axis, ``lens_mm`` of what its lens does 100 mm from the middle (by the square
     and by the cube of the place along its sensor), ``resized_sd`` of the scale of a picture whose stated resolution is
-    wrong, or of a sheet that was fitted to its page (a share). All are 0 for an exact instrument. Once one length is
-    known, the first three are correlated: ``scale_axes``, ``scale_lean`` and ``axes_lean`` are their correlations.
-    ``turn_x_rad`` and ``turn_y_rad`` are by how much pictures lay turned whose carriage moved along x and y of the bed.
+    wrong, or of a sheet that was fitted to its page (a share), ``paper_sd`` by how much paper that holds the print may
+    have grown across its grain since (a share). All are 0 for an exact instrument. Once one length is known, the first
+    three are correlated: ``scale_axes``, ``scale_lean`` and ``axes_lean`` are their correlations. ``turn_x_rad`` and
+    ``turn_y_rad`` are by how much pictures lay turned whose carriage moved along x and y of the bed.
     """
 
     scale_sd: float = 0.0
@@ -47,6 +48,7 @@ class Instrument:
     carriage_mm: float = 0.0
     lens_mm: float = 0.0
     resized_sd: float = 0.0
+    paper_sd: float = 0.0
     scale_axes: float = 0.0
     scale_lean: float = 0.0
     axes_lean: float = 0.0
@@ -87,7 +89,7 @@ class Instrument:
 
 
 # of an `Instrument`, none below 0
-DOUBTS = ("scale_sd", "axes_sd", "lean_sd", "wave_mm", "carriage_mm", "lens_mm", "resized_sd")
+DOUBTS = ("scale_sd", "axes_sd", "lean_sd", "wave_mm", "carriage_mm", "lens_mm", "resized_sd", "paper_sd")
 
 # Flatbeds state their resolution to one or two parts in a thousand, their two axes by themselves, and their carriages
 # run uneven by micrometres, some in waves of ten times that, 30 µm (physics.md §4). Their lenses distort by
@@ -98,6 +100,7 @@ RESIZED = replace(FLATBED, resized_sd=0.04)
 # The same where it is not known how the plate lay on the glass: at 45° axes that differ look as if they leaned.
 FLATBED_ANY_TURN = replace(FLATBED, axes_sd=0.0008, lean_sd=0.0008)
 
+PAPER_SD = 0.0012  # ``paper_sd`` of a sheet that dried on a warm bed (effects/priors.toml)
 LENS_MM = 100.0  # distance from the middle of a sensor line for which ``lens_mm`` holds
 
 

@@ -219,7 +219,7 @@ WARNED_MM = 0.03  # … and from which on it is a warning; a screw that is told 
 COVERED_SHARE = 0.6  # share of an axis of the bed that a print must span
 UNSEEN = "unseen"  # the kind of the note about the rest
 MOST_RIVALS = 2  # that are named beside an effect
-SILENT = ("origin", "stretch", "resized", "shrinkage")  # they say that no place is known, or are said beside the scale
+SILENT = ("origin", "stretch", "resized", "paper", "shrinkage")  # no place is known, or they are said beside the scale
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from printmend.effects.layer import Layer
 from printmend.effects.lens import Lens
 from printmend.effects.loose import Loose
 from printmend.effects.origin import Origin
+from printmend.effects.paper import Paper
 from printmend.effects.place import Place
 from printmend.effects.play import Play
 from printmend.effects.pulley import Pulley
@@ -69,7 +70,7 @@ _ALL: tuple[Effect, ...] = (
     Idler(), Teeth(), Skew(), Aspect(), Bent(), Rail(), Crooked(), Joint(), Distortion(), Racking(), Tilt(), Lag(),
     LagWear(), Loose(), SoftPlay(), Speed(), TwoMotors(), UnevenPlay(), Drift(), Creep(), Step(), Sheet(), Skip(),
     Warmth(), Wear(), Wander(), Wobble(), Layer(), Origin(), Shift(), Turn(), Stretch(), Resized(), Carriage(),
-    CarriageWave(), Lens(), Halves(), Bead(), Shrinkage(), Digits(), Calibration(),
+    CarriageWave(), Lens(), Paper(), Halves(), Bead(), Shrinkage(), Digits(), Calibration(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")
 

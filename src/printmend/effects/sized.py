@@ -14,7 +14,7 @@ from printmend.filament import material_of
 from printmend.machine import Frame, Mechanism, ScrewDrive, Transmission, share_behind, z_grid_mm
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
 from printmend.messages import say
-from printmend.path import RESIZED
+from printmend.path import PAPER_SD, RESIZED
 from printmend.printer import Printer
 
 CHUNK_ROWS = 2048  # that are evaluated at once: their columns stay in the processor's cache
@@ -54,9 +54,9 @@ def scene_of_printer(printer: Printer, way_mm: float = 1.0) -> Scene:
     spans = [printer.motor_range_mm(motor) for motor in range(2)]
     bed = [(axis.min_mm, axis.max_mm) for axis in printer.axes[:2]]
     return Scene(
-        printer, printer.mm_per_turn, (spans[0], spans[1]), (bed[0], bed[1]), way_mm, homed=True, instrument=RESIZED,
-        walls=True, shrinkage_sd=material_of("petg").sd, layers=(printer.z.min_mm, printer.z.max_mm, MOST_LAYERS),
-        step_mm=0.1,
+        printer, printer.mm_per_turn, (spans[0], spans[1]), (bed[0], bed[1]), way_mm, homed=True,
+        instrument=replace(RESIZED, paper_sd=PAPER_SD), walls=True, shrinkage_sd=material_of("petg").sd,
+        layers=(printer.z.min_mm, printer.z.max_mm, MOST_LAYERS), step_mm=0.1,
     )  # fmt: skip
 
 

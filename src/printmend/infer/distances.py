@@ -198,7 +198,7 @@ def _likely(part: Part) -> Part:
 def _scene(plan: ProbePlan, printer: Printer) -> Scene:
     marks = np.full(plan.waypoints_mm.shape, np.nan)
     marks[plan.rows] = plan.marks_mm
-    trace = Trace(plan.waypoints_mm, marks, homed=True, placed=False, instrument=Instrument())
+    trace = Trace(plan.waypoints_mm, marks, homed=True, placed=False, instrument=plan.seen_by(Instrument()))
     return replace(scene_of(trace, printer), walls=True)
 
 

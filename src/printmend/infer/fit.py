@@ -482,7 +482,7 @@ def _was_read(trace: Trace, dots: np.ndarray, axis: int) -> bool:
 # Effects that do not turn, and those that decide where a belt touches.
 STILL = (
     "place", "scale", "bend", "play", "soft_play", "loose", "friction", "skew", "aspect", "wobble", "skip", "origin",
-    "shift", "turn", "stretch", "digits",
+    "shift", "turn", "stretch", "paper", "digits",
 )  # fmt: skip
 LIKE_PLAY = ("loose", "soft_play")  # play resembles them where belts are thought to touch elsewhere
 FEW = (*STILL, "pulley", "breathing", "elastic", "idler", "bent")

@@ -44,7 +44,7 @@ TOLD_SHIFTS = 3  # of one table
 # Effects of a machine that is roughly learned: those that most damaged printers have
 ROUGH = (
     "place", "scale", "bend", "pulley", "breathing", "play", "friction", "skew", "aspect", "bent", "origin", "shift",
-    "turn", "stretch",
+    "turn", "stretch", "paper",
 )  # fmt: skip
 
 

@@ -215,7 +215,7 @@ class Measurement:
     @property
     def trace(self) -> Trace:
         traced = self.plan.trace(self.measured_mm, self.sigma_mm)
-        return replace(traced, instrument=self.instrument, motion=self.motion)
+        return replace(traced, instrument=self.plan.seen_by(self.instrument), motion=self.motion)
 
 
 def measure_scans(

@@ -16,7 +16,7 @@ import numpy as np
 from printmend.errors import InputError
 from printmend.files import read_text, replacing
 from printmend.messages import say
-from printmend.path import Origin, Trace, frozen
+from printmend.path import PAPER_SD, Instrument, Origin, Trace, frozen
 
 FORMAT, VERSION = "printmend probe", 1
 LEAST_SHARED = 25  # marks that two scans must share to be joined
@@ -32,12 +32,12 @@ class ProbePlan:
     is its place on the square lattice of marks; ``big`` [M] says whether it is one of the large dots, which form the
     code; ``direction`` [M, 2] is the sign of each bed axis' last move before it; ``reversal_mm`` [M, 2] is how far each
     axis had moved that way since its reversal. With a ``pen`` the large dots are drawn as small circles: they form the
-    code, and are not measured. A bed larger than a sheet of paper is printed sheet after sheet: ``starts`` are the
-    way-points at which each begins anew at home. If sheets overlap, the same ``site`` has a mark on each. Before the
-    dots, way-points 3 to ``net`` may draw a thin net that joins them: strokes, each from one way-point to the next. If
-    ``moving`` is not 0, the way-points from it on are not dots but the corners of lines printed at the speed of parts.
-    They show the error of a moving head. ``pitch_mm`` and ``angle_rad`` give the lattice: mark = origin +
-    pitch·R(angle)·site.
+    code, and are not measured. Marks on ``paper`` move as it grows. A bed larger than a sheet of paper is printed sheet
+    after sheet: ``starts`` are the way-points at which each begins anew at home. If sheets overlap, the same ``site``
+    has a mark on each. Before the dots, way-points 3 to ``net`` may draw a thin net that joins them: strokes, each from
+    one way-point to the next. If ``moving`` is not 0, the way-points from it on are not dots but the corners of lines
+    printed at the speed of parts. They show the error of a moving head. ``pitch_mm`` and ``angle_rad`` give the
+    lattice: mark = origin + pitch·R(angle)·site.
     """
 
     printer: str
@@ -54,6 +54,7 @@ class ProbePlan:
     direction: np.ndarray
     reversal_mm: np.ndarray
     pen: bool = False
+    paper: bool = False
     starts: tuple[int, ...] = (0,)
     net: int = 0
     moving: int = 0
@@ -120,6 +121,10 @@ class ProbePlan:
         """Intended diameters of the marks [M]."""
         return np.where(self.big, self.big_dot_mm, self.dot_mm)
 
+    def seen_by(self, instrument: Instrument) -> Instrument:
+        """Return an instrument that measures the marks, with the doubt about what they lie on."""
+        return replace(instrument, paper_sd=PAPER_SD) if self.paper else instrument
+
     def trace(self, measured_mm: np.ndarray, sigma_mm: np.ndarray | None = None) -> Trace:
         """Return the trace of the whole motion from the marks of a scan [M, 2], NaN where one was not found."""
         measured = np.full(self.waypoints_mm.shape, np.nan)
@@ -168,6 +173,7 @@ def plan_text(plan: ProbePlan) -> str:
         "dot_mm": plan.dot_mm,
         "big_dot_mm": plan.big_dot_mm,
         **({"pen": True} if plan.pen else {}),
+        **({"paper": True} if plan.paper else {}),
         **({"starts": list(plan.starts)} if len(plan.starts) > 1 else {}),
         **({"net": plan.net} if plan.net else {}),
         **({"moving": plan.moving} if plan.moving else {}),
@@ -233,6 +239,7 @@ def _plan(table: dict[str, Any]) -> ProbePlan:
         direction=np.array([mark["direction"] for mark in marks], np.int64).reshape(-1, 2),
         reversal_mm=np.array([mark["reversal_mm"] for mark in marks], float).reshape(-1, 2),
         pen=table.get("pen") is True,
+        paper=table.get("paper") is True,
         starts=tuple(int(row) for row in table.get("starts", (0,))),
         net=int(table.get("net", 0)),
         moving=int(table.get("moving", 0)),

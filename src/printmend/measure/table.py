@@ -1,16 +1,16 @@
 """trace.csv: commanded way-points and where they were measured, as a table that any program can write.
 
-The header has at least ``x_mm,y_mm,x_measured_mm,y_measured_mm``. The text is UTF-8, or UTF-16 with its mark. Cells
-end with commas, or with semicolons or tabs as a spreadsheet of another language has them. Each row is a commanded
+The header has at least ``x_mm,y_mm,x_measured_mm,y_measured_mm``. The text is UTF-8, or UTF-16 with its mark. Cells end
+with commas, or with semicolons or tabs as a spreadsheet of another language has them. Each row is a commanded
 way-point, in the order of motion since homing; the first is the home position. Moves between rows are straight.
 Measured cells are empty where nothing was measured. These columns are optional: ``z_mm``, ``z_measured_mm``, ``layer``,
 ``sigma_mm``, and ``placed``, which is 0 if the measured positions have their own origin, as in a scan. Others have the
-same value in every row. ``scale_sd``, ``axes_sd``, ``lean_sd``, ``wave_mm``, ``carriage_mm``, ``lens_mm`` and
-``resized_sd`` are the instrument's uncertainty (see `Instrument`); ``scale_axes``, ``scale_lean`` and ``axes_lean`` are
-the correlations of the first three, ``turn_x_rad`` and ``turn_y_rad`` how it lay. ``motion_mm2`` and ``motion_sd_mm2``
-give the error of a moving head (see `Motion`); ``printer``, ``kinematics`` and ``probe`` name the print (see `Origin`).
-A wall shows one direction only: its row has empty measured cells, the direction out of the plastic in ``nx``, ``ny``,
-and the offset along it in ``offset_mm``. Other columns are ignored.
+same value in every row. ``scale_sd``, ``axes_sd``, ``lean_sd``, ``wave_mm``, ``carriage_mm``, ``lens_mm``,
+``resized_sd`` and ``paper_sd`` are the instrument's uncertainty (see `Instrument`); ``scale_axes``, ``scale_lean`` and
+``axes_lean`` are the correlations of the first three, ``turn_x_rad`` and ``turn_y_rad`` how it lay. ``motion_mm2`` and
+``motion_sd_mm2`` give the error of a moving head (see `Motion`); ``printer``, ``kinematics`` and ``probe`` name the
+print (see `Origin`). A wall shows one direction only: its row has empty measured cells, the direction out of the
+plastic in ``nx``, ``ny``, and the offset along it in ``offset_mm``. Other columns are ignored.
 """
 
 import codecs

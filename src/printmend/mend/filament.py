@@ -13,6 +13,7 @@ import numpy as np
 
 from printmend.diagnosis.named import diagnose, words_of_z
 from printmend.effects.effect import SCALE_MM
+from printmend.effects.paper import variance
 from printmend.errors import ConfigError, ModelError
 from printmend.filament import UNNAMED, material_of, said_name
 from printmend.infer.machine import DRAWS, Part
@@ -252,7 +253,8 @@ def _shown(model: SavedModel, filament: str | None) -> Entry:
         own = Instrument(**{key: value for key, value in instrument_of(model).items() if key in known}).covariance
         half = np.array([1.0, -1.0])
         resized2 = sum(float(np.mean(np.square(part.draws_mm))) for part in belief.of("resized")) / SCALE_MM**2
-        sd = np.sqrt(sd**2 + own[0, 0] + own[1, 1] + 2 * half * own[0, 1] + resized2)
+        paper2 = variance(instrument_of(model).get("paper_sd", 0.0))
+        sd = np.sqrt(sd**2 + own[0, 0] + own[1, 1] + 2 * half * own[0, 1] + resized2 + paper2)
     else:
         drawn = axis_scales(belief.scene, belief.parts)[1] + np.zeros((2, DRAWS))
         for part in belief.of("shrinkage"):
@@ -296,8 +298,8 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
     of_z = words_of_z(model.findings[0])
     faults = [each for each in model.document.get("diagnosis", []) if each["part"] == "z"]
     section = {**model.document["promise"], "parts": belief_section(belief.scene, parts)["parts"]}
-    if any(each.filament for each in entries):
-        section.pop("shown", None)  # it held for machine and filament together
+    if any(each.filament for each in entries) or all(one.is_told for one in splits):
+        section.pop("shown", None)  # it held for machine and filament together, or says no more than is told
     section.pop("seen", None)
     details: dict[str, Any] = {key: value for key, value in model.document.items() if key not in NUMBERS}
     details |= {

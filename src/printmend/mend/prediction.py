@@ -20,7 +20,14 @@ from printmend.plan import layout as k
 from printmend.promise.belief import parse_belief
 from printmend.promise.filament import UNTOLD, known_filaments
 from printmend.promise.predict import Errors, PathPlaces, Promise, best_shift, promised, shape_of, without_doubt
-from printmend.promise.words import in_a_line, in_words, is_resized, knows_a_length, knows_all_but_a_reading
+from printmend.promise.words import (
+    in_a_line,
+    in_words,
+    is_on_paper,
+    is_resized,
+    knows_a_length,
+    knows_all_but_a_reading,
+)
 
 _EDGE_MM = 0.5  # slicers round: a print that reaches less than this beyond the bed's edge is on the bed
 _LEAST_GAIN_MM = 0.0005  # a smaller gain is below the resolution of the numbers in a file
@@ -410,7 +417,7 @@ def answer_to(model: SavedModel, cause: str) -> str | None:
     if untold := [gap for gap in model.findings[1:] if is_one_of(gap, UNTOLD[: 2 if cause == "filament" else 1])]:
         return say("rest-untold", untold[0])
     if knows_all_but_a_reading(model):
-        return say("rest-is-callipers")
+        return say("rest-is-paper", say("scale-settled-by-travel")) if is_on_paper(model) else say("rest-is-callipers")
     if knows_a_length(model):
         return say("rest-is-scanner-across")
     return say("rest-is-picture" if is_resized(parse_belief(model)) else "rest-is-scanner")

@@ -187,7 +187,7 @@ def _paper(plan: ProbePlan, printer: Printer, paper_mm: tuple[float, float]) -> 
 
 
 def on_paper(plan: ProbePlan, printer: Printer, papers: Sequence[Paper]) -> ProbePlan:
-    """Return the plan with each sheet's prime line on the sheet itself, along its front edge."""
+    """Return the plan of marks on paper, with each sheet's prime line on the sheet itself, along its front edge."""
     sheets = [_primed(one, printer, paper) for one, paper in zip(plan.sheets, papers, strict=True)]
     return sheets[0] if len(sheets) == 1 else sheet_after_sheet(sheets)
 
@@ -201,8 +201,9 @@ def _primed(plan: ProbePlan, printer: Printer, paper: Paper) -> ProbePlan:
     direction, reversal = approaches(waypoints)
     big = code_of(printer, waypoints, plan.site)
     return replace(
-        plan, waypoints_mm=frozen(waypoints), big=big, direction=direction[plan.rows], reversal_mm=reversal[plan.rows]
-    )
+        plan, waypoints_mm=frozen(waypoints), big=big, direction=direction[plan.rows], reversal_mm=reversal[plan.rows],
+        paper=True,
+    )  # fmt: skip
 
 
 def first_touch_mm(plan: ProbePlan, paper: Paper) -> tuple[float, float]:

@@ -40,7 +40,7 @@ def scale_words(model: SavedModel) -> tuple[str, ...]:
         return lean
     settles = say("scale-settled-across" if knows_a_length(model) else "scale-settled-by-callipers")
     if knows_all_but_a_reading(model):
-        settles = say("scale-settled-by-reading")
+        settles = say("scale-settled-by-travel" if is_on_paper(model) else "scale-settled-by-reading")
     return (scale_in_words(np.array(shown, float), acts, doubt, settles, resized=is_resized(belief)), *lean)
 
 
@@ -74,8 +74,8 @@ def _in_picture(scene: Scene, parts: Sequence[Part]) -> np.ndarray:
     """Return by which shares the drawn prints [2, D] are too large in their picture in X and Y."""
     _, draws = axis_scales(scene, parts)
     for part in parts:
-        if part.effect == "resized":
-            draws += part.draws_mm[0] / SCALE_MM
+        if part.effect in ("resized", "paper"):
+            draws += part.draws_mm / SCALE_MM
         elif part.effect == "stretch":
             common, half, _ = basis(scene) @ part.draws_mm
             draws += np.stack([common + half, common - half])
@@ -109,6 +109,11 @@ def knows_all_but_a_reading(model: SavedModel) -> bool:
     """Say whether a length and a second turn were given, so that only the callipers leave the scale open."""
     instrument = instrument_of(model)
     return knows_a_length(model) and 2 * instrument.get("axes_sd", 0.0) < instrument.get("scale_sd", 0.0)
+
+
+def is_on_paper(model: SavedModel) -> bool:
+    """Say whether the scale that a model's scan showed may be that of paper, which grew."""
+    return instrument_of(model).get("paper_sd", 0.0) > 0 and "shown" in model.document["promise"]
 
 
 def instrument_of(model: SavedModel) -> dict[str, float]:
