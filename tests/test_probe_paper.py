@@ -19,6 +19,7 @@ from printmend.measure.measurement import measure_scans
 from printmend.path import FLATBED
 from printmend.printer import read_printer
 from printmend.probe import design_probe
+from printmend.probe.gcode import probe_gcode
 from printmend.probe.layout import glass_area_mm
 from printmend.probe.paper import on_paper, paper_for, papers_of
 from printmend.probe.pen import pen_gcode, with_pen
@@ -163,6 +164,7 @@ def test_all_of_a_print_on_paper_lies_on_its_sheet(printer):
         assert plan.marks_mm[:, 1].min() - plan.waypoints_mm[1, 1] > 3.4
         assert np.ptp(plan.waypoints_mm[1:3, 0]) > 80
         assert paper.low_mm[1] >= machine.y.min_mm
+        assert "\nM190" not in probe_gcode(plan, paper=paper)  # a warm bed would dry it
         assert plan.seen_by(FLATBED).paper_sd > 0
     with pytest.raises(ConfigError, match="expected a sheet for dots over"):
         papers_of(plan, machine, (60.0, 60.0))

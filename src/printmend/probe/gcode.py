@@ -163,12 +163,17 @@ PREAMBLE = """\
 """
 PAPER = """\
 ; Tape {sheet} of paper ({name}) flat onto the bed, {place}.
-; The first layer is as much higher as paper is thick.
+; The first layer is as much higher as paper is thick. The bed stays cold: on a warm one, paper dries and shrinks.
 """
 PLAIN_START = """\
 M140 S60
 M104 S205
 M190 S60
+M109 S205
+G28
+"""
+COLD_START = """\
+M104 S205
 M109 S205
 G28
 """
@@ -223,7 +228,7 @@ def probe_gcode(
     minutes, grams = cost(plan)
     head = PREAMBLE.format(marks=len(plan), minutes=minutes, grams=grams, printer=plan.printer)
     taped = "" if paper is None else PAPER.format(sheet=sheet or "a sheet", name=paper.name, place=paper.place)
-    lines = [head, taped, start_gcode or PLAIN_START, DOTS]
+    lines = [head, taped, start_gcode or (COLD_START if paper else PLAIN_START), DOTS]
     lift, drop = f"G1 Z{HOP_MM + first_mm:g} F{LIFT_MM_S * 60:g}\n", f"G1 Z{first_mm:g} F{LIFT_MM_S * 60:g}\n"
     back_mm, back_feed = RETRACT_MM[extruder], f"F{RETRACT_MM_S * 60:g}"
     retract, restore = f"G1 E-{back_mm:g} {back_feed}\n", f"G1 E{back_mm:g} {back_feed}\n"

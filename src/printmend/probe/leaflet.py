@@ -174,7 +174,8 @@ def _before(plan: ProbePlan, papers: Sequence[Paper], printer: Printer) -> list[
     if plan.pen:
         return [(_taped(plan, papers), ""), *_with_a_pen(plan, papers, printer)]
     if papers:
-        return [(_taped(plan, papers), ""), (say("step-temperatures"), ""), (say(PAPER_COLOURS), "")]
+        told = together(" ", [say("step-cold"), say("step-temperatures")])
+        return [(_taped(plan, papers), ""), (told, ""), (say(PAPER_COLOURS), "")]
     return [(together(" ", [say("step-clean"), say("step-temperatures")]), ""), (say(PLATE_COLOURS), "")]
 
 
