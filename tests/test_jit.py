@@ -71,7 +71,7 @@ def test_kernels_come_through_the_door_and_know_nothing_but_numpy_and_kernels():
             assert "numba" not in {str(name).partition(".")[0] for name in imported}, path
         if is_of_kernels:
             allowed = {"numpy", "printmend.jit"}
-            assert {name for name in imported - allowed if ".kernels" not in str(name)} <= {"typing"}, path
+            assert {name for name in imported - allowed if ".kernels" not in str(name)} <= {"math", "typing"}, path  # numpy has no erfc
 
 
 class Two(NamedTuple):
