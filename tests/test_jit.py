@@ -70,8 +70,8 @@ def test_kernels_come_through_the_door_and_know_nothing_but_numpy_and_kernels():
         if path.name not in ("compiling.py", "compiler.py", "shipped.py"):
             assert "numba" not in {str(name).partition(".")[0] for name in imported}, path
         if is_of_kernels:
-            allowed = {"numpy", "printmend.jit"}
-            assert {name for name in imported - allowed if ".kernels" not in str(name)} <= {"math", "typing"}, path  # numpy has no erfc
+            allowed = {"numpy", "math", "typing", "printmend.jit"}  # numpy has no erfc
+            assert all(name in allowed or ".kernels" in str(name) for name in imported), path
 
 
 class Two(NamedTuple):
