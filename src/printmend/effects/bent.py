@@ -27,7 +27,7 @@ class Bent(Usual):
     def profiles(self, where: int, scene: Scene) -> Profiles:
         """Return profiles of the terms' sizes: of all alike, or mostly of what one guide pushes across itself."""
         every = np.tile(profile_of(self.name), 2)
-        across = np.array([power == 0 for powers in zip(*POWERS, strict=True) for power in powers])
+        across = np.ravel(np.transpose(POWERS) == 0)  # X as it depends on Y alone, and Y on X
         return [every, every * np.where(across, 1.0, number_of(self.name, "beside"))]
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:

@@ -33,8 +33,8 @@ class Carriage(Usual):
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         count, ways = map(int, shape)
         across, spans = scene.instrument.ways, np.array(scene.bed_span_mm)
-        middle_mm = np.abs(across[where]) @ np.ptp(spans, axis=1) / 2
-        span_mm = across[where] @ spans.mean(axis=1) + middle_mm * np.array([-1.0, 1.0])
+        half_mm = np.abs(across[where]) @ np.ptp(spans, axis=1) / 2
+        span_mm = across[where] @ spans.mean(axis=1) + half_mm * np.array([-1.0, 1.0])
         moved = cosines(np.clip(share_of_span(places.bed_mm @ across[where], span_mm), 0.0, 1.0), count)
         return np.concatenate([moved[:, None, :] * across[axis][:, None] for axis in (where, 1 - where)[:ways]], axis=2)
 

@@ -1,4 +1,4 @@
-"""What each block of columns gains beside a set, for all its alternatives in size."""
+"""The posterior of a set of columns, and what each block of others would add to its score, in any of its sizes."""
 
 import math
 from typing import NamedTuple

@@ -65,11 +65,9 @@ class Part:
 
     def standing(self, by_mm: float, scene: Scene) -> "Part":
         """Return the part as it acts where its motor was shifted ``by_mm`` for good."""
-        waves_mm = waves_of(*self.key, scene)
-        if waves_mm is None:
-            return self
-        acts_mm = shifted(self.acts_mm[:, None], waves_mm, by_mm)[:, 0]
-        return replace(self, acts_mm=acts_mm, draws_mm=shifted(self.draws_mm, waves_mm, by_mm))
+        both = replace(self, draws_mm=np.column_stack([self.acts_mm, self.draws_mm]))
+        acts_mm, *draws_mm = both.moved(np.full(2, by_mm), scene).draws_mm.T
+        return replace(self, acts_mm=acts_mm, draws_mm=np.array(draws_mm).T)
 
 
 def those_acting(parts: Sequence[Part]) -> list[Sized]:
