@@ -159,8 +159,11 @@ def main() -> None:
         figure, axes = plt.subplots(1, 3, figsize=(10, 2.6), layout="constrained")
         names = ("the size of a fault", "the error at one point on the bed", "the error after mending")
         for axis, name, column in zip(axes, names, ranks.T, strict=True):
-            axis.hist(column, bins=BINS, range=(0, 1), color="#0f766e")
-            axis.axhline(len(column) / BINS, color="#444", lw=1)
+            even = len(column) / BINS
+            chance = 1.96 * np.sqrt(even * (1 - 1 / BINS))  # of a binomial count, for 95 in 100 bars
+            axis.axhspan(even - chance, even + chance, color="#e7e5e4", zorder=0)
+            axis.hist(column, bins=BINS, range=(0, 1), color="#0f766e", edgecolor="white")
+            axis.axhline(even, color="#444", lw=1)
             axis.set(xlabel=f"rank of {name}", ylabel="printers")
         figure.savefig(options.figure, dpi=110)
 

@@ -168,7 +168,7 @@ def test_plates_of_a_project_are_prints_of_their_own(tmp_path: Path) -> None:
     done = mend_gcode(source, exactly(BENT), output)
     assert len(done.prediction.layers) == 2
     (changed,) = done.prediction.warnings
-    assert "plate_2.gcode is not what the checksum (.md5) beside it says" in changed
+    assert "plate_2.gcode does not match its checksum (.md5)" in changed
     with zipfile.ZipFile(output) as archive:
         for number, text in plates.items():
             plate = archive.read(f"Metadata/plate_{number}.gcode")

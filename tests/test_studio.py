@@ -676,9 +676,13 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
             assert " stieg von " in (_german(grew) or ""), grew
             assert " sank von " in (_german(shrank) or ""), shrank
     for acts in (0.0, 0.01):
-        for is_resized in (False, True):
-            settles = say("scale-settled-by-callipers")
-            assert _german(scale_in_words(np.full(2, 0.01), np.full(2, acts), 0.002, settles, resized=is_resized))
+        settles = say("scale-settled-by-callipers")
+        for cause, settled in (
+            ("scale-picture-causes-part", settles),
+            ("scale-picture-causes-all", say("scale-settled-by-scan", settles)),
+            ("scale-paper-causes-part", say("scale-settled-by-travel")),
+        ):
+            assert _german(scale_in_words(np.full(2, 0.01), np.full(2, acts), 0.002, settled, cause))
 
 
 def _check_effects() -> None:

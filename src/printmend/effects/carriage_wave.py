@@ -11,8 +11,8 @@ from printmend.messages import say
 
 
 class CarriageWave(Usual):
-    """A wave along one axis of a picture. As that lies turned on the bed, a pulley's wave has another front. How large
-    it may be is the instrument's: scans at two turns tell it."""
+    """A wave along one axis of a picture. If that lies turned on the bed, the wave crosses those of a pulley at an
+    angle. The instrument bounds its size. Two turned scans separate them."""
 
     name = "carriage_wave"
     of = Of.INSTRUMENT

@@ -1,6 +1,6 @@
 """A sheet of paper that took up moisture, or lost it, between its print and its measurement.
 
-A second picture or a distance across its marks shows the same sheet. A distance that the machine travelled does not.
+No second picture and no distance on the sheet shows this. How far the machine travels does.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from printmend.effects.words import Numbers
 
 
 class Paper(Usual):
-    """How far the sheet has grown along X and along Y, in mm per 100 mm. Nobody knows along which its grain lies."""
+    """How far the sheet has grown along X and along Y, in mm per 100 mm. Its grain may lie along either."""
 
     name = "paper"
     of = Of.INSTRUMENT
@@ -30,5 +30,5 @@ class Paper(Usual):
 
 
 def variance(paper_sd: float) -> float:
-    """Return the variance of a sheet's growth along either axis, a share as is ``paper_sd``."""
+    """Return the variance of a sheet's growth along either axis, as a share squared."""
     return paper_sd**2 * float(np.mean(np.square(mild_shares("paper"))) * np.mean(np.square(profile_of("paper"))))

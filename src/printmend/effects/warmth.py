@@ -25,7 +25,7 @@ class Warmth(Usual):
         return [(each,) for each in numbers_of(self.name, "times")]
 
     def profiles(self, where: int, scene: Scene) -> Profiles:
-        """It grows, or leans, and little of the other. Either shifts the print."""
+        """Return two profiles: mostly growth, or mostly lean. Both may shift the print."""
         small = number_of(self.name, "beside")
         return [(1.0, small, small, 1.0, 1.0, 1.0), (small, 1.0, 1.0, small, 1.0, 1.0)]
 

@@ -157,7 +157,8 @@ def export_rrf(mechanism: Mechanism, simple: Simple | None = None) -> Export:
     if simple.skew:
         lines.append(f"M556 S{SKEW_SIDE_MM:.0f} X{-SKEW_SIDE_MM * simple.skew:.4f} ; skew")
     if play:
-        lines.append(f"M425 {play} S1 ; backlash")
+        of = "" if printer.kinematics == "cartesian" else " of motors A (X) and B (Y)"
+        lines.append(f"M425 {play} S1 ; backlash{of}")
     none = " ".join(f"{word[0]}0" for word in play.split())
     lines += _undo(printer, simple, ["M556 S100 X0"] * bool(simple.skew) + [f"M425 {none}"] * bool(play))
     return _export(

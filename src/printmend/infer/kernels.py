@@ -28,10 +28,10 @@ def gains(alternatives, products, variance, slope, half, freed, pull, asked, out
     """Fill out with the log odds and ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) of each alternative that is ``asked`` [K]
     for; one of a sign has the share of its posterior that has this sign, twice, besides.
 
-    V are the sizes of an alternative, r what of the ``slope`` [C] is of its columns. S is what the rows tell of these:
-    their ``products`` [P, P] among themselves, flat, over the noise's ``variance``, less what a set takes, by its
-    ``half`` [C, A]. Where members of the set are taken out, S and r are more by what is ``freed`` [A, F] of that half,
-    and pulls by ``pull`` [F].
+    V are the sizes of an alternative. What the rows tell of its columns is S = M/σ² − h hᵀ + (h F)(h F)ᵀ, which pull by
+    r = s + h F p. M are the columns' ``products`` [P, P], flat, σ² the noise's ``variance``, s their part of the
+    ``slope`` [C], h that of the ``half`` [C, A] that a set takes. Members taken out of the set have ``freed`` F [A, F],
+    and pull by p, ``pull`` [F].
     """
     widest = 1
     for b in range(len(alternatives.blocks)):
@@ -129,10 +129,9 @@ def weigh(products, slope, sds, signs, errors, limits, mean, root):
     """Fill ``mean`` [A] and ``root`` [A, A] with the posterior of sizes of standard deviations ``sds`` [A] a priori;
     return the noise's variance and the log evidence. A size whose sign is not 0 in ``signs`` [A] is of this sign.
 
-    The rows tell ``products`` [A, A] of the columns and their ``slope`` [A]. Of the ``errors`` the sum of squares and
-    the count are given. The noise's variance begins at the first of the ``limits``, is no less than the second, and is
-    found by as many rounds of expectation and maximisation as the third says, or until it changes by a smaller share
-    than the fourth.
+    The rows tell ``products`` [A, A] of the columns and their ``slope`` [A]; both are overwritten. ``errors`` are their
+    sum of squares and their count. ``limits`` are the first variance of the noise, the least one, the most rounds of
+    expectation and maximisation that find it, and the share of change at which these stop.
     """
     (square, count), (variance, least, rounds, settled), size = errors, limits, len(sds)
     factor, rest, half = np.empty((size, size)), np.empty(size), np.empty(size)

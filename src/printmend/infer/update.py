@@ -73,8 +73,9 @@ TURNING = {"pulley": ROUNDS, "breathing": BREATHS, "elastic": STRETCHES}  # effe
 
 @dataclass(frozen=True)
 class Event:
-    """What happened to a machine: the pulley of a motor ``turned`` on its shaft, its ``belt`` is another one or lies
-    elsewhere, or the end ``stop`` of an axis moved. ``where`` is the motor or the axis, ``by_rad`` the angle."""
+    """What happened to a machine. Its ``kind`` is ``turned`` where the pulley of a motor turned on its shaft, ``belt``
+    where a belt was replaced or refitted, ``stop`` where an end stop moved. ``where`` is the motor or the axis,
+    ``by_rad`` the angle of the motor."""
 
     kind: str
     where: int
@@ -85,7 +86,7 @@ class Event:
         return np.asarray(-by_rad * scene.turns_mm[self.where] / (2 * np.pi))
 
     def after(self, parts: Sequence[Part], by_rad: float, scene: Scene) -> tuple[Part, ...]:
-        """Return parts as they are once it happened: an end stop moves the whole print and all waves along with it."""
+        """Return parts after the event: an end stop moves the whole print, and all waves with it."""
         if self.kind != "stop":
             return turned(parts, self.where, by_rad)
         shift_mm = self.shift_mm(by_rad, scene) * np.eye(2)[self.where]

@@ -238,12 +238,14 @@ def _plan(table: dict[str, Any]) -> ProbePlan:
         big=np.array([mark["big"] for mark in marks], bool),
         direction=np.array([mark["direction"] for mark in marks], np.int64).reshape(-1, 2),
         reversal_mm=np.array([mark["reversal_mm"] for mark in marks], float).reshape(-1, 2),
-        pen=table.get("pen") is True,
-        paper=table.get("paper") is True,
+        pen=bool(table.get("pen")),
+        paper=bool(table.get("paper")),
         starts=tuple(int(row) for row in table.get("starts", (0,))),
         net=int(table.get("net", 0)),
         moving=int(table.get("moving", 0)),
     )
+    if not all(isinstance(table.get(name, False), bool) for name in ("pen", "paper")):
+        raise ValueError("pen or paper that is neither true nor false")
     if not len(plan) or not np.isfinite(plan.waypoints_mm).all() or plan.rows.min() < 0:
         raise ValueError("no marks")
     if plan.moving and not plan.rows.max() < plan.moving < len(plan.waypoints_mm):

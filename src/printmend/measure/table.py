@@ -28,7 +28,7 @@ from printmend.files import replacing
 from printmend.measure.checks import AXES_TODO, LEAST_MEASURED, check_origin, is_at_home, wrong_axes
 from printmend.messages import say
 from printmend.path import DOUBTS, Instrument, Motion, Origin, Trace
-from printmend.printer import Printer
+from printmend.printer import Printer, printer_of
 from printmend.units import MM_PER_INCH
 
 REQUIRED = ("x_mm", "y_mm", "x_measured_mm", "y_measured_mm")
@@ -64,13 +64,13 @@ _CELL_ENDS = (b";", b"\t")  # instead of commas; numbers may have a decimal comm
 _BLANK_LINE = re.compile(rb"\n[ \t]*(?=\n)")
 
 
-def read_trace(path: str | Path, printer: Printer) -> Trace:
-    """Read a trace.csv; ``printer`` gives the bed that the points must lie on.
+def read_trace(path: str | Path, printer: Printer | str | Path) -> Trace:
+    """Read a trace.csv; ``printer``, or the one that it names, gives the bed that the points must lie on.
 
     Raises `TraceError` for a missing or text cell, NaN, infinity, a wrong unit, too few points, most points far outside
     the bed and a table that names another printer.
     """
-    path = Path(path)
+    path, printer = Path(path), printer_of(printer)
     names, columns, origin, blank_rows = _table(path)
     check_origin(path, origin, printer)
     commanded = np.stack([columns["x_mm"], columns["y_mm"]], axis=1)

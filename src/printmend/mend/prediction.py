@@ -416,8 +416,10 @@ def answer_to(model: SavedModel, cause: str) -> str | None:
         return say("rest-is-filament")
     if untold := [gap for gap in model.findings[1:] if is_one_of(gap, UNTOLD[: 2 if cause == "filament" else 1])]:
         return say("rest-untold", untold[0])
+    if is_on_paper(model):
+        return say("rest-is-paper", say("scale-settled-by-travel"))
     if knows_all_but_a_reading(model):
-        return say("rest-is-paper", say("scale-settled-by-travel")) if is_on_paper(model) else say("rest-is-callipers")
+        return say("rest-is-callipers")
     if knows_a_length(model):
         return say("rest-is-scanner-across")
     return say("rest-is-picture" if is_resized(parse_belief(model)) else "rest-is-scanner")

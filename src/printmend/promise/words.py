@@ -38,10 +38,16 @@ def scale_words(model: SavedModel) -> tuple[str, ...]:
         doubt = max(doubt, beyond)
     if doubt < LEAST_DOUBT:
         return lean
-    settles = say("scale-settled-across" if knows_a_length(model) else "scale-settled-by-callipers")
+    cause = "scale-picture-causes-part"
+    settles = "scale-settled-across" if knows_a_length(model) else "scale-settled-by-callipers"
     if knows_all_but_a_reading(model):
-        settles = say("scale-settled-by-travel" if is_on_paper(model) else "scale-settled-by-reading")
-    return (scale_in_words(np.array(shown, float), acts, doubt, settles, resized=is_resized(belief)), *lean)
+        settles = "scale-settled-by-reading"
+    if is_on_paper(model):
+        cause, settles = "scale-paper-causes-part", "scale-settled-by-travel"
+    said = say(settles)
+    if is_resized(belief):
+        cause, said = "scale-picture-causes-all", say("scale-settled-by-scan", said)
+    return (scale_in_words(np.array(shown, float), acts, doubt, said, cause), *lean)
 
 
 def _lean_words(belief: Belief) -> tuple[str, ...]:
@@ -125,11 +131,12 @@ def instrument_of(model: SavedModel) -> dict[str, float]:
     return {name: value for name, value in instrument.items() if isinstance(value, int | float)}
 
 
-def scale_in_words(shown: np.ndarray, acts: np.ndarray, doubt: float, settles: str, *, resized: bool = False) -> str:
+def scale_in_words(
+    shown: np.ndarray, acts: np.ndarray, doubt: float, settles: str, cause: str = "scale-picture-causes-part"
+) -> str:
     """Say by which shares the print is too large in the picture in X and Y [2], which of them act [2], how sure that
-    is, and what ``settles`` it; ``resized`` if the picture is likely to be of another size than it says."""
-    cause = say("scale-picture-causes-all" if resized else "scale-picture-causes-part")
-    settles = say("scale-settled-by-scan", settles) if resized else settles
+    is, what else may be the ``cause`` (a message), and what ``settles`` it."""
+    cause = say(cause)
     seen, taken, may_mm = map(say_large, shown), map(say_large, acts), f"{100 * doubt:.1f}"
     if np.abs(acts).max() >= LEAST_DOUBT / 10:
         return say(WARNING, say("scale-not-settled-taken-off", *seen, cause, *taken, may_mm, settles))
