@@ -212,6 +212,7 @@ def test_a_plan_is_read_back(probed, tmp_path: Path):
         (lambda text: text.replace('"version": 1', '"version": 9'), "version 9"),
         (lambda text: text.replace('"row": ', '"line": '), "whole probe.json"),
         (lambda text: text.replace('"x_mm": ', '"x_mm": 3'), "whole probe.json"),
+        (lambda text: text.replace('"version": 1', '"version": 1, "paper": "yes"'), "neither true nor false"),
     ],
 )
 def test_a_broken_plan_ends_in_one_line(tmp_path, damage, named):
