@@ -33,7 +33,7 @@ from printmend.plan.kernels.state import command, followed, middle, motor_along
 
 SHORT_MM = 0.4  # chords below this may bulge twice as far; on a radius of 4 mm all are shorter
 LOOK_AHEAD_MM = 8.0  # how far along a line its curvature is looked up at once
-LOOKS_A_CHORD, CLOSEST_LOOK_MM = 10.0, 0.01  # places of a chord that are checked, and the least distance between two
+LOOKS_A_CHORD, CLOSEST_LOOK_MM = 8.0, 0.01  # places of a chord that are checked, and the least distance between two
 UNEVEN = 0.03  # share by which a wall's width may vary along a chord: some 1 % RMS
 SHORTEST_EVEN_MM = 0.1  # chords that are to keep a wall's width: a quarter of a line's
 SHORT_EVEN_MM = 0.3  # a wave whose speed changes by all of it within this is narrower than a line: no wall shows it
@@ -166,16 +166,17 @@ def _look_mm(model, way0, way1, m0, m1, most, even):
 # Long because its checks along the line are one loop. Its many parameters are the line, where the motors are on it,
 # and how far the command may stray.
 @inner
-def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most, even):
+def _reach(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest, even):
     """Return (end, m0, m1): where the longest straight command from t ends that stays near a line's exact command.
 
-    The command must pass the exact command at each place within ``aside_most``, which leaves it an interval of
+    The command must pass the exact command at each place within half the tolerance, which leaves it an interval of
     directions. It goes on for as long as these intervals share a direction. So its ends lie on the outer side of a
     bend, its middle on the inner side, and it goes straight through smaller ripples. Along the line its ends are exact.
     If ``even``, the exact command is nowhere much faster or slower. The command ends exactly at ``stop``, where the
-    belts are wanted at (u0, u1), or at ``limit`` at the latest.
+    belts are wanted at (u0, u1). Before a short rest it ends in the middle, if that is no ``shortest`` one: two of a
+    length instead of one and a rest.
     """
-    length = curve.length
+    length, aside_most = curve.length, model.head.chord
     to0, to1 = motor_along(model, state, 0, mode0, u0, stop), motor_along(model, state, 1, mode1, u1, stop)
     from0, from1 = state.mended.m[0], state.mended.m[1]
     x, y = from_motors(model, to0 - from0, to1 - from1)
@@ -186,17 +187,20 @@ def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most
     way0, way1 = (to0 - from0) / ((stop - t) * length), (to1 - from1) / ((stop - t) * length)
     m0, m1 = along_curve(model, curve, state, mode0, mode1, t)
     x, y = from_motors(model, m0 - from0, m1 - from1)
-    along_most = max(SHORTEST_EVEN_MM / 4.0 if even else ALONG_PER_ASIDE * model.head.chord, abs(x * tx + y * ty))
+    along_most = max(SHORTEST_EVEN_MM / 4.0 if even else ALONG_PER_ASIDE * aside_most, abs(x * tx + y * ty))
     near = max(aside_most, abs(tx * y - ty * x))
     low, high, slow, fast = -np.inf, np.inf, -np.inf, np.inf
     last = behind = x * tx + y * ty
     slowest, fastest = -np.inf, np.inf
     end, aside, along, least, most = t, 0.0, 0.0, 0.0, 0.0
+    half = (t + stop) / 2.0
+    half_end, half_along, half_least, half_most = t, 0.0, 0.0, 0.0
     at, seen, step = t, t, 0.0
-    while at < limit:
+    while at < stop:
         if at >= seen:
             step = _look_mm(model, way0, way1, m0, m1, aside_most, even) / length
             seen = at + LOOK_AHEAD_MM / length
+        limit = half if at < half else stop
         before, at = at, limit if limit - at < 1.5 * step else at + step
         if at == stop:
             m0, m1 = to0, to1
@@ -214,15 +218,17 @@ def _reach(model, curve, state, mode0, mode1, t, limit, stop, u0, u1, aside_most
                 slow, fast = max(slow, slowest), min(fast, fastest)
         if from_p <= to_p and slow * q <= (a - behind if even else a) <= fast * q:
             end, aside, along, least, most = at, p, a, from_p, to_p
+            if at == half:
+                half_end, half_along, half_least, half_most = at, a, from_p, to_p
         low, high = max(low, (p - near) / q), min(high, (p + near) / q)
         slow, fast = max(slow, (a - along_most) / q), min(fast, (a + along_most) / q)
         if low > high or slow > fast:
             break
     if end in (t, stop):
         return end, to0, to1
-    if end == limit:  # a middle: as straight on to the end as may be
+    if stop - end < REST_SHARE * (end - t) and half_end - t >= shortest:  # as straight on to the end as may be
         x, y = from_motors(model, to0 - from0, to1 - from1)
-        p = min(max((tx * y - ty * x) * (limit - t) / (stop - t), least), most)
+        end, along, p = half, half_along, min(max((tx * y - ty * x) / 2.0, half_least), half_most)
     else:
         p = most if p / q > aside / (end - t) else least
     x, y = along * tx - p * ty, along * ty + p * tx
@@ -256,13 +262,10 @@ def _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest):
     Belts that lag, or that are not yet driven, do not follow the exact command. Then the chord is refused.
     """
     most, even = model.head.chord, _is_even(model, curve)
-    end, m0, m1 = _reach(model, curve, state, mode0, mode1, t, stop, stop, u0, u1, most, even)
-    if end < stop and (end - t < shortest or (not even and (end - t) * curve.length < SHORT_MM)):
+    least = shortest if even else max(shortest, SHORT_MM / curve.length)
+    end, m0, m1 = _reach(model, curve, state, mode0, mode1, t, stop, u0, u1, least, even)
+    if end < stop and end - t < least:
         return t, m0, m1
-    if 0.0 < stop - end < REST_SHARE * (end - t):  # two of a length instead of one and a rest
-        half, h0, h1 = _reach(model, curve, state, mode0, mode1, t, (t + stop) / 2.0, stop, u0, u1, most, even)
-        if half - t >= shortest:
-            end, m0, m1 = half, h0, h1
     x, y = printed(model, middle(state, 0), middle(state, 1))
     aside, along = aside_and_along(curve, x, y, t)
     # along a wall a chord may lead by what a shaper will take from it
