@@ -43,6 +43,7 @@ from printmend.promise.predict import (
     _summed_up,
     _thinned,
     _weighted_p95,
+    best_shift,
     promised,
     shape_of,
 )
@@ -322,7 +323,8 @@ def test_a_shape_is_not_worse_for_lying_elsewhere() -> None:
     (shape, whole_mm), (_, own_mm) = (_summed_up(side, home, alone, rng, placed=placed) for placed in (True, False))
     assert whole_mm == pytest.approx(np.sqrt(np.mean(off**2)))  # by which mending is judged
     assert own_mm == pytest.approx(shape.rms_mm)
-    assert shape.place_mm == pytest.approx(3.0, rel=0.01)
+    assert np.hypot(*best_shift(tangent, off, path.weight)) == pytest.approx(3.0, rel=0.01)
+    assert shape.place_mm == 0.0  # the next homing moves nothing
     assert shape.rms_mm == pytest.approx(0.1 / np.sqrt(2), rel=0.2)
     assert shape.rms_mm <= shape.max_mm
     assert shape.planning_rms_mm == pytest.approx(shape.rms_mm)
@@ -343,7 +345,7 @@ def test_what_is_summed_up_at_once_is_what_each_drawn_machine_prints(rng: np.ran
     tangent = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     causes = {
         name: DrawnCause(rng.normal(0, 0.05, (40, k)), rng.standard_normal((k, DRAWS)))
-        for name, k in (("a", 3), ("b", 2))
+        for name, k in (("instrument", 3), ("homing", 2))
     }
     local = {"motion": DrawnCause(rng.uniform(0, 1e-4, (40, 2)), rng.uniform(0, 1, (2, DRAWS)))}
     path = PathPlaces(np.zeros((40, 2)), tangent, off, np.zeros((40, 2)), weight)
@@ -361,7 +363,9 @@ def test_what_is_summed_up_at_once_is_what_each_drawn_machine_prints(rng: np.ran
     rms, with_known = (np.sqrt(np.average(each**2 + beside, axis=0, weights=weight)) for each in (shape, shape + known))
     assert judged == pytest.approx(with_known if placed else rms, abs=1e-7)
     assert promise.rms_mm == pytest.approx(np.median(rms))
-    assert promise.place_mm == pytest.approx(np.median(np.hypot(*(shift + home_mm))))
+    homing = causes["homing"].columns @ causes["homing"].drawn  # an open scale's shift is no scatter of homings
+    homed = np.linalg.lstsq(normal * root, homing * root, rcond=None)[0]
+    assert promise.place_mm == pytest.approx(np.median(np.hypot(*(homed + home_mm))))
     for name, each in causes.items():
         error = each.columns @ each.drawn
         error -= normal @ np.linalg.lstsq(normal * root, error * root, rcond=None)[0]
@@ -448,7 +452,7 @@ def test_what_shifts_all_of_a_print_keeps_no_fault_from_being_mended(rng: np.ran
     )
     (none, judged), *others = (
         _summed_up(_Side(path, off, causes, {}, known, signed=True), home_mm, np.zeros(DRAWS), rng, placed=True)
-        for causes, home_mm in (({}, nowhere), ({"step": slipped}, nowhere), ({}, aside))
+        for causes, home_mm in (({}, nowhere), ({"homing": slipped}, nowhere), ({}, aside))
     )
     for told, own in others:
         np.testing.assert_allclose(own, judged, atol=1e-6)

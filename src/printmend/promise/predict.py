@@ -357,7 +357,7 @@ def _summed_up(
 ) -> tuple[Promise, np.ndarray]:
     """Return the promise, and the RMS errors [DRAWS] that mending is judged by: unexplained errors are independent of
     the predicted ones there, and where a print is ``placed``, its known shift counts. The next homing puts all of it
-    ``at_mm`` [2, DRAWS].
+    ``at_mm`` [2, DRAWS], beside what it makes of the waves.
 
     All of them are quadratic forms of the drawn numbers, so the products of the columns are summed along the path once.
     In a file as it is, the unexplained errors (`LASTING`) may add to the predicted ones or cancel them: ``along``
@@ -389,11 +389,13 @@ def _summed_up(
     for name, each in side.doubt.items():
         own = slice(first, first := first + len(each.drawn))
         shares[name] = float(np.mean(_square(shape[own, own], each.drawn)))
+        if name == "homing":
+            at_mm = at_mm + away[:, own] @ each.drawn
     shares |= {name: float(np.mean(each)) for name, each in places2.items()}
     p95, most = _extremes(side, columns, drawn, shift, rng)
     low, high = np.quantile(rms_mm, (LOW, HIGH))
     promise = Promise(
-        _median(rms_mm), p95, most, float(low), float(high), _median(np.hypot(*(shift + at_mm))),
+        _median(rms_mm), p95, most, float(low), float(high), _median(np.hypot(*at_mm)),
         float(np.sqrt(known_share)),
         {name: math.sqrt(share) for name, share in shares.items()},
     )  # fmt: skip
