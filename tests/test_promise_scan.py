@@ -22,7 +22,7 @@ from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
 from printmend.mend.filament import learn_in, parse_travel
 from printmend.mend.mend import is_healthy
-from printmend.mend.prediction import advice_of
+from printmend.mend.prediction import advice_of, answer_to
 from printmend.mend.update import update
 from printmend.mend.verify import expectation, verify
 from printmend.messages import say
@@ -259,6 +259,8 @@ def test_paper_that_grew_makes_no_printer_faulty(part: Path) -> None:
     assert not is_healthy(learn_model(replace(grown, instrument=plate), ENDER3))
     told = learn_in(grown, ENDER3, None, [parse_travel("x=200:200"), parse_travel("y=200:200")])
     assert scale_words(told) == ()
+    assert "--travel" in str(answer_to(model, "instrument"))
+    assert "as far as the reading left it open" in str(answer_to(told, "instrument"))
     large = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.006))
     known = learn_model(scanned(measured(large, 0.01, 4), np.diag([0.0004, 0.0001]), paper), ENDER3)
     mend_gcode(part, known, part.with_name("out.gcode"))
@@ -306,7 +308,7 @@ def test_a_length_that_was_given_is_not_asked_for_again() -> None:
     doubt = Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.0, 0.001, {"planning": 0.001, "instrument": 0.049})
     both = settled(0.0, 0.0, 140.0, instrument_on_bed(FLATBED, [np.eye(2)], settled=True))[1]
     whole = learn_model(scanned(measured(stretched, 0.01, 4), np.zeros((2, 2)), both), ENDER3)
-    left_open = ("most of the remaining error is the scale, as far as the callipers left it open",)
+    left_open = ("most of the remaining error is the scale, as far as the reading left it open",)
     assert advice_of(whole, doubt) == left_open
     odd = {**whole.document["promise"], "instrument": {"scale_axes": 0.1, "axes_sd": "0.1", "scale_sd": [0.1]}}
     assert "second scan" in advice_of(replace(whole, document={**whole.document, "promise": odd}), doubt)[0]

@@ -36,6 +36,7 @@ from printmend.promise.filament import (
     UNTOLD,
     Entry,
     Split,
+    are_told,
     entry_section,
     filament_section,
     known_filaments,
@@ -298,7 +299,7 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
     of_z = words_of_z(model.findings[0])
     faults = [each for each in model.document.get("diagnosis", []) if each["part"] == "z"]
     section = {**model.document["promise"], "parts": belief_section(belief.scene, parts)["parts"]}
-    if any(each.filament for each in entries) or all(one.is_told for one in splits):
+    if any(each.filament for each in entries) or are_told(entries):
         section.pop("shown", None)  # it held for machine and filament together, or says no more than is told
     section.pop("seen", None)
     details: dict[str, Any] = {key: value for key, value in model.document.items() if key not in NUMBERS}

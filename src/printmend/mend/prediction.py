@@ -18,7 +18,7 @@ from printmend.model.model import SavedModel, said_of
 from printmend.plan import Planner
 from printmend.plan import layout as k
 from printmend.promise.belief import parse_belief
-from printmend.promise.filament import UNTOLD, known_filaments
+from printmend.promise.filament import UNTOLD, are_told, known_filaments, parse_entries
 from printmend.promise.predict import Errors, PathPlaces, Promise, best_shift, promised, shape_of, without_doubt
 from printmend.promise.words import (
     in_a_line,
@@ -416,10 +416,12 @@ def answer_to(model: SavedModel, cause: str) -> str | None:
         return say("rest-is-filament")
     if untold := [gap for gap in model.findings[1:] if is_one_of(gap, UNTOLD[: 2 if cause == "filament" else 1])]:
         return say("rest-untold", untold[0])
+    if are_told(parse_entries(model) or ()):
+        return say("rest-is-reading")
     if is_on_paper(model):
         return say("rest-is-paper", say("scale-settled-by-travel"))
     if knows_all_but_a_reading(model):
-        return say("rest-is-callipers")
+        return say("rest-is-reading")
     if knows_a_length(model):
         return say("rest-is-scanner-across")
     return say("rest-is-picture" if is_resized(parse_belief(model)) else "rest-is-scanner")

@@ -91,6 +91,11 @@ def split(entries: Sequence[Entry], axis: int) -> Split:
     return Split(weights / weights.sum(), np.array(means), np.array(sds))
 
 
+def are_told(entries: Sequence[Entry]) -> bool:
+    """Say whether entries tell the machine's scale along both axes."""
+    return all(split(entries, axis).is_told for axis in range(2))
+
+
 FILAMENTS = "filaments"  # the model file's key
 UNTOLD = ("whose-scale-not-settled", "whose-scale-untold")  # findings: the scale is the machine's or the filament's
 MOST = 1000  # entries that any list of a file may have

@@ -119,7 +119,7 @@ def knows_all_but_a_reading(model: SavedModel) -> bool:
 
 def is_on_paper(model: SavedModel) -> bool:
     """Say whether the scale that a model's scan showed may be that of paper, which grew."""
-    return instrument_of(model).get("paper_sd", 0.0) > 0 and "shown" in model.document["promise"]
+    return instrument_of(model).get("paper_sd", 0.0) > 0
 
 
 def instrument_of(model: SavedModel) -> dict[str, float]:
@@ -167,7 +167,7 @@ def in_words(cause: str) -> str:
 
 
 def in_a_line(made_of: Mapping[str, float]) -> str:
-    """Return the causes of an error with their shares of its mean square, the largest first: ``the picture's scale
+    """Return the causes of an error with their shares of its mean square, the largest first: ``the scale
     80 %; micro-steps 15 %``."""
     whole2_mm2 = sum(size_mm**2 for size_mm in made_of.values())
     shares = sorted(((size_mm**2 / whole2_mm2, name) for name, size_mm in made_of.items()), reverse=True)
