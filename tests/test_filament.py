@@ -1,6 +1,7 @@
 """Whose scale it is: the machine's or the filament's. Laws of `filament` and of models that know filaments."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -226,7 +227,9 @@ def test_the_command_line_says_what_is_known(tmp_path):
     ruled = ["--update", str(out), "--travel", "x=200:200.5", "--travel", "y=200:199.8"]
     told = CliRunner().invoke(command, ruled)
     assert told.exit_code == 0, told.output
-    assert "The machine's own scale: +0.2" in told.output
+    assert "Nothing changed" not in told.output
+    assert "ettled by the rule: the scale of X and Y" in told.output
+    assert re.search(r"The machine's own scale: \+0\.2. ± 0\.02 % in X and -?−?0\.1", told.output)
     assert json.loads(out.read_text())["filaments"]["measured"][1]["kind"] == "rule"
     for bad in (["--filament", "wood"], ["--travel", "x=1:1"], ["--travel", "x=200.5:200"]):
         wrong = CliRunner().invoke(command, [*ruled, *bad])

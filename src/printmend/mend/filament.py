@@ -35,7 +35,6 @@ from printmend.promise.filament import (
     FILAMENTS,
     UNTOLD,
     Entry,
-    Split,
     are_told,
     entry_section,
     filament_section,
@@ -108,19 +107,28 @@ def update_in(
     before, filament = parse_entries(old), filament_of(trace, filament)
     if trace is None:
         entries = (_shown(old, None),) if before is None else before
-        return Updated(_settled(old, entries, travels), (), ())
+        return _ruled(Updated(old, (), ()), entries, travels)
     updated = update(old, grown(trace, old.printer, filament), rng=rng, ageing=ageing)
     if updated.is_known or (before is None and filament is None and not travels):
         return updated
     entries = (_shown(old, None),) if before is None else before
     if heights_alone(trace):  # heights show no scale of X and Y
-        return replace(updated, model=_settled(updated.model, entries, travels)) if travels else updated
+        return _ruled(updated, entries, travels) if travels else updated
     shown = _shown(updated.model, filament)
     new = [axis for axis, name in enumerate("xy") if _is_other(entries, shown, axis) or _is_anew(updated, axis)]
     for axis in new:  # measurements of the previous machine no longer hold
         entries = tuple(_without(each, axis) for each in entries)
     changes = tuple(each for each in updated.changes if new or each.kind not in ("scale", "axes"))
-    return replace(updated, model=_settled(updated.model, entries, (shown, *travels)), changes=changes)
+    return _ruled(replace(updated, changes=changes), entries, (shown, *travels))
+
+
+def _ruled(updated: Updated, before: Sequence[Entry], new: Sequence[Entry]) -> Updated:
+    """Return an update with all its measured scales, which says those that a ``new`` rule settled."""
+    entries = (*before, *new)
+    rules = [each for each in new if each.kind == "rule"]
+    axes = [a for a in _acting(entries) if any(np.isfinite(each.scale[a]) for each in rules)]
+    settled = say("rule-settled", _both(["XY"[axis] for axis in axes])) if axes else ""
+    return replace(updated, model=_settled(updated.model, before, new), settled=settled)
 
 
 def _is_other(entries: Sequence[Entry], shown: Entry, axis: int) -> bool:
@@ -198,11 +206,11 @@ def filament_words(model: SavedModel) -> tuple[str, ...]:
     entries = parse_entries(model)
     if not entries:
         return ()
-    splits = [split(entries, axis) for axis in range(2)]
     lines = []
-    if all(_acts(each, entries, axis) for axis, each in enumerate(splits)):
-        own = (f"{100 * one.mean:+.2f} ± {100 * one.sd:.2f}" for one in splits)
-        lines.append(say("machines-own-scale", say("scale-x-and-y", *own)))
+    if axes := _acting(entries):
+        own = [(split(entries, axis), "XY"[axis]) for axis in axes]
+        shares = [say("percent-in-axis", f"{100 * one.mean:+.2f} ± {100 * one.sd:.2f}", name) for one, name in own]
+        lines.append(say("machines-own-scale", _both(shares)))
     for name, parts in known_filaments(model).items():
         by = (f"{part.draws_mm.mean():.2f} ± {part.draws_mm.std():.2f}" for part in parts)
         lines.append(say("parts-shrink-by", said_name(name), say("scale-x-and-y", *by)))
@@ -270,12 +278,18 @@ def _without(entry: Entry, axis: int) -> Entry:
     return replace(entry, scale=scale)
 
 
-def _acts(one: Split, entries: Sequence[Entry], axis: int) -> bool:
+def _acts(entries: Sequence[Entry], axis: int) -> bool:
     """Return whether a scale is surely the machine's: known to 0.05 %, shown by a measurement without filament, or
     larger than any filament's."""
+    one = split(entries, axis)
     alone = any(each.filament is None and np.isfinite(each.scale[axis]) for each in entries)
     least = SURE_SDS * one.sd if alone else max(PLAIN, PLAIN_SDS * one.sd)
     return one.is_told or abs(one.mean) > least
+
+
+def _acting(entries: Sequence[Entry]) -> list[int]:
+    """Return the axes whose scale is surely the machine's."""
+    return [axis for axis in range(2) if _acts(entries, axis)]
 
 
 def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -> SavedModel:
@@ -285,7 +299,8 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
     rng = np.random.default_rng(0)
     splits = [split(entries, axis) for axis in range(2)]
     own = np.stack([each.draws(DRAWS, rng) for each in splits])  # [2, D]
-    acts = np.array([one.mean if _acts(one, entries, axis) else 0.0 for axis, one in enumerate(splits)])
+    acting = _acting(entries)
+    acts = np.array([one.mean if axis in acting else 0.0 for axis, one in enumerate(splits)])
     known = {
         name: _shrinkage(name, entries, own, acts, rng)
         for name in dict.fromkeys(each.filament for each in entries)
@@ -293,7 +308,7 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
     }
     parts = _rescaled(belief, own, acts)
     gaps = [gap for gap in model.findings[1:] if not is_one_of(gap, UNTOLD)]
-    if open_ := [axis for axis, one in enumerate(splits) if not _acts(one, entries, axis)]:
+    if open_ := [axis for axis in range(2) if axis not in acting]:
         gaps.append(_untold(entries, open_))
     diagnosis = diagnose(parts, belief.scene, gaps)
     of_z = words_of_z(model.findings[0])

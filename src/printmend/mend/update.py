@@ -82,19 +82,20 @@ class Change:
 @dataclass(frozen=True, eq=False)
 class Updated:
     """The new model, the changes, and the motors that were learned anew. ``is_known``: the model was learned from this
-    measurement, so it stays unchanged."""
+    measurement, so it stays unchanged. ``settled`` says which scales a rule settled."""
 
     model: SavedModel
     changes: tuple[Change, ...]
     anew: tuple[str, ...]
     is_known: bool = False
+    settled: str = ""
 
     @property
     def words(self) -> str:
         """Say what changed."""
         if self.is_known:
             return say("model-learned-very-measurement-counted-once")
-        rows = [change.words for change in self.changes]
+        rows = [*(change.words for change in self.changes), *filter(None, [self.settled])]
         rows += [say("old-model-knew-learned-anew", name) for name in self.anew]
         if len(self.anew) == len(self.model.printer.motors):
             rows.append(say("nothing-old-model-left-measurement-same"))
