@@ -213,6 +213,12 @@ def test_a_badly_damaged_printer_is_no_wrong_unit(tmp_path, gain):
     assert len(read_trace(table(tmp_path, lines(commanded, measured * gain + 7)), PRINTER)) == 60
 
 
+def _with_doubt(cell: str, first: str = "0.001") -> str:
+    """Return a table whose instrument says ``cell`` in row 3, and ``first`` in the others."""
+    head, *rows = lines(*points()).splitlines()
+    return "\n".join([f"{head},scale_sd", *(f"{row},{cell if n == 3 else first}" for n, row in enumerate(rows, 1))])
+
+
 def _with_row(text: str) -> str:
     commanded, measured = points()
     rows = lines(commanded, measured).splitlines()
@@ -248,6 +254,11 @@ COMMANDED, MEASURED = points()
         (HEADER + ",note\n" + "0,5,0,5,good, but faint\n" * 20, "5 cells a row.*a text that has a comma in quotes"),
         (_with_row('5,5,"5,5'), "quote in line 21 that is not closed"),
         (_with_row('5,5,5,5,"lost') + '\n6,6,6,6,"', "quote in line 21 that is not closed"),
+        (_with_doubt("0.002"), r"scale_sd 0\.001 in every row, found 0\.002 in row 3.*leave the column out"),
+        (_with_doubt(""), r"scale_sd 0\.001 in every row, found an empty cell in row 3.*leave the column out"),
+        (_with_doubt("0.001", ""), "scale_sd in every row, found an empty cell in row 1"),
+        (_with_doubt("nan"), "a number for scale_sd in line 4, found 'nan'.*leave the column out"),
+        (_with_doubt("small"), "a number for scale_sd in line 4, found 'small'.*leave the column out"),
         (b"\xff\x00\x01", "UTF-8"),
         (b"\xff\xfe\x00\xd8", "UTF-8"),
     ],

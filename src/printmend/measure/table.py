@@ -4,8 +4,8 @@ The header has at least ``x_mm,y_mm,x_measured_mm,y_measured_mm``. The text is U
 with commas, or with semicolons or tabs as a spreadsheet of another language has them. Each row is a commanded
 way-point, in the order of motion since homing; the first is the home position. Moves between rows are straight.
 Measured cells are empty where nothing was measured. These columns are optional: ``z_mm``, ``z_measured_mm``, ``layer``,
-``sigma_mm``, and ``placed``, which is 0 if the measured positions have their own origin, as in a scan. Others have the
-same value in every row. ``scale_sd``, ``axes_sd``, ``lean_sd``, ``wave_mm``, ``carriage_mm``, ``lens_mm``,
+and ``sigma_mm``. Others have the same value in every row. ``placed`` is 0 if the measured positions have their own
+origin, as in a scan. ``scale_sd``, ``axes_sd``, ``lean_sd``, ``wave_mm``, ``carriage_mm``, ``lens_mm``,
 ``resized_sd`` and ``paper_sd`` are the instrument's uncertainty (see `Instrument`); ``scale_axes``, ``scale_lean`` and
 ``axes_lean`` are the correlations of the first three, ``turn_x_rad`` and ``turn_y_rad`` how it lay. ``motion_mm2`` and
 ``motion_sd_mm2`` give the error of a moving head (see `Motion`); ``printer``, ``kinematics`` and ``probe`` name the
@@ -39,7 +39,8 @@ MOTION = ("motion_mm2", "motion_sd_mm2")  # from lines printed at speed: `Motion
 TOGETHER = ("scale_axes", "scale_lean", "axes_lean")  # correlations of the first three, after a length was settled
 ORIGIN = ("printer", "kinematics", "probe")
 SIGNED = (*TOGETHER, "turn_x_rad", "turn_y_rad")  # each from −1 to 1, left out where all are 0
-KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *DOUBTS, *SIGNED, *MOTION)
+SHARED = (PLACED, *DOUBTS, *SIGNED, *MOTION)  # one number for all rows
+KNOWN = (*REQUIRED, *OPTIONAL, *WALL, *SHARED)
 _ROUNDED = -1e-5  # rounding to six digits may make an eigenvalue of the correlations this small
 _MOST_DOUBT = 0.5  # an instrument less sure of a length than this measures nothing
 OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
@@ -99,7 +100,7 @@ def read_trace(path: str | Path, printer: Printer | str | Path) -> Trace:
         z_measured_mm=columns.get("z_measured_mm"),
         layer=None if layer is None else np.where(np.isnan(layer), -1, layer).astype(np.int64),
         homed=is_at_home(commanded[0], printer),
-        placed=PLACED not in columns or bool((columns[PLACED] != 0).any()),
+        placed=PLACED not in columns or bool(columns[PLACED][0] != 0),
         instrument=_instrument(path, columns),
         normal=normal,
         offset_mm=offset,
@@ -164,7 +165,7 @@ def _step_mm(places_mm: np.ndarray) -> float:
 
 def _motion(path: Path, columns: dict[str, np.ndarray]) -> Motion | None:
     """Return how far a moving head strays by the first row, or None without these columns."""
-    if not all(name in columns and np.isfinite(columns[name][0]) for name in MOTION):
+    if not all(name in columns for name in MOTION):
         return None
     square, sd = (float(columns[name][0]) for name in MOTION)
     if abs(square) > _MOST_MOTION_MM2 or not 0 < sd <= _MOST_MOTION_MM2:
@@ -360,12 +361,20 @@ def _number(path: Path, cell: str, name: str, line: int) -> float:
             path,
             wanted=say("number-line", name, line),
             came=repr(cell[:40]),
-            todo=say("leave-measured-cells-empty-where-nothing"),
+            todo=say("correct-leave-column-out" if name in SHARED else "leave-measured-cells-empty-where-nothing"),
         )
     return value
 
 
 def _check_values(path: Path, columns: dict[str, np.ndarray]) -> None:
+    for name, values in columns.items():
+        if name in SHARED and (other := np.flatnonzero(values != values[0])).size:
+            row, value = other[0] + 1, values[other[0]]
+            came = say("value-row-after-header", f"{value:g}", row)
+            if np.isnan(value):
+                came = say("empty-cell-row-after-header", row)
+            wanted = say("every-row", name if np.isnan(values[0]) else f"{name} {values[0]:g}")
+            raise TraceError(path, wanted=wanted, came=came, todo=say("correct-leave-column-out"))
     for name in ("x_mm", "y_mm"):
         if (empty := np.flatnonzero(np.isnan(columns[name]))).size:
             raise TraceError(
