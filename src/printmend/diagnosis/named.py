@@ -4,7 +4,7 @@ Each effect has its own words (`effects.words`); this module gathers the drawn m
 has one of two effects and hardly any has both, the two are named together.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -231,13 +231,19 @@ class Diagnosis:
     gaps: tuple[str, ...]
 
 
-def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = (), lift: Lift | None = None) -> Diagnosis:
+def diagnose(
+    parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = (), lift: Lift | None = None, before: str = ""
+) -> Diagnosis:
     """Return the faults that act in one sentence, motor by motor; ``gaps`` is what the trace could not tell, ``lift``
-    what is known of how Z lifts."""
+    what is known of how Z lifts. What the sentence ``before`` left open stays so: a model's parts hold nothing of what
+    its instrument may have done."""
     faults = faults_of(parts, scene)
+    open_ = {part.values["a"] for part in parts_of(before) if is_one_of(part, ["motor-open"])}
     said = {name: [fault.words for fault in faults if fault.part == name] for name in (*scene.printer.motors, "frame")}
     motors = [
-        say("motor-has", name.upper(), together(", ", said[name])) if said[name] else _unnamed(parts, motor, scene)
+        say("motor-has", name.upper(), together(", ", said[name]))
+        if said[name]
+        else _unnamed(parts, motor, scene, open_)
         for motor, name in enumerate(scene.printer.motors)
     ]
     frame = [say("frame-has", together(", ", said["frame"]))] if said["frame"] else []
@@ -250,11 +256,13 @@ def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = (), lift
     return Diagnosis((*faults, *lifts.faults), summary, tuple(dict.fromkeys((*gaps, *of_push, *lifts.gaps.values()))))
 
 
-def _unnamed(parts: Sequence[Part], motor: int, scene: Scene) -> str:
+def _unnamed(parts: Sequence[Part], motor: int, scene: Scene, open_: Collection[str]) -> str:
     """Say of a motor without a named fault whether what acts on it, or what most drawn machines have and the
-    measurement tells from its own errors, moves a print all the same, and whether that is what no mechanism holds."""
+    measurement tells from its own errors, moves a print all the same, and whether that is what no mechanism holds. One
+    that is ``open_``, or may have what is told of the measurement, is not called healthy."""
+    every = gathered(parts)
     own = [
-        one for one in gathered(parts)
+        one for one in every
         if one.where == motor and is_of_motor(one.law) and (one.acts or one.chance >= LIKELY)
         and (one.law.of is Of.MACHINE or one.law.acts is Acts.DRIVE)
     ]  # fmt: skip
@@ -265,12 +273,22 @@ def _unnamed(parts: Sequence[Part], motor: int, scene: Scene) -> str:
     sd_mm = float(np.sqrt(drawn_mm.var(axis=2).sum(axis=1).mean())) if drawn_mm.size else 0.0
     is_sure = size_mm > NAMED_SIGMAS * sd_mm or any(one.acts for one in own)
     if size_mm < LEAST_SHOWN or not is_sure:
-        return say("motor-healthy", name)
+        is_open = name in open_ or any(_is_told_of(motor, one, every, scene) for one in every)
+        return say("motor-open" if is_open else "motor-healthy", name)
     return say(
         "motor-not-held" if any(_is_told(one) and not one.acts for one in own) else "motor-unclear",
         name,
         f"{size_mm:.2f}",
     )
+
+
+def _is_told_of(motor: int, one: Found, every: Sequence[Found], scene: Scene) -> bool:
+    """Tell whether an error that is told of the measurement may be a motor's; on a CoreXY both move each axis."""
+    if not _is_told(one) or not (scene.corexy or one.where == motor) or not _is_sure(one):
+        return False
+    is_shown = _moved_mm(one, one.sizes_mm, drawn_places(scene), scene) >= LEAST_SHOWN
+    is_likely = _chance(one, _rivals(one, every)) >= LIKELY
+    return is_shown and is_likely and any(told.may_be_printers for told in _told(one, every, scene))
 
 
 def words_of_z(summary: str) -> list[Said]:
@@ -329,7 +347,7 @@ def misfits_of(parts: Sequence[Part], scene: Scene, nats: Sequence[float] = ()) 
         rivals = _rivals(one, every)
         if not _is_told(one) or any(each in said or each.acts for each in rivals):
             continue
-        chance = float(np.mean(np.any([each.there for each in (one, *rivals)], axis=0)))
+        chance = _chance(one, rivals)
         if chance < LIKELY or not _is_sure(one):
             continue
         size_mm = _moved_mm(one, one.sizes_mm, places, scene)
@@ -464,6 +482,11 @@ def _rivals(found: Found, every: Sequence[Found]) -> list[Found]:
     """Return the effects that share the odds with one: none of them is certain, and one excludes the other."""
     others = [each for each in every if each is not found and _is_open(each)] if _is_open(found) else []
     return [each for each in others if _excludes(found, each)]
+
+
+def _chance(found: Found, rivals: Sequence[Found]) -> float:
+    """Return the share of drawn machines that have an effect or one of its rivals."""
+    return float(np.mean(np.any([each.there for each in (found, *rivals)], axis=0)))
 
 
 def _is_open(found: Found) -> bool:

@@ -37,4 +37,5 @@ class CarriageWave(Usual):
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size_mm = float(np.linalg.norm(found.sizes_mm)) / 2**0.5
         message = "wave-of-scanner-carriage" if scene.instrument.is_settled else "wave-mm-scanner-carriage-makes-too"
-        yield Told("carriage", say(message, "XY"[found.where], f"{size_mm:.3f}"), is_harmless=True)
+        words = say(message, "XY"[found.where], f"{size_mm:.3f}")
+        yield Told("carriage", words, is_harmless=True, may_be_printers=True)

@@ -35,4 +35,4 @@ class Lens(Usual):
         size_mm = float(np.hypot(*(moved - line @ np.linalg.lstsq(line, moved, rcond=None)[0]).T).max())
         if size_mm >= LEAST_SHOWN:
             words = say("scanner-lens-distorts-along-up", "XY"[found.where], f"{size_mm:.2f}")
-            yield Told("lens", words, is_harmless=True)
+            yield Told("lens", words, is_harmless=True, may_be_printers=True)

@@ -235,12 +235,14 @@ def fault_of(row: Mapping[str, Any]) -> Fault:
 class Told:
     """The consequence of an effect that cannot act: ``kind`` for programs and ``words`` for an owner.
 
-    ``is_harmless`` marks errors of the measurement, or of settings elsewhere: they become a note, however large.
+    ``is_harmless`` marks errors of the measurement, or of settings elsewhere: they become a note, however large. One
+    that ``may_be_printers`` leaves it open whether its motor is healthy.
     """
 
     kind: str
     words: str
     is_harmless: bool = False
+    may_be_printers: bool = False
 
 
 @dataclass(frozen=True)

@@ -310,7 +310,7 @@ def _settled(model: SavedModel, before: Sequence[Entry], new: Sequence[Entry]) -
     gaps = [gap for gap in model.findings[1:] if not is_one_of(gap, UNTOLD)]
     if open_ := [axis for axis in range(2) if axis not in acting]:
         gaps.append(_untold(entries, open_))
-    diagnosis = diagnose(parts, belief.scene, gaps)
+    diagnosis = diagnose(parts, belief.scene, gaps, before=model.findings[0])
     of_z = words_of_z(model.findings[0])
     faults = [each for each in model.document.get("diagnosis", []) if each["part"] == "z"]
     section = {**model.document["promise"], "parts": belief_section(belief.scene, parts)["parts"]}

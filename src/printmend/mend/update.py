@@ -188,7 +188,7 @@ def _lifted(old: SavedModel, belief: Belief, trace: Trace, said: Sequence[Misfit
         )  # fmt: skip
     lift = renewed_lift(before, seen)
     gaps = [gap for gap in old.findings[1:] if not gap.startswith("Z ")]
-    diagnosis = diagnose(belief.parts, belief.scene, gaps, lift)
+    diagnosis = diagnose(belief.parts, belief.scene, gaps, lift, old.findings[0])
     changes = tuple(_lift_changes(before, lift))
     details = {
         "diagnosis": [fault.row for fault in diagnosis.faults],

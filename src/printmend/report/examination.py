@@ -16,7 +16,7 @@ from printmend.mend.filament import filament_of, grown, settled
 from printmend.mend.mend import check_gcode
 from printmend.mend.prediction import Prediction
 from printmend.mend.verify import expectation
-from printmend.messages import is_one_of, say, together
+from printmend.messages import is_one_of, parts_of, say, together
 from printmend.model import SavedModel
 from printmend.model.model import NOTE, REFUSAL, misfit_words
 from printmend.path import Trace
@@ -62,8 +62,10 @@ class Examination:
 
     @property
     def is_healthy(self) -> bool:
-        """Whether there is nothing to do. Notes do not count: they concern the measurement, say a shifted plate."""
-        return not (self.advice or any(not is_one_of(each, [NOTE]) for each in self.misfit))
+        """Whether there is nothing to do. Notes do not count: they concern the measurement, say a shifted plate; but
+        one that leaves a motor open does."""
+        is_open = any(is_one_of(part, ["motor-open"]) for part in parts_of(self.saved.findings[0]))
+        return not (is_open or self.advice or any(not is_one_of(each, [NOTE]) for each in self.misfit))
 
     @property
     def refused(self) -> tuple[str, ...]:
