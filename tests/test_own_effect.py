@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from printmend import effects
+from printmend.cli.terminal import Terminal
 from printmend.cli.twin import command as twin
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import faults_of, misfits_of
@@ -18,6 +19,7 @@ from printmend.errors import ConfigError, ModelError
 from printmend.infer.machine import DRAWS, Part
 from printmend.infer.posterior import posterior_of
 from printmend.measure.table import read_trace
+from printmend.messages import GERMAN
 from printmend.model import saved_model
 from printmend.plugins import EFFECTS as GROUP
 from printmend.printer import read_printer
@@ -72,7 +74,10 @@ def test_an_effect_of_ones_own_is_made_by_the_command_line_and_by_toml(page: dic
     np.testing.assert_allclose(off_mm[:, 0], bulge, atol=2e-3)  # the file has three decimals
     assert np.array_equal(one.measured_mm, other.measured_mm)
     assert np.abs(drawn.measured_mm - drawn.commanded_mm).max() > 0.01
-    assert "A belt that is ahead of its motor about one place" in CliRunner().invoke(twin, ["--list"]).output
+    german = CliRunner().invoke(twin, ["--list"], obj=Terminal(GERMAN)).output
+    assert "A belt that is ahead of its motor about one place" in german
+    assert "refit: ein Riemen, der" in german
+    assert "joint: eine Führung aus zwei Stücken" in german
 
 
 def test_an_effect_of_ones_own_keeps_what_every_effect_must(page: dict[str, Any]) -> None:

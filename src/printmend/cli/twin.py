@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from printmend.cli.terminal import Finite, echo
+from printmend.cli.terminal import Finite, echo, spoken
 from printmend.files import all_or_none
 from printmend.messages import say
 
@@ -24,7 +24,7 @@ def _show_effects(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     from printmend.corruption.cause import listing
 
     for name, said, example in listing():
-        click.echo(f"{name}: {said}.\n    --corruption {example}")
+        click.echo(f"{name}: {spoken(said)}\n    --corruption {example}")
     echo(say("terminal-twin-examples"))
     ctx.exit()
 

@@ -9,7 +9,6 @@ a line about it and an example.
 
 import inspect
 import math
-import sys
 import zlib
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -19,7 +18,7 @@ from typing import Any, Literal, NoReturn
 import numpy as np
 
 from printmend.corruption.event import EVENTS, Made
-from printmend.effects import EFFECTS, Acts, Scene
+from printmend.effects import EFFECTS, Acts, Scene, title_of
 from printmend.effects.effect import Effect, Term, drawn_term, terms_of
 from printmend.effects.sized import Sized, belts_mm, scene_of_printer
 from printmend.effects.words import AXES, Keys, keys_of, limits_of
@@ -237,12 +236,9 @@ def listing() -> list[tuple[str, str, str]]:
 
 
 def said(effect: Effect) -> str:
-    """Return the first sentence of an effect's docstring, or of its module's if that is in `printmend.effects`."""
-    module = sys.modules.get(type(effect).__module__)
-    text = inspect.getdoc(module) if module is not None and module.__name__.startswith("printmend.effects.") else None
-    paragraph = (text or inspect.getdoc(type(effect)) or effect.name).partition("\n\n")[0]
-    sentence = " ".join(paragraph.split()).partition(". ")[0]
-    return sentence.partition(" (physics.md")[0].partition(" (eq.")[0].rstrip(".:")
+    """Return what an owner calls an effect, or the first sentence of the docstring of another package's."""
+    paragraph = (inspect.getdoc(type(effect)) or effect.name).partition("\n\n")[0]
+    return title_of(effect.name) or " ".join(paragraph.split()).partition(". ")[0].rstrip(".:")
 
 
 def example_of(name: str) -> str:

@@ -16,6 +16,7 @@ from printmend.effects.sized import Sized
 from printmend.effects.switch import homing_mm, refit_mm
 from printmend.effects.teeth import TOOTH_MM
 from printmend.filament import material_of, polymers
+from printmend.messages import say
 from printmend.printer import Homing, Printer
 from printmend.printer.printer import Switch
 
@@ -71,7 +72,7 @@ class Homed:
     names = ("switch", "scatter_mm", "turn_share")
     words = ("switch",)
     has_motors = False
-    said = "The end stops switch elsewhere than in the mean, and a motor may stand an electrical turn aside"
+    said = say("event-homing")
     example = "homing:switch=sensorless"
 
     def made(self, given: Given, motor: int | None, printer: Printer, rng: np.random.Generator) -> Made:
@@ -87,7 +88,7 @@ class Refit:
     names = ("teeth",)
     words: tuple[str, ...] = ()
     has_motors = True
-    said = "A belt was taken off and put back on another tooth; without on both were"
+    said = say("event-refit")
     example = "refit:on=x,teeth=3"
 
     def made(self, given: Given, motor: int | None, printer: Printer, rng: np.random.Generator) -> Made:
@@ -104,7 +105,7 @@ class Filament:
     names = ("polymer", "x_percent", "y_percent", "outline_mm", "hole_mm", "corner_mm", "foot_mm")
     words = ("polymer",)
     has_motors = False
-    said = "A polymer: shrinkage along X and Y, and how far walls, holes, corners and the first layer stand out"
+    said = say("event-filament")
     example = "filament:polymer=petg,hole_mm=0.1"
 
     def made(self, given: Given, motor: int | None, printer: Printer, rng: np.random.Generator) -> Made:

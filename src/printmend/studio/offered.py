@@ -1,14 +1,14 @@
 """Offer every effect on the play screen: its title, its possible motors or axes, and a slider for each number.
 
-Registered effects of other packages are included; their title is the first line of their docstring. The sliders reach
-faults that are large enough to be seen at once.
+Registered effects of other packages are included; their title is the first sentence of their docstring. The sliders
+reach faults that are large enough to be seen at once.
 """
 
 import math
 from typing import Any, Literal
 
 from printmend.corruption.cause import Cause, named_keys, offered, said, typical_shape
-from printmend.effects import EFFECTS, title_of
+from printmend.effects import EFFECTS
 from printmend.effects.effect import SCALE_MM, Effect, Term, terms_of
 from printmend.effects.sized import scene_of_printer
 from printmend.effects.words import AXES, limits_of
@@ -50,7 +50,7 @@ def _card(effect: Effect) -> dict[str, Any]:
     terms = offered(effect)
     places = sorted({term.where for term in terms})
     return {
-        "name": name, "title": title_of(name) or said(effect),
+        "name": name, "title": said(effect),
         "of": say(_OF[effect.of.value]), "on": ["x", "y"] if len(places) > 1 else [],
         "sliders": _sliders(effect, [term for term in terms if term.where == places[0]]) if terms else [],
     }  # fmt: skip
