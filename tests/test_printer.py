@@ -8,6 +8,7 @@ import pytest
 import printmend
 from printmend.corruption import HEALTHY
 from printmend.errors import ConfigError, TraceError
+from printmend.measure import write_trace
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.printer.toml import parse_printer, preset_text
 
@@ -70,7 +71,7 @@ def test_capitals_spaces_and_hyphens_of_a_preset_do_not_matter(name: str) -> Non
     assert read_printer(name) == read_printer("ender3")
 
 
-def test_python_takes_a_printers_name_for_it() -> None:
+def test_python_takes_a_printers_name_for_it_and_a_tables_path(tmp_path: Path) -> None:
     printer = read_printer("ender3")
     assert printmend.Twin.of(HEALTHY, "ender3").printer == printer
     named, plan = (printmend.design_probe(each, size_mm=60) for each in ("ender3", printer))
@@ -80,6 +81,10 @@ def test_python_takes_a_printers_name_for_it() -> None:
         printmend.learn_model(few, "ender3")
     with pytest.raises(ConfigError, match="ender33"):
         printmend.learn_model(few, "ender33")
+    write_trace(tmp_path / "s.csv", few)
+    for path in (tmp_path / "s.csv", str(tmp_path / "s.csv")):
+        with pytest.raises(TraceError, match=r"s\.csv: .* found 3 in 3 rows"):
+            printmend.learn_model(path, "ender3")
 
 
 @pytest.mark.parametrize("name", ["Creality CR-10S", "cr10"])

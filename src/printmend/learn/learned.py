@@ -36,6 +36,7 @@ from printmend.measure.checks import (
     is_at_home,
     with_heights,
 )
+from printmend.measure.table import read_trace
 from printmend.messages import is_one_of, say, together
 from printmend.metrics.robust import log_likelihood, scale_of
 from printmend.model import SavedModel, saved_model, with_screw
@@ -118,10 +119,14 @@ class Learned:
 
 
 def learn_model(
-    trace: Trace, printer: Printer | str | Path, *, model: str = AUTO, rng: np.random.Generator | None = None
-) -> SavedModel:
-    """Learn a machine from a trace, as `learn` does, and return its saved model; a ``printer`` may be named."""
-    return learn(trace, printer_of(printer), model=model, rng=rng).saved
+    trace: Trace | str | Path, printer: Printer | str | Path, *, model: str = AUTO,
+    rng: np.random.Generator | None = None,
+) -> SavedModel:  # fmt: skip
+    """Learn a machine from a trace or its path, as `learn` does, and return its saved model; a ``printer`` may be
+    named."""
+    printer = printer_of(printer)
+    trace = trace if isinstance(trace, Trace) else read_trace(trace, printer)
+    return learn(trace, printer, model=model, rng=rng).saved
 
 
 def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator | None = None) -> Learned:
