@@ -151,21 +151,27 @@ def test_3mf_keeps_everything_else(tmp_path: Path) -> None:
         mend_gcode(output, exactly(BENT), output)
 
 
-def test_plates_of_a_project_are_prints_of_their_own(tmp_path: Path) -> None:
-    """Each plate is mended as if it were alone, with its own checksum, by the firmware that the settings name."""
+def test_plates_of_a_project_are_prints_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each plate is mended as if it were alone, with its own checksum, by the firmware that the settings name. It is
+    read to its end once."""
     source, output = tmp_path / "part.gcode.3mf", tmp_path / "out.gcode.3mf"
     plates = {1: START + b"G1 X80 Y80 E1 F1800\n", 2: SQUARE + b"G91\nG1 X5 E1\nG1 Y5 E1\nG90\nG1 X60 E2\n"}
     settings = b'{"from": "project", "gcode_flavor": "reprapfirmware"}'
     with zipfile.ZipFile(source, "w", zipfile.ZIP_DEFLATED) as archive:
         for number, text in plates.items():
-            archive.writestr(f"Metadata/plate_{number}.gcode", b";" + b"x" * 2_000_000 + b"\n" + text)
+            archive.writestr(f"Metadata/plate_{number}.gcode", 5 * (b";" + b"x" * 900_000 + b"\n") + text)
             text = archive.read(f"Metadata/plate_{number}.gcode")
             said = hashlib.md5(text, usedforsecurity=False).hexdigest() if number == 1 else "0" * 32
             archive.writestr(f"Metadata/plate_{number}.gcode.md5", said)
         archive.writestr("Metadata/project_settings.config", settings)
     with open_gcode(source) as file:
         assert [part.flavour() for part in file.parts] == [Flavour.RRF, Flavour.RRF]
+    ends = []
+    read = zipfile.ZipExtFile.read
+    monkeypatch.setattr(zipfile.ZipExtFile, "read", lambda *a: read(*a) or ends.append(a[0].name) or b"")
     done = mend_gcode(source, exactly(BENT), output)
+    monkeypatch.undo()
+    assert ends.count("Metadata/plate_2.gcode") == 1
     assert len(done.prediction.layers) == 2
     (changed,) = done.prediction.warnings
     assert "plate_2.gcode does not match its checksum (.md5)" in changed

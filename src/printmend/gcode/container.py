@@ -76,11 +76,11 @@ class Part:
 
     @cached_property
     def is_as_summed(self) -> bool:
-        """Tell whether a plate is what its project's checksum says; other files have none."""
-        if self.member is None:
-            return True
-        with self.source.path.open("rb") as handle, threemf.open_zip(handle, self.name) as archive:
-            return threemf.is_as_summed(archive, self.member, self.name)
+        """Tell whether a plate is what its project's checksum says, by what was read of it last; other files have
+        none."""
+        for _ in self._pieces() if self.member is not None else ():
+            pass
+        return bool(self.__dict__.get("is_as_summed", True))
 
     def _pieces(self) -> Iterator[bytes]:
         if self.source.container == "plain":
@@ -90,12 +90,8 @@ class Part:
             yield from _bgcode_texts(self.source.path, self.name)
         else:
             with self.source.path.open("rb") as handle, threemf.open_zip(handle, self.name) as archive:
-                try:
-                    with archive.open(str(self.member)) as member:
-                        while piece := member.read(CHUNK_BYTES):
-                            yield piece
-                except threemf.BROKEN as error:
-                    raise threemf.broken(self.name, error) from None
+                is_as_summed = yield from threemf.plate_pieces(archive, str(self.member), self.name)
+                self.__dict__["is_as_summed"] = is_as_summed
 
 
 Told = Callable[[Part, bytes], bytes]

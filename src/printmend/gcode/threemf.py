@@ -4,7 +4,7 @@ import hashlib
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import IO
 
 from printmend.errors import GcodeError
@@ -80,14 +80,15 @@ def settings(archive: zipfile.ZipFile) -> bytes:
         return b""
 
 
-def is_as_summed(archive: zipfile.ZipFile, path: str, name: str) -> bool:
-    """Return whether a plate has the MD5 that stands beside it, if any does."""
-    if path + ".md5" not in archive.namelist():
-        return True
-    said = _SUM.search(b"".join(_member(archive, archive.getinfo(path + ".md5"), name)))
+def plate_pieces(archive: zipfile.ZipFile, path: str, name: str) -> Generator[bytes, None, bool]:
+    """Yield a plate's text, and return whether it has the MD5 that stands beside it, if any does."""
     digest = hashlib.md5(usedforsecurity=False)
     for data in _member(archive, archive.getinfo(path), name):
         digest.update(data)
+        yield data
+    if path + ".md5" not in archive.namelist():
+        return True
+    said = _SUM.search(b"".join(_member(archive, archive.getinfo(path + ".md5"), name)))
     return said is not None and said[0].lower() == digest.hexdigest().encode()
 
 

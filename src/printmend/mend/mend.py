@@ -40,8 +40,14 @@ Progress = Callable[[int], None]
 class Read:
     """How a program was read: the notes about that (``said``), and the clocks that followed it."""
 
+    part: Part
     said: tuple[str | None, ...]
     watch: Stopwatch
+
+    @property
+    def changed(self) -> str | None:
+        """A note on a plate that is not what its checksum says, once it was read."""
+        return None if self.part.is_as_summed else say("plate-changed", self.part.name)
 
 
 def plan_file(
@@ -68,8 +74,7 @@ def begun(part: Part, planner: Planner, model: SavedModel, fineness: Fineness) -
     most_mm_s2 = limits.most_mm_s2 or asked_mm_s2
     planner.begin(fineness.segments_per_s(state.flavour), min(asked_mm_s2, most_mm_s2), fineness.ease)
     held = None if asked_mm_s2 <= most_mm_s2 else say("crossings-speed-up-by-most", f"{most_mm_s2:.0f}")
-    changed = None if part.is_as_summed else say("plate-changed", part.name)
-    return state, Read((*_said_of(hints, state, model.printer), held, changed), watch)
+    return state, Read(part, (*_said_of(hints, state, model.printer), held), watch)
 
 
 def _beginning(part: Part, model: SavedModel) -> MachineState:
@@ -395,7 +400,7 @@ def _predicted(planner: Planner, model: SavedModel, read: list[Read], *, marks: 
     """
     prediction = with_doubt(prediction_of(planner), model)
     lines = tuple(line - marks for line in prediction.unknown_lines)
-    warnings = tuple(dict.fromkeys(words for one in read for words in one.said if words))
+    warnings = tuple(dict.fromkeys(words for one in read for words in (*one.said, one.changed) if words))
     duration: Duration | None = None
     for one in read:
         duration = one.watch.duration if duration is None else duration + one.watch.duration
