@@ -21,7 +21,7 @@ from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.update import learn_phase, refitted
 from printmend.model import SavedModel, read_model, write_model
 from printmend.model.model import exact_model, saved_model
-from printmend.path import Trace
+from printmend.path import FLATBED, Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import PHASE_MARKS, cost, design_probe, phase_size_mm
 from printmend.twin import Twin
@@ -43,10 +43,10 @@ def phase_plan(printer: Printer) -> ProbePlan:
     return design_probe(printer, size_mm=phase_size_mm(printer), marks=PHASE_MARKS)
 
 
-def measured(true: Mechanism, seed: int) -> Trace:
+def measured(true: Mechanism, seed: int, noise_mm: float = 0.02) -> Trace:
     plan = phase_plan(true.printer)
     marks = Twin(true).follow(plan.waypoints_mm)[plan.rows]
-    return plan.trace(marks + np.random.default_rng(seed).normal(0, 0.02, marks.shape))
+    return plan.trace(marks + np.random.default_rng(seed).normal(0, noise_mm, marks.shape))
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +73,18 @@ def test_a_print_of_two_minutes_shows_where_the_motors_stand(models: dict[str, S
     left = [Twin(true).follow(way) - Twin(model.mechanism).follow(way) for model in (old, found.model)]
     before, after = (np.sqrt(np.mean(np.square(each - each.mean(axis=0)).sum(axis=1))) for each in left)
     assert after < 0.01 < 0.2 < before
+
+
+def test_a_scanners_wave_leaves_the_angle_as_open_as_it_is(models: dict[str, SavedModel]) -> None:
+    """A wave of 6 µm beside one of 0.2 mm that turns with its motor, by a scanner whose carriage may make it."""
+    old = models["ender3"]
+    trace = measured(homed_again(machine(old.printer), np.array([14.0, 6.0])), 3, 0.005)
+    wave_mm = [0.0, 0.006] * np.sin(2 * np.pi / 35 * trace.measured_mm[:, 1:])
+    scanned = replace(trace, placed=False, instrument=FLATBED, measured_mm=trace.measured_mm + wave_mm)
+    exact = replace(old, document={**old.document, "noise_mm": 0.005})
+    found = learn_phase(exact, scanned, rng=np.random.default_rng(0))
+    (now,) = (change for change in found.changes if (change.part, change.kind) == ("Y", "phase"))
+    assert 0.1 < abs(now.now - 6.0) < 3 * now.sd
 
 
 def test_a_home_that_moved_with_the_belts_is_learned(models: dict[str, SavedModel], tmp_path: Path) -> None:

@@ -1,7 +1,8 @@
 """Find how far the motors of a known machine have turned since it was learned: the shifts of their waves that fit a
 print best.
 
-The mean of the old machine stays. Free are place, play, and those effects that every print and every measurement has.
+The mean of the old machine stays. Free are place, play, those effects that every print and every measurement has, and
+what the instrument may do: the waves of a scanner look like those of a motor.
 All pairs of shifts are compared at once, because their errors are sums of products of the two motors' columns.
 """
 
@@ -10,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.effects import Scene
+from printmend.effects import EFFECTS, Of, Scene
 from printmend.effects.effect import Key
 from printmend.effects.homing import shifted, waves_of
 from printmend.infer.fit import looked
-from printmend.infer.gram import blocks_of, dictionary_of, seen
+from printmend.infer.gram import Block, blocks_of, dictionary_of, seen
 from printmend.infer.machine import Part, machine_of, those_acting
 from printmend.infer.update import ALIKE_NATS, rebased
 from printmend.machine import Mechanism
@@ -122,9 +123,9 @@ def _rows(
     scale = np.sqrt(rows.weight) / sigma_mm
     dictionary = dictionary_of(blocks_of(scene), look)
     free = [
-        dictionary.columns[:, block.at] * block.sds_mm[:, :1].max() * scale[:, None]
+        dictionary.columns[:, block.at] * _free_mm(block) * scale[:, None]
         for block in dictionary.blocks
-        if block.log_odds[0] > 0 or block.effect in FREE
+        if block.log_odds[0] > 0 or block.effect in FREE or EFFECTS[block.effect].of is Of.INSTRUMENT
     ]
     error = rows.error_mm * scale
     waves: list[tuple[Part, np.ndarray]] = []
@@ -138,6 +139,14 @@ def _rows(
     idlers = [(_surely(part), told) for part, told in waves if part.effect in LOOSE and part.is_likely]
     turning = [one for one in waves if one[0].effect not in LOOSE]
     return _Rows(error, turning, idlers, np.hstack([np.zeros((len(error), 0)), *free]), scene)
+
+
+def _free_mm(block: Block) -> float | np.ndarray:
+    """Return the standard deviation of a block's sizes before anything is measured, machines without it included; that
+    of place, play and what is always there is as large as it may be."""
+    if block.log_odds[0] > 0 or block.effect in FREE:
+        return float(block.sds_mm[:, :1].max())
+    return np.asarray(np.sqrt(block.variance_mm2))
 
 
 def _surely(part: Part) -> Part:
