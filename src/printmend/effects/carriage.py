@@ -6,15 +6,15 @@ import numpy as np
 
 from printmend.effects.effect import GONE, Of, Places, Scene, Term, Usual
 from printmend.effects.prior import alternatives, each_share, numbers_of, share_of
-from printmend.effects.process import cosines, share_of_span, walk
+from printmend.effects.process import cosines, share_of_span, smooth, walk
 from printmend.effects.words import PLACES, Found, Told, Whole
 from printmend.messages import say
 
 
 class Carriage(Usual):
-    """Cosines of the position along one axis of the picture, weighted as for a random walk. They move the coordinate
-    along the carriage's travel, where its motor's steps jitter from line to line, or, more smoothly, both
-    coordinates."""
+    """Cosines of the position along one axis of the picture, weighted as for a random walk or, as of an uneven belt,
+    for a smooth process. They move the coordinate along the carriage's travel, where its motor's steps jitter from line
+    to line, or, with fewer, both coordinates."""
 
     name = "carriage"
     of = Of.INSTRUMENT
@@ -26,9 +26,11 @@ class Carriage(Usual):
             counts = numbers_of(self.name, "cosines")
             share = each_share(share_of(self.name), len(counts))
             for axis in range(2):
-                for ways, count in enumerate(counts, start=1):
-                    profile = ways * walk(int(count))
-                    yield from alternatives(self.name, axis, [(count, float(ways))], profile, share=share)
+                for ways, count in enumerate(map(int, counts), start=1):
+                    lengths = numbers_of("uneven", "lengths")
+                    usual = [walk(count), *(smooth(scene.bed_span_mm[axis], each, count) for each in lengths)]
+                    profiles = (ways * each for each in usual)
+                    yield from alternatives(self.name, axis, [(float(count), float(ways))], *profiles, share=share)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         count, ways = map(int, shape)

@@ -49,6 +49,7 @@ FEW_MARKS = 600  # that a first look is for
 PASSES = 4  # of contacts, then search, at most
 SETTLED_MM = 0.02  # belts that move less from pass to pass change the columns too little to matter
 WEIGHINGS = 2  # of rows in each pass
+FEW_ALIKE = 30  # numbers: an estimate to one digit
 NEWS, MOST_NEWS = 0.25, 0.99  # share of a wall's place that is news: at first, and most
 FEWEST_READ = 4  # with fewer marks a coordinate may look as if it had never been measured
 BEGUN_WITH = ("place", "scale")  # a search from nothing may explain a pulley's size by a skewed frame, bit by bit
@@ -285,6 +286,7 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
     rows = _with_turn(fit.look._replace(rows=rows), fit.turned_rad).rows
     if len(rows.mark) <= len(fit.rows.mark):
         return fit
+    rows = _by_axis(rows, _variances_mm2(fit.rows, fit.left_mm()))
     gains = fit.search.gains(fit.state, fit.search.offered(fit.state.members))
     beside = np.unique(gains.keys[gains.values > LEAST_LOG_WEIGHT, 0])
     few = fit.search.narrowed([*fit.blocks, *(fit.dictionary.blocks[b] for b in beside)])
@@ -421,9 +423,27 @@ def first_sigma_mm(left_mm: np.ndarray, weight: np.ndarray) -> float:
 
 
 def weighed(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
-    """Return the weights [M] of rows from their residuals, with a scale from the median."""
-    away = np.abs(left_mm) * np.sqrt(rows.weight)
-    return rows.weight * weights_of(away, scale_of(away, max(LEAST_SIGMA_MM, rows.least_mm)))
+    """Return the weights [M] of rows from their residuals, with scales from medians."""
+    by_axis = _by_axis(rows, _variances_mm2(rows, left_mm)).weight
+    away = np.abs(left_mm) * np.sqrt(by_axis)
+    return by_axis * weights_of(away, scale_of(away, max(LEAST_SIGMA_MM, rows.least_mm)))
+
+
+def _variances_mm2(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
+    """Return how residuals scatter along X and Y [2]: some instruments read one axis worse than the other, as a
+    scanner whose carriage jitters. `FEW_ALIKE` numbers that scatter as all do are counted to those of each axis."""
+    away, least_mm = np.abs(left_mm) * np.sqrt(rows.weight), max(LEAST_SIGMA_MM, rows.least_mm)
+    whole_mm2, found = scale_of(away, least_mm) ** 2, []
+    for own in (away[numbers] for numbers, _ in rows.by_axis[:2]):
+        own_mm2 = scale_of(own, least_mm) ** 2 if len(own) else 0.0
+        found.append((FEW_ALIKE * whole_mm2 + len(own) * own_mm2) / (FEW_ALIKE + len(own)))
+    return np.array(found)
+
+
+def _by_axis(rows: Rows, variances_mm2: np.ndarray) -> Rows:
+    """Return rows weighed by how numbers along X and Y scatter [2], without a change of their mean logarithm."""
+    variance = np.square(rows.along) @ variances_mm2
+    return replace(rows, weight=rows.weight * np.exp(np.log(variance).mean()) / variance)
 
 
 def shared(rows: Rows, left_mm: np.ndarray) -> Rows:
