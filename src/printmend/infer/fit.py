@@ -182,7 +182,7 @@ def _fitted(
         if fit is None:
             weight = weighed(look.rows, _left_by(mechanism, trace, look))
         else:
-            weight = weighed(look.rows, fit.left_mm()) if count == len(fit.rows.mark) else look.rows.weight
+            weight = reweighed(look.rows, fit.left_mm()) if count == len(fit.rows.mark) else look.rows.weight
         newer = _searched(look, weight, fit, blocks, doubting=not quick)
         if fit is not None and _typical_mm(newer) > WORSE * _typical_mm(fit):
             break  # its contacts are no better than the last
@@ -337,7 +337,7 @@ def _searched(look: Look, weight: np.ndarray, last: Fit | None, blocks: tuple[Bl
         search, state = _finer(search, state, look._replace(rows=rows), weight)
         dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
         left_mm = left_of(rows, dictionary, state)
-        weight, rows = weighed(rows, left_mm), shared(rows, left_mm)
+        weight, rows = reweighed(rows, left_mm), shared(rows, left_mm)
     assert state is not None
     return Fit(look._replace(rows=rows), search, state)
 
@@ -423,10 +423,14 @@ def first_sigma_mm(left_mm: np.ndarray, weight: np.ndarray) -> float:
 
 
 def weighed(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
-    """Return the weights [M] of rows from their residuals, with scales from medians."""
-    by_axis = _by_axis(rows, _variances_mm2(rows, left_mm)).weight
-    away = np.abs(left_mm) * np.sqrt(by_axis)
-    return by_axis * weights_of(away, scale_of(away, max(LEAST_SIGMA_MM, rows.least_mm)))
+    """Return the weights [M] of rows from their residuals, with a scale from the median."""
+    away = np.abs(left_mm) * np.sqrt(rows.weight)
+    return rows.weight * weights_of(away, scale_of(away, max(LEAST_SIGMA_MM, rows.least_mm)))
+
+
+def reweighed(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
+    """Return the weights [M] of rows from the residuals of a set, with a scale for each axis."""
+    return weighed(_by_axis(rows, _variances_mm2(rows, left_mm)), left_mm)
 
 
 def _variances_mm2(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
@@ -605,7 +609,7 @@ def _beside(fit: Fit, motor: int) -> Callable[[Sequence[Turn]], list[float]]:
     along that motor: the score of the set with a pulley of that turn, whose play breathes or not, and its log odds."""
     blocks, members, rows = fit.dictionary.blocks, fit.state.members, fit.rows
     kept: Set = tuple(one for one in members if not _repeats(blocks[one[0]], motor))
-    weight = weighed(rows, fit.left_mm())
+    weight = reweighed(rows, fit.left_mm())
     dictionary = fit.search.narrowed([blocks[b] for b, _ in kept]).dictionary
     beside = search_of(dictionary, rows, weight).posterior(alone(kept), fit.state.sigma_mm, rounds=0)
     keys = ("pulley", motor, (ROUND_MOST,)), ("breathing", motor, (BREATH_MOST,))

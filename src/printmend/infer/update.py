@@ -39,6 +39,7 @@ from printmend.infer.fit import (
     first_sigma_mm,
     home_sd_of,
     looked,
+    reweighed,
     turned_back,
     unlike_play,
     weighed,
@@ -490,7 +491,7 @@ def _weighed_stories(story: Story, wearing: Wearing, look: Look, offered: Sequen
         story, stories = best.story, False
         best = _finer(best, weight)
         dictionary, members, sigma_mm = best.sums.dictionary, best.state.members, best.state.sigma_mm
-        weight = weighed(rows, best.left_mm())
+        weight = reweighed(rows, best.left_mm())
     assert best is not None
     return best
 
