@@ -66,14 +66,15 @@ def test_healthy_returns_every_byte(tmp_path: Path) -> None:
     assert output.read_bytes() == source.read_bytes()
 
 
-def test_refuses_what_does_not_help(tmp_path: Path) -> None:
-    """Moves along which the fault does not show: nothing is better afterwards, and nothing is written."""
+def test_what_mending_would_not_help_stays_as_it_is(tmp_path: Path) -> None:
+    """Moves along which the fault does not show: nothing would be better afterwards, so every byte stays."""
     source, output = plain(tmp_path, START + b"G1 X60.002 E1 F1800\n"), tmp_path / "out.gcode"
-    with pytest.raises(RefusedError):
-        mend_gcode(source, tiny_model(), output)
-    assert not output.exists()
+    left = mend_gcode(source, tiny_model(), output).prediction
+    assert left.is_untouched
+    assert left.after == left.before
+    assert output.read_bytes() == source.read_bytes()
     mend_gcode(source, tiny_model(), output, force=True)
-    assert output.exists()
+    assert output.read_bytes() != source.read_bytes()
 
 
 def tiny_model():

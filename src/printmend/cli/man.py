@@ -13,7 +13,7 @@ EXIT_CODES = (
     ("0", "Done."),
     ("1", "A bug in printmend."),
     ("2", "A file, model, printer or option is not as it should be; standard error says how. Nothing is written."),
-    ("3", "Mending would not help, and nothing is written; or `verify` found a promise broken."),
+    ("3", "Mending is not sure to help, and nothing is written; or `verify` found a promise broken."),
     ("130", "Stopped by Ctrl-C. What was written is whole."),
 )
 _FILES = (

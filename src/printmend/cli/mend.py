@@ -58,7 +58,7 @@ def command(
     Exit code 0  written
               1  a bug in printmend
               2  a file, a model or a printer is wrong; nothing written
-              3  mending would not help, or take too long; nothing written
+              3  mending is not sure to help, or takes too long; nothing written
 
     If one of several files fails, the others are written all the same. The exit code is the worst: 1, then 2, then 3.
     """

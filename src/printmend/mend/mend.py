@@ -304,12 +304,12 @@ def mend_gcode(
 ) -> Mended:
     """Write ``source`` (`-` for the standard input) as the printer of ``model`` must read it to print it right.
 
-    ``output`` may be the source itself; None is the standard output. Nothing is written unless all went well. A model
-    without a fault returns the file byte for byte. Each plate of a project is a print of its own. ``fineness`` says how
+    ``output`` may be the source itself; None is the standard output. Nothing is written unless all went well. A file
+    that would gain nothing is returned byte for byte. Each plate of a project is a print of its own. ``fineness`` says how
     far the path may be off, and which firmware reads it. ``watch`` gets the plan of each program.
 
     Raises `GcodeError` for a file that cannot be read or was mended before, `ModelError` for another printer's file,
-    and, unless ``force``, `RefusedError` if mending would not help or would add too much time.
+    and, unless ``force``, `RefusedError` if mending is not sure to help or would add too much time.
     """
     output = None if output is None else Path(output)
     with open_gcode(source) as file:
@@ -320,8 +320,8 @@ def mend_gcode(
             if not force:
                 _refuse_misfit(file, model)
             read = plan_file(file, planner, model, fineness, progress)
-            with _destination(output) as handle, file.path.open("rb") as whole:
-                shutil.copyfileobj(whole, handle, 1 << 20)
+            with _destination(output) as handle:
+                _copy(file, handle)
             return Mended(output, _predicted(planner, model, read))
         slower = None
         if fineness.slower is not None:
@@ -344,6 +344,11 @@ def mend_gcode(
             said = (slower or few_moves_words(planner), _crossing_words(planner, fineness))
             prediction = replace(prediction, warnings=(*prediction.warnings, *filter(None, said)))
             _check_worth_writing(file, model, prediction, force=force)
+            if not (force or prediction.is_better or _is_probe(file)):
+                prediction = prediction.left_as_it_is()
+                handle.seek(0)
+                handle.truncate()
+                _copy(file, handle)
         return Mended(output, prediction)
 
 
@@ -432,6 +437,12 @@ def _crossing_words(planner: Planner, fineness: Fineness) -> str | None:
     return say("crossings-no-faster", f"{head.accel:.0f}") if head.accel >= asked_mm_s2 else say("no-crossing-sped-up")
 
 
+def _copy(file: GcodeFile, handle: IO[bytes]) -> None:
+    """Write a file byte for byte."""
+    with file.path.open("rb") as whole:
+        shutil.copyfileobj(whole, handle, 1 << 20)
+
+
 @contextmanager
 def _destination(output: Path | None) -> Iterator[IO[bytes]]:
     """Open a temporary file that replaces the output once all is well, or goes to the standard output."""
@@ -478,12 +489,12 @@ def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Predict
             ),
             todo=say("move-object-much-away-give-scale"),
         )
-    if not prediction.is_better and not _is_probe(file):
+    if prediction.is_expected_better and not (prediction.is_better or _is_probe(file)):
         came = say("mm-instead-mm", f"{prediction.after.rms_mm:.4f}", f"{prediction.before.rms_mm:.4f}")
         if prediction.heights is not None:
             before, after = prediction.heights
             came = say("and-in-height", came, f"{after.rms_mm:.4f}", f"{before.rms_mm:.4f}")
-        if (worse := prediction.chance_of_none) > 0 and prediction.after.rms_mm < prediction.before.rms_mm:
+        if (worse := prediction.chance_of_none) > 0:
             came = say("expected-but-no-gain", came, max(1, round(100 * worse)))
             cause = max(prediction.after.made_of.items(), key=lambda item: item[1], default=("", 0.0))[0]
             is_printers = cause in EFFECTS and EFFECTS[cause].of.is_printers

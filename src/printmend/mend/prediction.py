@@ -132,10 +132,23 @@ class Prediction:
         if self.gain_mm is not None and self.heights is None:
             is_gain = float(np.median(self.gain_mm)) > _LEAST_GAIN_MM
             return is_gain and float(np.quantile(self.gain_mm, self.most_worse_share)) > 0.0
+        return self.is_expected_better
+
+    @property
+    def is_expected_better(self) -> bool:
+        """Return whether mending is expected to gain more than the resolution of the file's numbers."""
         before, after = self.before.rms_mm, self.after.rms_mm
         if self.heights is not None:
             before, after = math.hypot(before, self.heights[0].rms_mm), math.hypot(after, self.heights[1].rms_mm)
         return before - after > _LEAST_GAIN_MM
+
+    def left_as_it_is(self) -> "Prediction":
+        """Return the prediction for a file whose moves all stay as they are."""
+        heights = None if self.heights is None else (self.heights[0], self.heights[0])
+        return replace(
+            self, after=self.before, heights=heights, commands=self.moves, takeups=0, stops=0, coarse=0, anchors=0,
+            clamped=0, clamped_extruding=0, held_mm=0.0, beyond_mm=0.0,
+        )  # fmt: skip
 
     @property
     def chance_of_none(self) -> float:
