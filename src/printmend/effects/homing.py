@@ -24,10 +24,10 @@ def waves_of(effect: str, where: int, shape: tuple[float, ...], scene: Scene) ->
 
 
 def shifted(sizes_mm: np.ndarray, waves_mm: np.ndarray, by_mm: float | np.ndarray) -> np.ndarray:
-    """Return sizes [2K, D], cosines first, of waves whose motor is shifted ``by_mm`` [D]."""
-    angle = 2 * np.pi * np.divide.outer(np.broadcast_to(by_mm, sizes_mm.shape[1:]), waves_mm).T
-    cos, sin = np.split(sizes_mm, 2)
-    return np.vstack([cos * np.cos(angle) + sin * np.sin(angle), sin * np.cos(angle) - cos * np.sin(angle)])
+    """Return sizes [2K, D], cosines first, of waves whose motor is shifted ``by_mm`` [D], or all alike."""
+    angle = 2 * np.pi * np.divide.outer(np.atleast_1d(by_mm), waves_mm).T
+    (cos, sin), turn_cos, turn_sin = np.split(sizes_mm, 2), np.cos(angle), np.sin(angle)
+    return np.vstack([cos * turn_cos + sin * turn_sin, sin * turn_cos - cos * turn_sin])
 
 
 def lasting(sizes_mm: np.ndarray, effect: str, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray | None:

@@ -316,8 +316,9 @@ class Gram:
         left = self.slope[old] - inner @ mean
         told, wanted = sigma_mm**2 * np.eye(ways.shape[1]) + ways.T @ inner @ ways, ways.T @ left
         root = np.linalg.cholesky(told)
-        half, values = np.linalg.solve(root, (cross @ ways).T), np.linalg.solve(told, wanted)
-        values += np.linalg.solve(told, wanted - told @ values)  # rounding of errors of mm beside noise of um
+        inverse = np.linalg.inv(root)
+        half, values = inverse @ (cross @ ways).T, inverse.T @ (inverse @ wanted)
+        values += inverse.T @ (inverse @ (wanted - told @ values))  # rounding of errors of mm beside noise of um
         square = self.square - mean @ (self.slope[old] + left) - values @ (2 * wanted - told @ values)
         few_slope = self.slope[few] - cross @ (mean + ways @ values)
         pull = root.T @ values

@@ -65,9 +65,8 @@ class Part:
 
     def standing(self, by_mm: float, scene: Scene) -> "Part":
         """Return the part as it acts where its motor was shifted ``by_mm`` for good."""
-        both = replace(self, draws_mm=np.column_stack([self.acts_mm, self.draws_mm]))
-        acts_mm, *draws_mm = both.moved(np.full(2, by_mm), scene).draws_mm.T
-        return replace(self, acts_mm=acts_mm, draws_mm=np.array(draws_mm).T)
+        both = replace(self, draws_mm=np.column_stack([self.acts_mm, self.draws_mm])).moved(np.full(2, by_mm), scene)
+        return replace(self, acts_mm=both.draws_mm[:, 0], draws_mm=both.draws_mm[:, 1:])
 
 
 def those_acting(parts: Sequence[Part]) -> list[Sized]:

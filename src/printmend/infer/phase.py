@@ -89,7 +89,7 @@ def _seen_at(part: Part, columns: np.ndarray, grid: np.ndarray, scene: Scene) ->
     """Return what a part does to rows [M, G] whose columns [M, P] are given, at each of its shifts [G]."""
     waves_mm = waves_of(*part.key, scene)
     assert waves_mm is not None
-    return np.asarray(columns @ shifted(np.repeat(part.mean_mm[:, None], len(grid), axis=1), waves_mm, grid))
+    return np.asarray(columns @ shifted(part.mean_mm[:, None], waves_mm, grid))
 
 
 def found_phase(parts: Sequence[Part], mechanism: Mechanism, trace: Trace, scene: Scene, sigma_mm: float) -> Phase:

@@ -56,6 +56,7 @@ from printmend.infer.gram import (
     gram_of,
     laid_side_by_side,
     slices,
+    summed,
     with_blocks,
 )
 from printmend.infer.machine import DRAWS, LIKELY, Part, is_of_drive, machine_of, those_acting
@@ -150,9 +151,9 @@ class Wearing:
             mean[first] += more_mm * (-1.0 if mean[first] < 0 else 1.0)  # trends belong to sizes without a sign
             way[first, 1] = sd_mm
             ways.append(way[:, way.any(axis=0)])
-        for by_mm, sd_mm in zip(TINY_MM * np.eye(2), self.homed_mm, strict=True):
-            more = laid_out([part.moved(by_mm, self.scene) for part in story.parts], like)
-            ways.append((more - draws).mean(axis=1)[:, None] * sd_mm / TINY_MM)
+        more = laid_out([part.moved(np.full(2, TINY_MM), self.scene) for part in story.parts], like)
+        where = np.array([part.where for part in like for _ in part.acts_mm], int)
+        ways.append((more - draws).mean(axis=1)[:, None] * (where[:, None] == (0, 1)) * self.homed_mm / TINY_MM)
         return mean, np.hstack(ways)
 
 
@@ -267,15 +268,18 @@ class Sums:
         """The old machine's columns [M, P]."""
         return self.gram.table.columns[:, : -self.own or None]
 
-    def without(self, mean: np.ndarray, ways: np.ndarray, sigma_mm: float, at: np.ndarray | None = None) -> "Left":
-        """Sum out an old machine; with ``at`` only these columns of the dictionary are left."""
+    def some(self, blocks: Sequence[Block]) -> "Sums":
+        """Return the sums for the old machine and some of the dictionary's blocks, all made at once."""
+        columns, known = columns_at(blocks), len(self.gram.slope) - self.own
+        few = self.gram.some(np.append(np.arange(known), known + columns))
+        dictionary = Dictionary(laid_side_by_side(blocks), self.dictionary.columns[:, columns])
+        return Sums(self.like, dictionary, summed([few], len(few.slope)))
+
+    def without(self, mean: np.ndarray, ways: np.ndarray, sigma_mm: float) -> "Left":
+        """Sum out an old machine."""
         known = len(self.gram.slope) - self.own
-        few = known + (np.arange(self.own) if at is None else at)
-        gram, root, pull = self.gram.summed_out(np.arange(known), mean, ways, sigma_mm, few)
-        assert gram.out is not None
-        log_det = 2 * float(np.log(np.diag(root)).sum()) - 2 * len(root) * math.log(sigma_mm)
-        covariance = sigma_mm**2 * np.linalg.inv(root @ root.T)
-        return Left(gram, log_det, mean, ways, covariance, root @ pull / sigma_mm**2, root @ gram.out / sigma_mm**2)
+        return Left(*self.gram.summed_out(np.arange(known), mean, ways, sigma_mm, np.arange(known, known + self.own)),
+                    mean, ways, sigma_mm)  # fmt: skip
 
 
 def sums_of(like: tuple[Part, ...], dictionary: Dictionary, old: np.ndarray, rows: Rows, weight: np.ndarray) -> Sums:
@@ -286,25 +290,39 @@ def sums_of(like: tuple[Part, ...], dictionary: Dictionary, old: np.ndarray, row
 
 @dataclass(frozen=True, eq=False)
 class Left:
-    """The Gram matrix of changes with the old machine summed out, and how its sizes follow from those of changes."""
+    """The Gram matrix of changes with the old machine summed out along ``ways`` [P, K] about its ``mean`` [P], and how
+    its sizes follow from those of changes: by the root ``told`` [K, K] and the pull ``pulled`` [K] of the values."""
 
     gram: Gram
-    log_det: float
+    told: np.ndarray
+    pulled: np.ndarray
     mean: np.ndarray
     ways: np.ndarray
-    covariance: np.ndarray
-    pull: np.ndarray
-    cross: np.ndarray
+    sigma_mm: float
+
+    @property
+    def log_det(self) -> float:
+        """The logarithm of the determinant of the information of the values along the ways."""
+        return 2 * float(np.log(np.diag(self.told) / self.sigma_mm).sum())
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """The covariance of the values along the ways [K, K]."""
+        return np.asarray(self.sigma_mm**2 * np.linalg.inv(self.told @ self.told.T))
+
+    def values(self, changes: np.ndarray) -> np.ndarray:
+        """Return the mean values along the ways [K, D] beside changes [Q, D]."""
+        assert self.gram.out is not None
+        pull = self.told @ (self.pulled[:, None] - self.gram.out @ changes) / self.sigma_mm**2
+        return np.asarray(self.covariance @ pull)
 
     def sizes_mm(self, changes: np.ndarray) -> np.ndarray:
         """Return the old machine's mean sizes [P, D] beside changes [Q, D]."""
-        z = self.covariance @ (self.pull[:, None] - self.cross @ changes)
-        return np.asarray(self.mean[:, None] + self.ways @ z)
+        return np.asarray(self.mean[:, None] + self.ways @ self.values(changes))
 
     def shifts(self, changes: np.ndarray) -> np.ndarray:
         """Return both motors' shifts since the old machine homed and their deviations [2, 2], in prior deviations."""
-        z = self.covariance @ (self.pull - self.cross @ changes[:, 0])
-        return np.stack([z[-2:], np.sqrt(np.diag(self.covariance)[-2:])], axis=1)
+        return np.stack([self.values(changes)[-2:, 0], np.sqrt(np.diag(self.covariance)[-2:])], axis=1)
 
     @cached_property
     def root(self) -> np.ndarray:
@@ -626,15 +644,14 @@ def _likeliest(event: Event, at: _Pass, always: Set, wearing: Wearing) -> Event:
     blocks, story = at.sums.dictionary.blocks, at.story
     free = ("place", "play") if event.kind == "stop" else ("place", "play", "shift")
     kept = [blocks[b] for b, _ in always] + [block for block in blocks if block.effect in free]
-    columns = columns_at(kept)
-    few = laid_side_by_side(kept)
-    dictionary = Dictionary(few, np.zeros((0, len(columns))))
-    members = tuple((b, 0) for b in range(len(few)))
+    sums, members = at.sums.some(kept), tuple((b, 0) for b in range(len(kept)))
+    like = {part.key for part in sums.like}
+    known = tuple(part for part in story.parts if part.key in like)  # others tell nothing of the angle
 
     def score(by_rad: float) -> float:
-        turned = replace(story, parts=event.after(story.parts, by_rad, at.look.scene))
-        left = at.sums.without(*wearing.known(turned, at.sums.like), at.state.sigma_mm, columns)
-        return Search(dictionary, left.gram).posterior(members, at.state.sigma_mm).score - left.log_det / 2
+        turned = replace(story, parts=event.after(known, by_rad, at.look.scene))
+        left = sums.without(*wearing.known(turned, sums.like), at.state.sigma_mm)
+        return Search(sums.dictionary, left.gram).posterior(members, at.state.sigma_mm).score - left.log_det / 2
 
     angles = np.arange(-PHASES // 2 + 1, PHASES // 2 + 1) * (2 * np.pi / PHASES)
     scores = np.array([score(float(each)) for each in angles])
