@@ -2,7 +2,7 @@
 
 import numpy as np
 
-EPS_MM, FLAT_MM, LEAST_MM, FLAT_CROSSING, GENTLE_CROSSING, UNCUT_CROSSING = 0.005, 2e-4, 0.08, 0.5, 0.5, 0.75
+EPS_MM, LEAST_MM, GENTLE_CROSSING, UNCUT_CROSSING = 0.005, 0.08, 0.2, 0.75
 FASTEST_ON_CURVE, FASTEST_AT_CORNER, CORNER_SLOPE, LEAST_FALL, ASLANT, SIDEWAYS_MM = 8.0, 16.0, 0.5, 4.0, 1.5, 0.01
 UPRIGHT, AGREED_MM, SHORTEST_MM, STRAIGHT_BACK, WAIT = 0.8, 0.03, 0.02, 0.96, 0.3
 PITCH_MM, NEAR_MM = 2e-4, 0.005
@@ -24,9 +24,7 @@ def turns(
             at = i
         elif trend and trend * (belt_mm[at] - belt_mm[i]) > 2 * EPS_MM:
             way = s_mm[: i + 1], belt_mm[: i + 1], at, trend
-            begin, end = stretch(*way, FLAT_MM, floor)
-            if slack_mm > FLAT_CROSSING * (end - begin):
-                begin, end = stretch(*way, EPS_MM, floor)
+            begin, end = stretch(*way, EPS_MM, floor)
             if slack_mm > GENTLE_CROSSING * (end - begin):
                 begin, end = stretch(*way, 2 * EPS_MM, floor)
             inside = s_mm[(s_mm >= begin) & (s_mm <= end)]

@@ -42,8 +42,7 @@ from printmend.plan.kernels.state import is_sure, middle
 # The limits of speed and of shape are choices of ours.
 FLAT_MM = 2e-4  # a belt that moves less stands still
 # How fast a motor may cross its slack, as a multiple of the nozzle's speed:
-FLAT_CROSSING = 0.5  # on the stretch where the belt stands still anyway
-GENTLE_CROSSING = 0.5  # on a stretch where it stays within half the tolerance
+GENTLE_CROSSING = 0.2  # on a stretch where the belt stays within half the tolerance: Klipper passes its ends at 45 mm/s
 UNCUT_CROSSING = 0.75  # on a stretch that begins or ends with a move, so that no move is cut
 FASTEST_ON_CURVE = 8.0  # around a turn that is no corner
 FASTEST_AT_CORNER = 16.0  # at a corner: any faster, and the nozzle all but stands, so that it may as well stand
@@ -340,9 +339,7 @@ def _cross(model, run, turn, k, at, q, trend, slack, floor):
     begins before ``floor``, where the last one ended.
     """
     n = q + 1
-    begin, end = _stretch(run, k, at, n, trend, FLAT_MM, floor)
-    if slack > FLAT_CROSSING * (end - begin):
-        begin, end = _stretch(run, k, at, n, trend, model.head.chord, floor)
+    begin, end = _stretch(run, k, at, n, trend, model.head.chord, floor)
     if slack > GENTLE_CROSSING * (end - begin):
         begin, end = _stretch(run, k, at, n, trend, 2.0 * model.head.chord, floor)
     long = end - begin
