@@ -98,10 +98,25 @@ def _made_up(model, curve, k, mode, t):
 
 # These kernels take many parameters: the curve, the motors and their modes, and what may be spared.
 @inner
-def _score(model, curve, state, mode0, mode1, t, end, m0, m1, spare_aside, spare_along):
+def _end(model, curve, state, mode0, mode1, end, stop, u0, u1):
+    """Return where the motors are at ``end``, and how far the belts are told to be off the path there.
+
+    At ``stop`` they are told to be at (u0, u1): ahead of a path that turns back.
+    """
+    m0, m1 = along_curve(model, curve, state, mode0, mode1, end)
+    if end < stop:
+        return m0, m1, 0.0
+    to0, to1 = motor_along(model, state, 0, mode0, u0, stop), motor_along(model, state, 1, mode1, u1, stop)
+    x, y = from_motors(model, to0 - m0, to1 - m1)
+    return to0, to1, norm(x, y)
+
+
+@inner
+def _score(model, curve, state, mode0, mode1, t, end, m0, m1, spare_aside, spare_along, tip):
     """Return the largest error of the chord from t to ``end`` in units of what is allowed; the motors end at (m0, m1).
 
-    At t the error may be larger by ``spare_aside`` and ``spare_along``; both shrink to nothing at ``end``.
+    At t the error may be larger by ``spare_aside`` and ``spare_along``; both shrink to nothing at ``end``. Towards
+    there it may reach ``tip`` beside a chord's tolerance: that far ahead of the path a belt is told to be.
     """
     samples = max(3, np.int64(np.ceil(min((end - t) * curve.length, 4096.0) / model.head.sample)))
     from0, from1 = state.mended.m[0], state.mended.m[1]
@@ -116,14 +131,14 @@ def _score(model, curve, state, mode0, mode1, t, end, m0, m1, spare_aside, spare
         b = followed(model, 1, mode1, now1, from1 + s * (m1 - from1))
         x, y = printed(model, a, b)
         aside, along = aside_and_along(curve, x, y, t + s * (end - t))
-        off_aside = aside / (aside_most + (1.0 - s) * spare_aside)
-        off_along = along / (ALONG_PER_ASIDE * model.head.chord + (1.0 - s) * spare_along)
+        off_aside = aside / max(aside_most + (1.0 - s) * spare_aside, model.head.chord + s * tip)
+        off_along = along / (ALONG_PER_ASIDE * model.head.chord + (1.0 - s) * spare_along + s * tip)
         worst = max(worst, off_aside, off_along)
     return worst
 
 
 @inner
-def _longest(model, curve, state, mode0, mode1, t, whole, bound, shortest):
+def _longest(model, curve, state, mode0, mode1, t, whole, u0, u1, bound, shortest):
     """Return the length, in t, of the longest admissible chord, by growing and shrinking a guess from the curvature."""
     x, y = printed(model, middle(state, 0), middle(state, 1))
     aside, along = aside_and_along(curve, x, y, t)
@@ -132,8 +147,8 @@ def _longest(model, curve, state, mode0, mode1, t, whole, bound, shortest):
         step = min(whole, max(shortest, 2.0 * whole * np.sqrt(8.0 * model.head.chord / bound)))
     good = 0.0
     for _ in range(24):
-        m0, m1 = along_curve(model, curve, state, mode0, mode1, t + step)
-        score = _score(model, curve, state, mode0, mode1, t, t + step, m0, m1, aside + along, aside + along)
+        m0, m1, tip = _end(model, curve, state, mode0, mode1, t + step, t + whole, u0, u1)
+        score = _score(model, curve, state, mode0, mode1, t, t + step, m0, m1, aside + along, aside + along, tip)
         if score <= 1.0:
             good = step
             if step >= whole or score > 0.7:
@@ -187,8 +202,11 @@ def _reach(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest, even):
     way0, way1 = (to0 - from0) / ((stop - t) * length), (to1 - from1) / ((stop - t) * length)
     m0, m1 = along_curve(model, curve, state, mode0, mode1, t)
     x, y = from_motors(model, m0 - from0, m1 - from1)
-    along_most = max(SHORTEST_EVEN_MM / 4.0 if even else ALONG_PER_ASIDE * aside_most, abs(x * tx + y * ty))
-    near = max(aside_most, abs(tx * y - ty * x))
+    end0, end1 = along_curve(model, curve, state, mode0, mode1, stop)
+    end_x, end_y = from_motors(model, to0 - end0, to1 - end1)  # a belt is to be ahead of a path that turns back
+    least_along = max(abs(x * tx + y * ty), abs(end_x * tx + end_y * ty))
+    along_most = max(SHORTEST_EVEN_MM / 4.0 if even else ALONG_PER_ASIDE * aside_most, least_along)
+    near = max(aside_most, abs(tx * y - ty * x), abs(tx * end_y - ty * end_x))
     low, high, slow, fast = -np.inf, np.inf, -np.inf, np.inf
     last = behind = x * tx + y * ty
     slowest, fastest = -np.inf, np.inf
@@ -270,7 +288,8 @@ def _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest):
     aside, along = aside_and_along(curve, x, y, t)
     # along a wall a chord may lead by what a shaper will take from it
     aside, along = max(aside - most, 0.0), np.inf if even else max(along - ALONG_PER_ASIDE * most, 0.0)
-    if _score(model, curve, state, mode0, mode1, t, end, m0, m1, aside, along) > MOST_SCORE:
+    _, _, tip = _end(model, curve, state, mode0, mode1, end, stop, u0, u1)
+    if _score(model, curve, state, mode0, mode1, t, end, m0, m1, aside, along, tip) > MOST_SCORE:
         return t, m0, m1
     return end, m0, m1
 
@@ -315,7 +334,7 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
         if end > t:
             m0, m1 = n0, n1
         else:
-            step = _longest(model, curve, state, mode0, mode1, t, whole, bound, shortest)
+            step = _longest(model, curve, state, mode0, mode1, t, whole, u0, u1, bound, shortest)
             if step < whole:
                 m0, m1 = along_curve(model, curve, state, mode0, mode1, t + step)
     part = step * advance
