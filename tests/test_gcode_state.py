@@ -308,6 +308,7 @@ ABSOLUTE_TRAVELS = "".join(f"G1 X{i % 20} Y{i % 7} E{(i - i // 5) / 50:.3f}\n" f
         ("G28\nM82\n" + LONG + "G91\nM82\nG92 E0\n" + RAISED, "G90 and G91 set E too"),
         ("G28\nM82\n" + LONG + "G91\nG1 Z5 E-1\nG90\n" + LONG, None),
         ("G28\nM83\nG91\nG1 Z5\nG90\n" + RELATIVE, None),
+        ("G28\nM83\n" + RELATIVE + "G5 X30 Y9 I9 J9 P-9 Q9 E1\nG91\nG1 Z5\nG90\n", None),
         ("G28\nM82\n" + LONG + "G91\nM82\nG92 E0\n" + RELATIVE_STEPS, "Printing moves concerned: 28"),
     ],
 )

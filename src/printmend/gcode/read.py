@@ -239,7 +239,7 @@ def e_warning(state: MachineState) -> str | None:
 
 def _pushed(text: np.ndarray, state: MachineState, rule: int, m83: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return where each move with an E that is known under a rule begins, the filament that it pushes, and its length
-    [mm]."""
+    [mm]. The chords of a curve count as one move."""
     trial = state.copy()
     trial.counts.rule, trial.counts.m83 = rule, m83
     records = np.empty(RECORDS, k.RECORD)
@@ -248,7 +248,8 @@ def _pushed(text: np.ndarray, state: MachineState, rule: int, m83: int) -> tuple
     rows = rows[(rows["kind"] <= k.KIND_CCW) & (rows["words"] & k.WORD_E > 0) & (rows["words"] & k.WORDS_XYZ > 0)]
     length_mm = np.hypot(rows["x1"] - rows["x0"], rows["y1"] - rows["y0"]) + np.abs(rows["z1"] - rows["z0"])
     goes = length_mm > 0
-    return rows["begin"][goes], rows["advance"][goes], length_mm[goes]
+    begins, move = np.unique(rows["begin"][goes], return_inverse=True)
+    return begins, np.bincount(move, rows["advance"][goes]), np.bincount(move, length_mm[goes])
 
 
 def _implausible_share(pushed_mm: np.ndarray, length_mm: np.ndarray, among: np.ndarray) -> float:
