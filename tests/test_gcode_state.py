@@ -126,7 +126,7 @@ def test_what_a_word_without_a_value_shifts_is_unknown(line, value):
         ("G1 Z100, E4", "XY"),
         ("G1 X7Y8e+1", "Z"),
         ("(nested (deep) X3) Y9", "Z"),
-        ("/G1 X60", ""),
+        ("/G1 X60", "YZ"),
         ("{macro}", ""),
         ("G28 X{v}", ""),
         ("%", "XYZ"),
@@ -173,8 +173,22 @@ def test_a_block_makes_unknown_what_it_could_set():
     first, second, third, fourth = rows[-4:]
     assert (certain(first), certain(second)) == ("Z", "XYZ")
     assert [bool(row["flags"] & k.FLAG_OPAQUE) for row in (first, second, third, fourth)] == [True, True, True, False]
-    same = records_of("G28\nG90\nif a\n G90\n  G21\nG1 X7 E1", Flavour.RRF)  # what it sets is so already
-    assert certain(same[-1]) == "XYZ"
+
+
+@pytest.mark.parametrize(
+    ("lines", "clear"),
+    [
+        ("/M106 S0", True), ("/G4 P5", True), ("/G1 X60", True), ("if a\n G90\n  G21", True),
+        ("if a\n G91\n G90", True), ("{if a > 1}M106 S100{endif}", True), ("{% if a %}\nM117 x\n{% endif %}", True),
+        ("{if a}G90{else}M106{endif}", True), ("{macro}\nG28\nM83\nG90", True), ("{macro}\nM83\nG90", False),
+        ("/G91", False), ("{if a}G91{endif}", False), ("{if a}\nG91\n{else}\nG90\n{endif}", False),
+        ("if a\n G91\n if b\n  G90", False), ("{if a}\n/M106", False), ("{if a}G1 X5 {b}{endif}", False),
+    ],
+)  # fmt: skip
+def test_what_may_be_skipped_leaves_what_it_cannot_change(lines: str, clear: bool) -> None:
+    row = records_of(f"G28\nG90\nM83\n{lines}\nG1 X7 Y5 Z1 E1 F600", Flavour.RRF)[-1]
+    assert (certain(row) == "XYZ" and not row["flags"] & k.FLAG_OPAQUE) is clear
+    assert clear or row["doubted"] >= 4
 
 
 @pytest.mark.parametrize(

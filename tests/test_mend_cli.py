@@ -172,6 +172,13 @@ def test_refusals(folder: Path) -> None:
     forced = run("mend", folder / "far.gcode", "-m", folder / "printer.mend.json", "--force")
     assert forced.exit_code == 0, forced.output
     assert "edge of the bed" in forced.output
+    (folder / "skip").mkdir()
+    (folder / "skip" / "all.gcode").write_bytes(SQUARE.replace(b"G0 X60", b"/G91\nG0 X60"))
+    (folder / "skip" / "last.gcode").write_bytes(SQUARE + b"/G91\nG1 X9 E1\n")
+    told = run("mend", folder / "skip", "-m", folder / "printer.mend.json")
+    assert told.exit_code == 3
+    assert [words.count("The cause is line") for words in (told.stderr, told.stdout)] == [1, 1]
+    assert "Warning: printing moves that are not mended: 1 (line" in told.stdout
 
 
 def test_a_measurement_of_no_printer_is_refused_though_nothing_was_found(folder: Path) -> None:

@@ -545,6 +545,9 @@ def advance(limits, clock, queue, times, records, begin, end, notes, first, piec
         if r.kind != KIND_LINEAR and r.kind != KIND_CW and r.kind != KIND_CCW:
             if _stops(r):
                 run(limits, clock, queue, times, True)
+            if r.kind == KIND_EVENT:  # a line that is not read for certain is taken to go where it seems to
+                at[0], at[1], at[2] = r.x0, r.y0, r.z0
+                _go(limits, clock, queue, times, r, -1, r.x1, r.y1, r.z1, r.c0, r.c1, r.advance, r.feed)
             if r.kind == KIND_HOME or r.kind == KIND_EVENT:
                 at[0] = np.nan
             continue

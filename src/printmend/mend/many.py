@@ -70,9 +70,11 @@ class FileOutcome:
             return say("terminal-mended-already-to", self.source, self.output)
         if self.mended is None:
             return self.error or ""
-        before, after = self.mended.prediction.before, self.mended.prediction.after
-        said = say("mended-from-to", self.source, f"{before.rms_mm:.3f}", f"{after.rms_mm:.3f}", self.output)
-        return together("\n", [said, *(say("warning", each) for each in self.mended.prediction.warnings)])
+        prediction = self.mended.prediction
+        before, after = f"{prediction.before.rms_mm:.3f}", f"{prediction.after.rms_mm:.3f}"
+        said = say("mended-from-to", self.source, before, after, self.output)
+        warnings = filter(None, (*prediction.warnings, prediction.left_words))
+        return together("\n", [said, *(say("warning", each) for each in warnings)])
 
 
 def mended_path(source: Path) -> Path:

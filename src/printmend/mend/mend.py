@@ -472,10 +472,9 @@ def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Predict
             file.name, wanted=say("prints-nothing"), came=say("moves-extrude-nothing", prediction.moves),
             todo=say("put-m83-top-each-meant-add"),
         )  # fmt: skip
-    if prediction.length_mm == 0:
+    if prediction.mended_mm == 0:
         raise RefusedError(
-            file.name, wanted=say("extruding-moves-known-place"),
-            came=together("", [say("place-unknown", prediction.unknown), prediction.where_unknown]),
+            file.name, wanted=say("extruding-moves-known-place"), came=prediction.left_words,
             todo=say("home-g28-before-printing"),
         )  # fmt: skip
     if prediction.held_mm > _MOST_HELD_SHARE * prediction.length_mm:
@@ -489,14 +488,17 @@ def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Predict
             ),
             todo=say("move-object-much-away-give-scale"),
         )
-    if prediction.is_expected_better and not (prediction.is_better or _is_probe(file)):
+    cause = max(prediction.after.made_of.items(), key=lambda item: item[1], default=("", 0.0))[0]
+    are_left = prediction.unknown > 0 and cause == "planning"
+    if (prediction.is_expected_better or are_left) and not (prediction.is_better or _is_probe(file)):
         came = say("mm-instead-mm", f"{prediction.after.rms_mm:.4f}", f"{prediction.before.rms_mm:.4f}")
         if prediction.heights is not None:
             before, after = prediction.heights
             came = say("and-in-height", came, f"{after.rms_mm:.4f}", f"{before.rms_mm:.4f}")
+        if prediction.unknown:
+            came = together("; ", [came, prediction.left_words])
         if (worse := prediction.chance_of_none) > 0:
             came = say("expected-but-no-gain", came, max(1, round(100 * worse)))
-            cause = max(prediction.after.made_of.items(), key=lambda item: item[1], default=("", 0.0))[0]
             is_printers = cause in EFFECTS and EFFECTS[cause].of.is_printers
             answer = None if is_printers else answer_to(model, cause)
             todo = say("answer-or-original", within(answer)) if answer else say("measure-more-or-original")
@@ -521,5 +523,5 @@ def _refuse_misfit(file: GcodeFile, model: SavedModel) -> None:
 
 
 def _refuse_motionless(file: GcodeFile, prediction: Prediction) -> None:
-    if prediction.moves == 0:
+    if prediction.moves + prediction.unknown == 0:
         raise GcodeError(file.name, wanted=say("g-code-motion"), came=say("g0-g3-move"), todo=say("give-sliced-file"))

@@ -77,9 +77,10 @@ class Prediction:
     both files take, None if not asked for.
 
     Not corrected: ``unknown`` counts extruding moves left as they are, because the file does not say what all their
-    words do (``unread``), or where the head is; ``unknown_lines`` are the lines of the first. ``splines`` counts such
+    words do (``unread``), or where the head is; ``unknown_lines`` are the lines of the first, ``doubted_line`` is the
+    line that made that uncertain, 0 for none; ``mended_mm`` of the length are other moves. ``splines`` counts such
     curves (G5). ``geometry`` counts the commands that make the firmware scale, skew or lengthen its targets.
-    ``warnings`` say where the file was read otherwise than its firmware may read it.
+    ``warnings`` say that, and where the file was read otherwise than its firmware may read it.
 
     Bed: printing moves end between ``low_mm`` and ``high_mm``. Everything printed, dots and the beginnings of moves
     included, lies between ``printed_low_mm`` and ``printed_high_mm``; ``on_bed`` says whether that is on the bed.
@@ -115,7 +116,9 @@ class Prediction:
     printed_low_mm: tuple[float, float]
     printed_high_mm: tuple[float, float]
     on_bed: bool
+    mended_mm: float
     unknown_lines: tuple[int, ...] = ()
+    doubted_line: int = 0
     distance_to: str = field(default_factory=lambda: say("the-wanted-path"))
     heights: tuple[Heights, Heights] | None = None
     advice: tuple[str, ...] = ()
@@ -131,6 +134,8 @@ class Prediction:
         """Return whether mending surely gains more than the resolution of the file's numbers."""
         if self.gain_mm is not None and self.heights is None:
             is_gain = float(np.median(self.gain_mm)) > _LEAST_GAIN_MM
+            if self.unknown:  # lines that stay as they are do not share the other lines' shift
+                is_gain = is_gain and self.before.rms_mm - self.after.rms_mm > _LEAST_GAIN_MM
             return is_gain and float(np.quantile(self.gain_mm, self.most_worse_share)) > 0.0
         return self.is_expected_better
 
@@ -163,6 +168,17 @@ class Prediction:
         more = [] if self.unknown == len(self.unknown_lines) else ["…"]
         message = "in-line" if self.unknown == 1 else "in-lines"
         return say(message, together(", ", [*map(str, self.unknown_lines), *more]))
+
+    @property
+    def left_words(self) -> str:
+        """Say how many moves were left as they are, and because of which line; empty for none."""
+        if not self.unknown:
+            return ""
+        why = "unread" if self.unread == self.unknown else "as-written" if self.unread else "unplaced"
+        said = say(f"moves-left-{why}", self.unknown, self.where_unknown)
+        if self.doubted_line and self.doubted_line not in self.unknown_lines[:1]:
+            said = say("moves-left-since", said, self.doubted_line)
+        return said
 
     @property
     def is_untouched(self) -> bool:
@@ -242,13 +258,10 @@ class Prediction:
             yield self.duration.words(mended=not self.is_untouched)
         if self.coarse:
             yield say("places-beyond-tolerance", self.coarse)
-        if self.unknown:
-            why = "unread" if self.unread == self.unknown else "as-written" if self.unread else "unplaced"
-            yield say(f"moves-left-{why}", self.unknown, self.where_unknown)
+        if self.left_words:
+            yield self.left_words
         if self.splines:
             yield say("curves-not-corrected", self.splines)
-        if self.geometry:
-            yield say("file-sets-own-geometry", self.geometry)
         if self.clamped_extruding:
             yield say("moves-held-back-printing", self.clamped, self.clamped_extruding, f"{self.beyond_mm:.2f}")
         elif self.clamped:
@@ -298,8 +311,11 @@ def prediction_of(planner: Planner) -> Prediction:
         printed_low_mm=(float(low_mm[0]), float(low_mm[1])),
         printed_high_mm=(float(high_mm[0]), float(high_mm[1])),
         on_bed=bool((low_mm > bed_mm[0] - _EDGE_MM).all() and (high_mm < bed_mm[1] + _EDGE_MM).all()),
+        mended_mm=float(state.drawn),
+        doubted_line=int(counts.doubted),
         unknown_lines=tuple(int(line) for line in counts.unknown_at[: counts.unknown]),
         heights=(heights[0], heights[1]) if planner.has_screw else None,
+        warnings=(say("file-sets-own-geometry", int(counts.geometry)),) if counts.geometry else (),
         shift_mm=_shift(path),
         path=path,
     )

@@ -199,6 +199,7 @@ def long_command(r, buf, p, stop, column, numbers, counts):
     """
     name, p = word_hash(buf, p, stop)
     if counts.flavour != FLAVOUR_KLIPPER and among(name, _BLOCKS):
+        change_modes(counts)
         counts.block = counts.block if counts.block else column + 1
         return EVENT_MACRO
     if name != _SAVE and name != _RESTORE and name != _OFFSET:
@@ -371,11 +372,26 @@ def _is_shifted(offsets, axis):
 
 @inner
 def settle(counts, mode, same):
-    """Note that a command sets a mode. In a block it may be skipped: then the mode is known if it is the ``same``."""
+    """Note that a command sets a mode, to what it is if ``same``. In a block, which may be skipped, note only whether
+    it is now another than before: of more than two, that it was changed."""
     if counts.block == 0:
         counts.unsure &= ~mode
     elif not same:
-        counts.unsure |= mode
+        counts.changed = counts.changed ^ mode if mode & UNSURE_OF_TWO else counts.changed | mode
+
+
+@inner
+def change_modes(counts):
+    """End a part of a block that is skipped or obeyed as a whole: a mode that is another after it is unknown, and
+    guessed to be what it was before: only then can the file print right without the block."""
+    if counts.changed & UNSURE_AXES:
+        counts.relative = 1 - counts.relative
+    if counts.changed & UNSURE_E_MODE:
+        counts.m83 = 1 - counts.m83
+    if counts.changed & UNSURE_UNIT:
+        counts.inch = 1 - counts.inch
+    counts.unsure |= counts.changed
+    counts.changed = 0
 
 
 @inner
@@ -400,8 +416,11 @@ def unsure_words(counts, letter, moves):
 @inner
 def lose_all(numbers, counts):
     """Note that a command may have done anything but change the unit or the plane, which nobody does in the middle of a
-    print; return what `event` is to note."""
-    lose_shifts(numbers, counts)
+    print, or set Klipper's offset, if the file sets none; return what `event` is to note."""
+    counts.zero_known = 0
+    for axis in range(3):
+        if numbers.gcode_offset[axis] != 0.0:
+            numbers.gcode_offset[axis] = np.nan
     counts.unsure |= UNSURE_SAVED | UNSURE_MOTION | UNSURE_WORK | UNSURE_TOOL
     numbers.feed = 0.0
     return EVENT_PLACEHOLDER + ALL_LOST
@@ -443,6 +462,7 @@ def finish_record(r, numbers, counts):
     r.x1, r.y1, r.z1 = numbers.pos[0], numbers.pos[1], numbers.pos[2]
     r.e1, r.feed = numbers.e, numbers.feed
     r.ox, r.oy, r.oz = numbers.offset[0], numbers.offset[1], numbers.offset[2]
+    r.doubted = counts.doubted
     r.flags = r.flags | counts.known * FLAG_KNOWN_X1
 
 
@@ -460,24 +480,24 @@ def event(r, counts, what):
 
 @inner
 def _goto(numbers, counts, words, unclear, values, unit, g53):
-    """Move the state's place by the X Y Z words; an axis named with an unclear value is lost."""
+    """Move the state's place by the X Y Z words; an axis named with an unclear value is lost: where it seems to go, if
+    it has one (else NaN), is a guess."""
     for axis in range(3):
         bit = WORD_X << axis
-        if unclear & bit:
-            counts.known &= ~(1 << axis)
-        elif words & bit:
-            value = values[VALUE_X + axis] * unit
+        value = values[VALUE_X + axis] * unit
+        if (words | unclear) & bit and not np.isnan(value):
             if g53:
                 numbers.pos[axis] = value
-                counts.known |= 1 << axis
             elif counts.relative:
                 numbers.pos[axis] += value
             else:
                 numbers.pos[axis] = value + numbers.offset[axis]
-                if counts.offset_known & (1 << axis):
-                    counts.known |= 1 << axis
-                else:
-                    counts.known &= ~(1 << axis)
+        if unclear & bit:
+            counts.known &= ~(1 << axis)
+        elif words & bit and g53:
+            counts.known |= 1 << axis
+        elif words & bit and not counts.relative:
+            counts.known = counts.known & ~(1 << axis) | counts.offset_known & 1 << axis
 
 
 @inner

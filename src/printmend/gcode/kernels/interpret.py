@@ -7,6 +7,7 @@ from printmend.gcode.kernels.commands import (
     CURVES_A_LINE,
     add_offsets,
     begin_record,
+    change_modes,
     chords_of,
     event,
     finish_record,
@@ -110,6 +111,8 @@ def _sign(buf, p, stop, s, counts, byte):
     if byte == STAR:
         s.flags |= FLAG_CHECKSUM
         counts.checksums += 1
+    elif among(condition(buf, p, stop)[0], CONDITIONS):
+        s.again = 1
     elif _is_filled_in(byte):
         s.unclear |= WORDS_ALL
         if s.letter == 0:
@@ -119,6 +122,41 @@ def _sign(buf, p, stop, s, counts, byte):
         s.unclear |= _letters(buf, p, stop)
         if s.letter == 0 and s.unclear & (WORD_G | WORD_M | WORD_T):  # a command behind it: a line that may be skipped
             s.letter = FILLED_IN
+
+
+# What slicers' placeholders and Jinja's templates say of the lines or commands that follow: these may be skipped.
+OPENING = np.array([name_hash("IF"), name_hash("FOR")])
+CLOSING = np.array([name_hash("ENDIF"), name_hash("ENDFOR")])
+CONDITIONS = np.array([name_hash(name) for name in ("IF", "FOR", "ELSIF", "ELIF", "ELSE", "ENDIF", "ENDFOR", "SET")])
+
+
+@inner
+def condition(buf, p, stop):
+    """Return the first name, as a hash, of what stands in braces at p, `{if …}` or `{% if … %}`, and where it ends."""
+    if buf[p] != BRACE:
+        return np.uint64(0), p
+    p += 1
+    while p < stop and (buf[p] in (PERCENT, MINUS) or is_blank(buf[p])):
+        p += 1
+    name, p = word_hash(buf, p, stop)
+    while p < stop and buf[p] != BRACE_END:
+        p += 1
+    return name, p + 1
+
+
+@inner
+def _after_conditions(buf, p, stop, counts):
+    """Obey the conditions at p, if any, and return what follows them: ``block`` is minus the number of open ones."""
+    while p < stop:
+        p = _after_blanks(buf, p, stop)
+        name, after = condition(buf, p, stop) if p < stop else (np.uint64(0), p)
+        if not among(name, CONDITIONS):
+            break
+        change_modes(counts)
+        if counts.block <= 0:
+            counts.block += np.int64(among(name, CLOSING) and counts.block < 0) - np.int64(among(name, OPENING))
+        p = after
+    return p
 
 
 @inner
@@ -349,7 +387,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
     r.c0 = r.c1 = np.nan
     r.e0, r.e1, r.advance, r.feed, r.accel = e0, e1, advance, feed, numbers.accel
     r.ox, r.oy, r.oz = ox, oy, oz
-    r.words, r.flags, r.layer, r.turns = words, flags, layer, 0
+    r.words, r.flags, r.layer, r.turns, r.doubted = words, flags, layer, 0, counts.doubted
     r.kind, r.event, r.plane, r.axes = KIND_LINEAR, 0, plane, NO_SLOT
     return p
 
@@ -554,8 +592,7 @@ def _comment(buf, p, stop, counts):
         counts.layer += 1
 
 
-# Long because the statements of a line hand on what they share; its many parameters are the interpreter's state and
-# arrays, and the line in hand.
+# Its many parameters are the interpreter's state and arrays, and the line in hand.
 @inner(error_model="python", _nrt=True)
 def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
     """Obey one line, buf[p:stop], statement by statement; return the next free record. s is scratch, a STATEMENT."""
@@ -574,18 +611,39 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
                 note_comment(buf, p, text, stop, notes, counts, n)
         return n
     if s.column < counts.block:
+        change_modes(counts)
         counts.block = 0
     s.flags = s.spaced = 0
     if upper(buf[p]) == LETTER_N and p + 1 < stop and is_digit(buf[p + 1]):
         p = _after_number(buf, p + 1, stop)
         s.flags = FLAG_NUMBERED
         counts.numbered += 1
+    if p < stop and buf[p] == SLASH:  # a line that may be skipped: a block of its own
+        counts.block -= 1 if counts.block <= 0 else 0
+        n = _statements(buf, p + 1, stop, after, s, values, numbers, counts, records, n, notes)
+        change_modes(counts)
+        counts.block += 1 if counts.block < 0 else 0
+        return n
+    return _statements(buf, p, stop, after, s, values, numbers, counts, records, n, notes)
+
+
+# Long because the statements of a line hand on what they share; its many parameters are the interpreter's state and
+# arrays, and the line in hand.
+@inner(error_model="python", _nrt=True)
+def _statements(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
+    """Obey the statements of a line from p on; return the next free record."""
     curves = 0
     while p < stop:
+        p = _after_conditions(buf, p, stop, counts)
+        if p >= stop:
+            break
+        known, sure, unsure = counts.known, counts.offset_known, counts.unsure | counts.changed
+        if known & sure & 3 == 3 and unsure & UNSURE_AHEAD == 0:
+            counts.doubted = 0
         p = read_statement(buf, p, stop, s, values, numbers, counts)
         if s.spaced:
             s.flags |= FLAG_SPACED
-        _doubt(s, counts)
+        _doubt(s, values, counts)
         # F0 asks for no speed: firmwares keep the one that they have, or stop with an error.
         if s.letter in (LETTER_G, 0) and s.words & WORD_F & ~(s.bare | s.twice) and values[VALUE_F] == 0.0:
             s.words ^= WORD_F
@@ -611,6 +669,9 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
             event(r, counts, what)
         if s.letter != LETTER_G or s.code > LAST_MOVE:
             add_offsets(numbers, counts)
+        lost = known & ~counts.known | sure & ~counts.offset_known | (counts.unsure | counts.changed) & ~unsure
+        if lost and counts.doubted == 0:  # what becomes uncertain later may only follow from that
+            counts.doubted = counts.line + 1
         if chords == 0 and r.kind != 0:
             finish_record(r, numbers, counts)
             n += 1
@@ -621,7 +682,7 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
 
 
 @inner
-def _doubt(s, counts):
+def _doubt(s, values, counts):
     """Take the words for unclear that say nothing certain: all of a statement that is garbled, or that may be skipped
     because it stands in a block; those whose mode is unknown; and those that come without a value, too."""
     known = s.words | s.bare
@@ -632,6 +693,9 @@ def _doubt(s, counts):
     elif counts.unsure:
         moves = s.letter == 0 or (s.letter == LETTER_G and (s.code <= LAST_MOVE or s.code in (50, 51)))
         s.unclear |= known & unsure_words(counts, s.letter, moves)
+    for axis in range(3):  # of the others it is known where they seem to lead
+        if s.unclear & (WORD_X << axis) and (s.garbled or not s.words & (WORD_X << axis)):
+            values[VALUE_X + axis] = np.nan
     s.words &= ~s.unclear
     s.bare &= ~s.unclear
 

@@ -29,6 +29,7 @@ RECORD = np.dtype(
         ("words", "u4"),  # words with a value: bit 0 is A … bit 25 is Z
         ("flags", "u4"),  # FLAG_*
         ("layer", "i4"),  # layer comments seen so far
+        ("doubted", "i4"),  # the line that made a place or a mode uncertain, from 1; 0 for none
         ("turns", "i4"),  # further full circles of an arc (P word)
         ("kind", "u1"),  # KIND_*
         ("event", "u1"),  # EVENT_*, 0 unless kind is KIND_EVENT, KIND_HOME or KIND_RETRACT
@@ -129,11 +130,15 @@ COUNTS = np.dtype(
         *_MODAL_COUNTS,
         ("offset_known", "i8"),  # bits: the sum of all shifts of X, Y, Z is certain
         ("line", "i8"),  # of the file, from 0
+        ("doubted", "i8"),  # the line that first made a place or a mode uncertain, from 1; 0 once all are certain
         ("inch", "i8"),  # 1 after G20
         ("plane", "i8"),  # 0 XY, 1 ZX, 2 YZ
         ("modal", "i8"),  # the motion in force: G0 to G3, −1 for none
         ("tool", "i8"),  # −1 before the first T
-        ("block", "i8"),  # inside `if` and `while` (RepRapFirmware): the outer one's column, from 1; else 0
+        # what may be skipped: inside RepRapFirmware's `if` and `while` the outer one's column, from 1; of placeholders
+        # and lines behind a slash minus the number that are open; else 0
+        ("block", "i8"),
+        ("changed", "i8"),  # UNSURE_*: modes that are others than before, if the lines of the block in hand are obeyed
         ("pushed", "i8"),  # how often M120 stands without its M121
         ("wcs", "i8"),  # row of ``work``
         ("layer", "i8"),  # layer comments seen
@@ -155,7 +160,9 @@ UNSURE_AXES, UNSURE_E_MODE, UNSURE_UNIT = 1, 2, 4  # G90 or G91, M82 or M83, G20
 UNSURE_PLANE, UNSURE_CENTRE, UNSURE_MOTION = 8, 16, 32  # G17 to G19, G90.1 or G91.1, the motion in force
 UNSURE_FEED, UNSURE_E = 64, 128  # the modal F, and the number that E stands at
 UNSURE_WORK, UNSURE_TOOL = 256, 512  # G54 to G59.3, and the tool
+UNSURE_OF_TWO = UNSURE_AXES | UNSURE_E_MODE | UNSURE_UNIT | UNSURE_CENTRE  # modes that are one thing or the other
 UNSURE_PLAIN = UNSURE_AXES | UNSURE_E_MODE | UNSURE_UNIT | UNSURE_MOTION | UNSURE_FEED | UNSURE_E  # of `G1 X… E…`
+UNSURE_AHEAD = UNSURE_AXES | UNSURE_E_MODE | UNSURE_UNIT | UNSURE_PLANE | UNSURE_CENTRE | UNSURE_MOTION | UNSURE_FEED
 UNSURE_PUSHED = UNSURE_AXES | UNSURE_E_MODE | UNSURE_FEED  # of what M120 keeps
 UNSURE_SAVED = UNSURE_PUSHED | UNSURE_E  # of what SAVE_GCODE_STATE keeps
 # What is said beside the motion: no record, for nothing stands between two moves because of it.

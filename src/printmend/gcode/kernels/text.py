@@ -9,7 +9,7 @@ from printmend.gcode.kernels.layout import *
 from printmend.jit import inner
 
 TAB, LF, CR, SPACE = 9, 10, 13, 32
-QUOTE, HASH, OPEN, CLOSE, STAR, PLUS, MINUS, POINT = 34, 35, 40, 41, 42, 43, 45, 46
+QUOTE, HASH, PERCENT, OPEN, CLOSE, STAR, PLUS, MINUS, POINT, SLASH = 34, 35, 37, 40, 41, 42, 43, 45, 46, 47
 ZERO, ONE, THREE, FOUR, FIVE, NINE = 48, 49, 51, 52, 53, 57
 COLON, SEMICOLON, EQUALS, BRACKET, BRACKET_END, UNDERSCORE, BRACE, BRACE_END = 58, 59, 61, 91, 93, 95, 123, 125
 LETTER_A, LETTER_B, LETTER_C, LETTER_E, LETTER_F = (np.int64(ord(letter)) for letter in "ABCEF")

@@ -53,6 +53,7 @@ STATE = np.dtype(
         ("saved", "f8", (SLOTS, 3)),  # where the three motors were then [mm], NaN for an unknown place
         ("error", "f8"),  # the largest error seen of the last command [mm]
         ("beyond", "f8"),  # how far the furthest extruding command would have left the bed [mm]
+        ("drawn", "f8"),  # how much extruded path does not stay as it is [mm]
         ("held", "f8", 2),  # how much path was held back at the edge [mm]: before any layer comment, and after it
         # of each motor that crosses its slack while the nozzle prints on: where it is at t = 0 of the curve, and how
         # far it goes until t = 1 [mm]
@@ -74,6 +75,7 @@ COUNTS = np.dtype(
         # sums for the prediction
         *((name, "i8") for name in ("moves", "pieces", "takeups", "anchors", "clamped", "clamped_extruding")),
         *((name, "i8") for name in ("unknown", "copied", "extruding", "splines", "geometry", "stops", "coarse")),
+        ("doubted", "i8"),  # the line that made the first of those uncertain, from 1; 0 for none
         ("unread", "i8"),  # of those that `unknown` counts, the ones whose words do not say all
         ("hurried", "i8"),  # pieces that have an acceleration of their own
         ("roles", "i8"),  # bits: roles of which there are lines

@@ -257,13 +257,20 @@ def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row
 
 
 @inner
-def _note_copied(model, curve, state, counts, pieces, n, record, records, count, i, layers, errors, samples):
-    """Predict a line that is copied because not all of it can be read: it is off as much as before mending."""
+def _note_left(model, curve, state, counts, pieces, n, record, records, count, i, layers, errors, samples, moved):
+    """Predict a line that stays as it is: where both files' heads start is known, as each prints it; elsewhere in both
+    as the file as it is prints it, from where it seems to be."""
+    if not stays_near(model, curve):
+        return
     drawn = record.flags & FLAG_EXTRUDING != 0
+    known = record.flags & FLAG_KNOWN_X1 and record.flags & FLAG_KNOWN_Y1 and counts.known != 0
+    apart = moved is None and known and record.kind == KIND_LINEAR and not record.flags & FLAG_RELATIVE
     row = layer_of(state, counts, layers, record) if drawn else 0
-    predict_raw(model, curve, state, counts, records, count, i, drawn, row, layers, errors, samples, None)
-    if drawn and not record.flags & FLAG_RELATIVE:
+    files = np.int64(1 if apart else 2)
+    predict_raw(model, curve, state, counts, records, count, i, drawn, row, layers, errors, samples, moved, files)
+    if drawn:
         layers[row].length += curve.length
+    if drawn and apart:
         m0, m1 = to_motors(model, record.x1, record.y1)
         x, y = record.x1, record.y1
         draw(model, curve, state, pieces, n, record, PIECE_LINE, 0.0, 1.0, m0, m1, x, y, row, layers, errors)
@@ -309,6 +316,8 @@ def _from_home(model, record, m0, m1):
 @inner
 def _count_left(counts, record, extruding):
     """Count an extruding move that stays as it is or has an unknown start, and keep the lines of the first few."""
+    if extruding and counts.unknown == 0:
+        counts.doubted = record.doubted
     if extruding and counts.unknown < UNKNOWN_LINES:
         counts.unknown_at[counts.unknown] = record.line + 1
     counts.unknown += extruding
@@ -342,7 +351,12 @@ def mend(
         arc = r.kind == KIND_CW or r.kind == KIND_CCW
         if not arc and r.kind != KIND_LINEAR:
             event(model, state, counts, r)
-            _count_left(counts, r, r.flags & FLAG_EXTRUDING != 0)
+            if r.flags & FLAG_EXTRUDING:
+                _count_left(counts, r, True)
+                trace(curve, r)
+                _note_left(
+                    model, curve, state, counts, pieces, n, r, records, count, i - 1, layers, errors, samples, moved
+                )
             if moved is not None:
                 height_event(model, state, counts, r)
             continue
@@ -383,8 +397,7 @@ def mend(
             left = left or is_too_long(model, curve)
         if left:
             _count_left(counts, r, extruding)
-            if moved is None and known and counts.known != 0 and r.kind == KIND_LINEAR and stays_near(model, curve):
-                _note_copied(model, curve, state, counts, pieces, n, r, records, count, i - 1, layers, errors, samples)
+            _note_left(model, curve, state, counts, pieces, n, r, records, count, i - 1, layers, errors, samples, moved)
             follow_copied(model, state, counts, r, known)
             if moved is not None:
                 follow_copied_height(model, state, counts, r)
@@ -396,14 +409,19 @@ def mend(
             continue
         sure = counts.known != 0
         drawn = extruding and sure
+        files = np.int64(1 if sure else 2)
         row = 0
         if extruding:
             row = layer_of(state, counts, layers, r)
         elif r.feed > 0:
             state.travel_feed = r.feed
-        predict_raw(model, curve, state, counts, records, count, i - 1, drawn, row, layers, errors, samples, moved)
-        if drawn:
+        predict_raw(
+            model, curve, state, counts, records, count, i - 1, extruding, row, layers, errors, samples, moved, files
+        )
+        if extruding:
             layers[row].length += curve.length
+        if drawn:
+            state.drawn += curve.length
             if i > run.end:
                 px = py = 0.0
                 if moved is not None:

@@ -152,8 +152,9 @@ def keep(samples, state, curve, s, length, x, y, row):
 
 # Its many parameters are the arrays of one file's way through `mend`, handed on as they are.
 @inner
-def predict_raw(model, curve, state, counts, records, count, i, noted, row, layers, errors, samples, moved):
-    """Print a move as the file has it; where ``noted``, add up its distance to the wanted path."""
+def predict_raw(model, curve, state, counts, records, count, i, noted, row, layers, errors, samples, moved, files):
+    """Print a move as the file has it; where ``noted``, add up its distance to the wanted path, of as many ``files``: a
+    line that both have alike is as far off in both."""
     straight = curve.arc == 0.0
     looks = 0
     push_x = push_y = 0.0
@@ -172,14 +173,16 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
             _, _, z = place(curve, s)
             push_x, push_y, risen = lift_raw(model, state, counts, z)
             if noted:
-                note_height(layers, row, 0, risen - z, curve.length / looks)
+                for which in range(files):
+                    note_height(layers, row, which, risen - z, curve.length / looks)
         if noted:
             a = (state.raw.low[0] + state.raw.high[0]) / 2
             b = (state.raw.low[1] + state.raw.high[1]) / 2
             x, y = printed(model, a, b)
             x, y = x + push_x, y + push_y
             error = with_doubt(state.raw, _nearest(records, count, i, curve, x, y))
-            note(layers, row, errors, 0, error, curve.length / looks)
+            for which in range(files):
+                note(layers, row, errors, which, error, curve.length / looks)
             keep(samples, state, curve, s, curve.length / looks, x, y, row)
     _follow(model, state, samples, curve.x1, curve.y1)
     _go(samples, 0, curve.x1 - curve.x0)
