@@ -159,6 +159,12 @@ def test_only_a_part_is_measured():
         read_walls(read_gcode(text.encode(), printer=PRINTER), PRINTER, layer=3)
 
 
+def test_homing_after_a_layer_does_not_matter_to_it() -> None:
+    text = foreign.gcode(foreign.star())[0]
+    alone, joined = (read_walls(read_gcode(each.encode(), printer=PRINTER), PRINTER) for each in (text, text + text))
+    assert (joined.commanded_mm == alone.commanded_mm).all()
+
+
 def test_the_first_layer_is_a_print_of_its_own(tmp_path):
     (tmp_path / "part.gcode").write_text(foreign.gcode(foreign.star(), layers=3)[0])
     outcome = CliRunner().invoke(

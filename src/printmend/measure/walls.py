@@ -89,7 +89,7 @@ def read_walls(program: Program, printer: Printer, *, layer: int = 1) -> Walls:
     """
     moves = straightened(program.moves, CHORD_MM)
     index, layers, has_skirt = _layer_of(program, moves, layer)
-    path, part_of, homed = _waypoints(moves, printer)
+    path, part_of, homed = _waypoints(moves, printer, moves.extruding & (moves.layer == index))
     printed = np.flatnonzero(moves.extruding & (moves.layer == index) & (part_of >= 0))
     start, end = np.array(moves.start_mm[printed, :2]), np.array(moves.end_mm[printed, :2])
     length = np.hypot(*(end - start).T)
@@ -153,14 +153,14 @@ def _layer_of(program: Program, moves: Moves, layer: int) -> tuple[int, int, boo
     return index, len(numbers), any("skirt" in kind.lower() for kind in kinds)
 
 
-def _waypoints(moves: Moves, printer: Printer) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return the way-points [N, 2] since the last homing of X and Y, the way-point [M] at each move's end (−1 if
-    unknown or earlier), and whether the first way-point is the home position."""
+def _waypoints(moves: Moves, printer: Printer, printed: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Return the way-points [N, 2] since the last homing of X and Y that a ``printed`` [M] move follows, the way-point
+    [M] at each move's end (−1 if unknown or earlier), and whether the first way-point is the home position."""
     home = np.array(printer.home_mm)
     first = 0
     for index, axes in zip(moves.home_index, moves.home_axes, strict=True):
         at = moves.start_mm[index, :2] if index < len(moves) else home
-        if axes[:2].any() and np.array_equal(at, home) and moves.extruding[index:].any():
+        if axes[:2].any() and np.array_equal(at, home) and printed[index:].any():
             first = int(index)
     known = moves.known[:, :2].all(axis=1) & (np.arange(len(moves)) >= first)
     moved = known & (moves.end_mm[:, :2] != moves.start_mm[:, :2]).any(axis=1)
