@@ -12,7 +12,7 @@ from shapely.geometry import Point, box
 
 from printmend.cli.probe import command
 from printmend.cli.twin import command as twin
-from printmend.errors import GcodeError, RefusedError, ScanError, TraceError
+from printmend.errors import GcodeError, ModelError, RefusedError, ScanError, TraceError
 from printmend.gcode.read import read_gcode
 from printmend.gcode.sliced import is_test_print
 from printmend.learn.learned import learn_model
@@ -189,6 +189,13 @@ def test_the_first_layer_is_a_print_of_its_own(tmp_path):
                 command, ["--first-layer", str(tmp_path / "part.gcode"), "-o", str(tmp_path / "no.gcode")],
                 catch_exceptions=False,
             )  # fmt: skip
+    (tmp_path / "part.gcode").write_text(foreign.gcode(foreign.star())[0] + "G1 X99999999999 E1\n")
+    with pytest.raises(ModelError, match="expected G-code for Creality Ender-3, X from 0 to 220 mm"):
+        CliRunner().invoke(
+            command,
+            ["--printer", "ender3", "--first-layer", str(tmp_path / "part.gcode"), "-o", str(tmp_path / "no.gcode")],
+            catch_exceptions=False,
+        )
     for option in (["--net"], ["--pen"], ["--sheets", "2"]):
         refused = CliRunner().invoke(
             command, ["--first-layer", "part.gcode", "-o", str(tmp_path / "no.gcode"), *option]

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 @click.option("--report", metavar="FILE.html|json", type=click.Path(path_type=Path, dir_okay=False),
               help="Write the prediction: a page with pictures of the part, or all numbers.")  # fmt: skip
 @click.option("--force", is_flag=True,
-              help="Write even if the prediction is not better, or a file names another printer.")  # fmt: skip
+              help="Write even if the prediction is not better, or a file names another printer; "
+              "but not beyond the bed.")  # fmt: skip
 @click.option("--tolerance", "tolerance_mm", type=Finite(0.002, 0.2), default=0.01, show_default=True,
               metavar="MM", help="Largest error of outer walls; a larger one needs fewer moves and stops. Where the "
               "printer bends lines sharply, hidden lines may be off by more.")  # fmt: skip

@@ -218,6 +218,7 @@ def _write_first_layer(part: Path, output: Path, printer_name: str | None) -> No
     from printmend.cli.terminal import spare
     from printmend.files import replacing
     from printmend.gcode.read import read_gcode
+    from printmend.mend.mend import refuse_beyond_bed
     from printmend.printer import read_printer
     from printmend.probe.leaflet import leaflet_of, write_layer_leaflet
     from printmend.probe.part_layer import STANDS_IN, first_layer
@@ -226,6 +227,11 @@ def _write_first_layer(part: Path, output: Path, printer_name: str | None) -> No
     printer = None if printer_name is None else read_printer(printer_name)
     program = read_gcode(part, printer=printer)
     text = first_layer(program)
+    if printer is not None:
+        ends_mm = program.moves.end_mm[program.moves.extruding, :2]
+        refuse_beyond_bed(
+            program.name, printer, ends_mm.min(axis=0), ends_mm.max(axis=0), say("terminal-name-printer-or-move")
+        )
     walls = None
     if find_spec("cv2") is not None:  # otherwise problems only show when it is measured
         from printmend.measure.walls import read_walls

@@ -3,7 +3,7 @@
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -180,10 +180,15 @@ _STRANGER_BED_OFF_MM = 15.0  # … and if it does not
 
 def refuse_other_printer(name: str, printer: Printer, prediction: Prediction) -> None:
     """Raise `ModelError` if a file prints far beyond the printer's bed."""
-    if not prediction.extruding:
-        return
-    todo = say("use-model-printer-file")
-    for axis, low, high in zip((printer.x, printer.y), prediction.low_mm, prediction.high_mm, strict=True):
+    if prediction.extruding:
+        refuse_beyond_bed(name, printer, prediction.low_mm, prediction.high_mm, say("use-model-printer-file"))
+
+
+def refuse_beyond_bed(
+    name: str, printer: Printer, low_mm: Sequence[float], high_mm: Sequence[float], todo: str
+) -> None:
+    """Raise `ModelError` if what is printed from ``low_mm`` to ``high_mm`` [2] goes far beyond the printer's bed."""
+    for axis, low, high in zip((printer.x, printer.y), low_mm, high_mm, strict=True):
         if low < axis.min_mm - _OUTSIDE_MM or high > axis.max_mm + _OUTSIDE_MM:
             wanted = say("g-code-from-mm", printer.name, axis.name.upper(), f"{axis.min_mm:g}", f"{axis.max_mm:g}")
             came = say("extrusion-from-mm", f"{low:.1f}", f"{high:.1f}")
