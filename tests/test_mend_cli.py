@@ -328,6 +328,9 @@ def test_healthy_says_so(folder: Path) -> None:
     result = run("mend", folder / "part.gcode", "-m", folder / "healthy.json", "-o", folder / "same.gcode")
     assert result.exit_code == 0
     assert (folder / "same.gcode").read_bytes() == SQUARE
+    (folder / "arcs.gcode").write_bytes(SQUARE + b"G2 X60 Y60 I9 E3\n")
+    arcs = run("mend", folder / "arcs.gcode", "-m", folder / "healthy.json")
+    assert "Nothing is mended: every move stays as it is" in arcs.output
 
 
 def test_mend_does_not_import_what_it_does_not_need() -> None:

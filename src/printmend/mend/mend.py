@@ -409,12 +409,15 @@ def _predicted(planner: Planner, model: SavedModel, read: list[Read], *, marks: 
     ``marks`` is how many lines mending inserted above the file's own.
     """
     prediction = with_doubt(prediction_of(planner), model)
-    lines = tuple(line - marks for line in prediction.unknown_lines)
-    warnings = tuple(dict.fromkeys(words for one in read for words in (*one.said, one.changed) if words))
+    if is_healthy(model):
+        prediction = prediction.left_as_it_is()
+    lines, doubted = tuple(line - marks for line in prediction.unknown_lines), max(prediction.doubted_line - marks, 0)
+    told = dict.fromkeys(words for one in read for words in (*one.said, one.changed) if words)
+    warnings = (*prediction.warnings, *told)
     duration: Duration | None = None
     for one in read:
         duration = one.watch.duration if duration is None else duration + one.watch.duration
-    return replace(prediction, unknown_lines=lines, warnings=warnings, duration=duration)
+    return replace(prediction, unknown_lines=lines, doubted_line=doubted, warnings=warnings, duration=duration)
 
 
 def _mended_text(
@@ -502,7 +505,7 @@ def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Predict
             came = say("and-in-height", came, f"{after.rms_mm:.4f}", f"{before.rms_mm:.4f}")
         if prediction.unknown:
             came = together("; ", [came, prediction.left_words])
-        if (worse := prediction.chance_of_none) > 0:
+        if prediction.is_expected_better and (worse := prediction.chance_of_none) > 0:
             came = say("expected-but-no-gain", came, max(1, round(100 * worse)))
             is_printers = cause in EFFECTS and EFFECTS[cause].of.is_printers
             answer = None if is_printers else answer_to(model, cause)
