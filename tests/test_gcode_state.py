@@ -231,12 +231,16 @@ def test_homing_goes_to_the_printers_home_and_makes_the_place_certain():
         ("PAUSE", k.EVENT_PAUSE, True),
         ("M600", k.EVENT_PAUSE, True),
         ("M0", k.EVENT_PAUSE, True),
+        ("@pause", k.EVENT_PAUSE, True),
         ("T1", k.EVENT_TOOL, True),
         ("G91\nT0", k.EVENT_TOOL, True),
         ("G91\nT1", k.EVENT_TOOL, False),
         ("M6 T1", k.EVENT_TOOL, False),
         ("EXCLUDE_OBJECT_START NAME=G1_part", k.EVENT_EXCLUDE, True),
         ("M486 S1", k.EVENT_EXCLUDE, True),
+        ("; printing object a.stl id:0 copy 0", k.EVENT_EXCLUDE, True),
+        (";MESH:a.stl", k.EVENT_EXCLUDE, True),
+        ("@Object a.stl", k.EVENT_EXCLUDE, True),
         ("G29", k.EVENT_PROBE, False),
         ("G12", k.EVENT_UNKNOWN, False),
         ("G1 H1 X-200 F600", k.EVENT_UNKNOWN, False),  # RRF: until the end stop
@@ -254,7 +258,8 @@ def test_what_makes_the_place_uncertain(line, event, place_is_certain):
 
 @pytest.mark.parametrize(
     "line", ["M104 S200", "M106 S255", "G4 P500", "M73 P5 R10", "SET_PRESSURE_ADVANCE ADVANCE=0.05", "M84 S60", "M18 E",
-             "EXCLUDE_OBJECT_DEFINE NAME=a", "M204 P500", "hello: world", "%", "M220 S100", "M900 K0.05"]
+             "EXCLUDE_OBJECT_DEFINE NAME=a", "M204 P500", "hello: world", "%", "M220 S100", "M900 K0.05",
+             "@sound G1 X5"]
 )  # fmt: skip
 def test_what_does_not_concern_motion_has_no_record(line):
     records = records_of(f"G28\n{line}\n")

@@ -12,6 +12,7 @@ from printmend.gcode.kernels.commands import (
     event,
     finish_record,
     g_command,
+    host_event,
     long_command,
     lose_all,
     m_command,
@@ -602,13 +603,21 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
         p += 3
     if p >= stop:
         return n
-    if buf[p] == SEMICOLON:
-        text = _after_blanks(buf, p + 1, stop)
-        if text < stop:
-            _comment(buf, text, stop, counts)
-            counts.role = role_of(buf, text, stop, counts.role)
-            if len(notes) > 0:
-                note_comment(buf, p, text, stop, notes, counts, n)
+    if buf[p] == SEMICOLON or buf[p] == AT:
+        text = p if buf[p] == AT else _after_blanks(buf, p + 1, stop)
+        if text == stop:
+            return n
+        _comment(buf, text, stop, counts)
+        counts.role = role_of(buf, text, stop, counts.role)
+        if len(notes) > 0:
+            note_comment(buf, p, text, stop, notes, counts, n)
+        what = host_event(buf, text, stop)
+        if what != 0:
+            begin_record(records[n], p, stop, after, numbers, counts, 0)
+            records[n].words = 0
+            event(records[n], counts, what)
+            finish_record(records[n], numbers, counts)
+            n += 1
         return n
     if s.column < counts.block:
         change_modes(counts)

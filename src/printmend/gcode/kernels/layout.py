@@ -43,9 +43,9 @@ KIND_LINEAR, KIND_CW, KIND_CCW, KIND_HOME, KIND_SET, KIND_RETRACT, KIND_EVENT = 
 
 # Why the place or the engaged side of the belts is uncertain after an event.
 EVENT_MACRO = 1  # a command that the firmware expands: it may have moved anywhere
-EVENT_PAUSE = 2  # M0, M25, M600, PAUSE: the head parks and comes back
+EVENT_PAUSE = 2  # M0, M25, M600, PAUSE, @pause: the head parks and comes back
 EVENT_TOOL = 3  # T, M6, ACTIVATE_EXTRUDER
-EVENT_EXCLUDE = 4  # EXCLUDE_OBJECT, M486: what follows may be skipped while printing
+EVENT_EXCLUDE = 4  # EXCLUDE_OBJECT, M486, `; printing object`: what follows may be skipped while printing
 EVENT_PROBE = 5  # G29, G30, G80: probing moves
 EVENT_UNKNOWN = 6  # a motion command that is not followed: G12, G27, canned cycles
 EVENT_PLACEHOLDER = 7  # {…} or […] that someone else fills in
