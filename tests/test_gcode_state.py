@@ -51,6 +51,7 @@ def place(text: str, **options) -> tuple[float, float, float]:
         ("M206 X3\nG1 X10", (7, 0, 0)),
         ("G1 X5 Y5\nX6\nY7", (6, 7, 0)),  # no G word: the same motion again
         ("G1X10Y10\ng1 y5\nG01 X2", (2, 5, 0)),
+        ("G 1 X10 Y10\nG 91\nG  0 Y5", (10, 15, 0)),
         ("G91 G1 X5\nG90 G1 Y5", (5, 5, 0)),  # several commands on a line
         ("G1 X5 G1 X9", (9, 0, 0)),
         ("G21 G90 G0 X4 Y4 Z4", (4, 4, 4)),

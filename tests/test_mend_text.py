@@ -70,7 +70,7 @@ def test_missing_last_line_end(last: bytes) -> None:
     "line",
     [b"G1X80Y80E1F1800", b"g1 x80 y80 e1 f1800", b"G01 X80 Y80 E1 F1800", b"G1 Y80 X80 F1800 E1",
      b"G1 X+80. Y80.0 E1 F1800",
-     b"  G1\tX80  Y80 E1 F1800", b"G1 X 80 Y 80 E1 F1800"],
+     b"  G1\tX80  Y80 E1 F1800", b"G1 X 80 Y 80 E1 F1800", b"G 1 X80 Y80 E1 F1800"],
 )  # fmt: skip
 def test_ways_to_write_a_move(line: bytes) -> None:
     judged = judge(START + line + b"\nG1 X60 Y80 E1\n", BENT)

@@ -184,6 +184,8 @@ def _letter(buf, p, stop, s, values, numbers, counts, byte):
     """Read a letter at p, ``byte`` in upper case, with what follows it; return where that ends."""
     style = (SPACED if s.spaced else 0) | (CAPITAL if buf[p] < SMALL_A else 0)
     value, q, found = parse_number(buf, p + 1, stop, style)
+    if not found and s.letter == 0 and byte in (LETTER_G, LETTER_M):  # `G 1`
+        value, q, found = parse_number(buf, _after_blanks(buf, p + 1, stop), stop, style)
     if byte in (LETTER_G, LETTER_M) or (byte == LETTER_T and s.letter == 0):
         if found and 0 <= value < 100000:
             if _command(s, numbers, counts, byte, int(value * 10.0 + 0.5), p, q, buf[p] >= SMALL_A):

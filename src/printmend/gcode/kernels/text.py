@@ -442,7 +442,7 @@ def put_command(buf, r, motion, out, at):
     """Write G0–G3 in the statement's own way (`G01`, `g1`)."""
     own = own_motion(r)
     p = r.begin
-    if motion == own and not r.flags & FLAG_MODAL and upper(buf[p]) == LETTER_G:
+    if motion == own and not r.flags & FLAG_MODAL and upper(buf[p]) == LETTER_G and not is_blank(buf[p + 1]):
         out[at] = buf[p]
         at, p = at + 1, p + 1
         while p < r.end and (is_digit(buf[p]) or buf[p] == POINT):
