@@ -54,6 +54,7 @@ from printmend.plan.kernels.predict import (
 from printmend.plan.kernels.state import (
     arrive,
     command,
+    count_held,
     is_sure,
     middle,
     motor_at,
@@ -322,8 +323,7 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
                 pieces[n - 1].accel = _crossing_accel(model, counts, record, d0, d1, loose0, loose1)
             # If the edge of the bed held back the way to its start already, only the error shows it.
             if clamp > CLAMP_MM or state.error > max(ASTRAY_MM, ASTRAY_PER_CHORD * model.head.chord):
-                counts.clamped += 1
-                counts.clamped_extruding += 1
+                count_held(counts, record, True)
                 state.beyond = max(state.beyond, clamp, state.error)
                 state.held[1 if record.layer > 0 else 0] += (end - t) * length
             elif state.error > 3.0 * model.head.chord:

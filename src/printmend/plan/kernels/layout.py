@@ -75,6 +75,7 @@ COUNTS = np.dtype(
         # sums for the prediction
         *((name, "i8") for name in ("moves", "pieces", "takeups", "anchors", "clamped", "clamped_extruding")),
         *((name, "i8") for name in ("unknown", "copied", "extruding", "splines", "geometry", "stops", "coarse")),
+        ("held_line", "i8"),  # the last line that `clamped` counts, from 1
         ("doubted", "i8"),  # the line that made the first of those uncertain, from 1; 0 for none
         ("unread", "i8"),  # of those that `unknown` counts, the ones whose words do not say all
         ("hurried", "i8"),  # pieces that have an acceleration of their own

@@ -90,6 +90,7 @@ from printmend.plan.kernels.predict import (
 from printmend.plan.kernels.state import (
     arrive,
     command,
+    count_held,
     middle,
     motor_at,
     open_interval,
@@ -153,7 +154,8 @@ def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum, to0
         m0 = (backward(model, 0, LOWER, e0) + backward(model, 0, UPPER, e0)) / 2
         m1 = (backward(model, 1, LOWER, e1) + backward(model, 1, UPPER, e1)) / 2
     x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
-    counts.clamped += clamp > CLAMP_MM
+    if clamp > CLAMP_MM:
+        count_held(counts, record, False)
     arrive(model, state, m0, m1)
     if not (known or came) or counts.anywhere != 0:
         open_interval(model, state.mended)

@@ -116,6 +116,15 @@ def command(model, m0, m1, record, quantum):
 
 
 @inner
+def count_held(counts, record, extruding):
+    """Count a line of the file that the edge of the bed holds back: once, however many pieces it becomes."""
+    if counts.held_line != record.line + 1:
+        counts.held_line = record.line + 1
+        counts.clamped += 1
+        counts.clamped_extruding += extruding
+
+
+@inner
 def prepare(model, state, k, start, end, anywhere, trend, hold):
     """Choose how motor k goes from belt position ``start`` to ``end``, on a path along which the belt has a ``trend``.
 
