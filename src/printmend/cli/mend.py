@@ -40,7 +40,8 @@ if TYPE_CHECKING:
 @click.option("--slower", type=Percent(0, 1000), metavar="5%",
               help="Largest increase of printing time: infill loses accuracy first, outer walls last.")  # fmt: skip
 @click.option("--crossing", "crossing_mm_s2", type=Finite(10, 1e6), metavar="MM_S2",
-              help="Acceleration of a motor while it crosses its slack and drives nothing.")  # fmt: skip
+              help="Acceleration of a motor while it crosses its slack and drives nothing "
+              "[default: what the file's M201 or machine limits allow].")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Files at a time.")
 @click.option("--json", "as_json", is_flag=True, help="A line of JSON for each file.")
 @click.option("--quiet", is_flag=True, help="Print only errors.")
