@@ -76,6 +76,11 @@ def reason(error: Exception) -> str:
     return words[:1].lower() + words[1:]
 
 
+def own_fault(error: Exception) -> str:
+    """Return the kind and the words of an error of the program's own, in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())[:300]
+
+
 class InputError(PrintmendError):
     """A file or value from outside is not as expected."""
 

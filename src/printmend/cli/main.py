@@ -15,7 +15,7 @@ import click
 
 from printmend import __version__
 from printmend.cli.terminal import LANGUAGES, HelpFormatter, Terminal, spoken, usage_words, usual_language
-from printmend.errors import MissingToolError, PrintmendError, reason
+from printmend.errors import MissingToolError, PrintmendError, own_fault, reason
 from printmend.extras import lab_command, missing_extra
 from printmend.messages import say
 
@@ -196,8 +196,7 @@ def main() -> None:
             _end(terminal.say(missing.message), missing.exit_code)
         if os.environ.get("PRINTMEND_TRACEBACK") == "1":
             raise
-        told = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-        _end(terminal.say(say("terminal-own-fault", told)), 1)
+        _end(terminal.say(say("terminal-own-fault", own_fault(error))), 1)
 
 
 def _end(message: str, code: int) -> NoReturn:

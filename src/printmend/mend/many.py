@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from printmend.errors import InputError, PrintmendError, reason
+from printmend.errors import InputError, PrintmendError, own_fault, reason
 from printmend.files import replacing
 from printmend.gcode.container import open_gcode
 from printmend.gcode.sliced import find_mark, is_test_print
@@ -192,7 +192,8 @@ def mend_files(
         except OSError as error:
             return FileOutcome(source, target, error=together(": ", [str(source), reason(error)]), code=2)
         except Exception as error:  # one file must not cost the others
-            return FileOutcome(source, target, error=f"{source}: {type(error).__name__}: {error}", code=1)
+            told = say("terminal-own-fault", own_fault(error))
+            return FileOutcome(source, target, error=together(": ", [str(source), told]), code=1)
 
     with ThreadPoolExecutor(jobs) as pool:  # the kernels release the GIL
         yield from pool.map(mend, sources, targets)

@@ -234,11 +234,11 @@ class Prediction:
             )
         if self.shift_words:
             rows.append(self.shift_words)
+        rows += [say("warning", each) for each in self.warnings]
         if self.gain_mm is not None:
             causes = in_a_line(told[-1][1].made_of)
             rows.append(say("causes-after-mending" if len(told) > 1 else "causes", causes))
         rows += [say("before-you-print", each) for each in self.advice]
-        rows += [say("warning", each) for each in self.warnings]
         return together("\n", [*rows, *self.moves_words()])
 
     def moves_words(self) -> Iterator[str]:

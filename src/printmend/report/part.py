@@ -27,7 +27,7 @@ _MOST_ROWS = 400  # most rows of the table; the drawing shows all layers
 def check_report_name(path: Path | None) -> None:
     """Raise `InputError` for a report that is neither .html nor .json, before any work is done."""
     if path is not None and path.suffix.lower() not in (".html", ".htm", ".json"):
-        raise InputError(path, wanted=say("report-html-json"), came=repr(path.suffix), todo=say("change-name"))
+        raise InputError(path, wanted=say("report-html-json"), came=str(path), todo=say("change-name"))
     if path is not None and path.suffix.lower() != ".json":
         require(say("report-in", path.suffix), "matplotlib")
 
