@@ -248,7 +248,7 @@ def test_what_is_certain_and_does_not_act_is_named_and_no_motor_is_healthy() -> 
     assert [each.kind for each in grown.faults if each.part == "a" and each.is_mended] == ["play"]
     soft, drift = part("soft_play", 1, [0.3], (4.0,)), part("drift", 0, [0.3])  # one is the printer's, one the print's
     assert diagnose([soft, drift], scene).summary == "A healthy; B is off by 0.07 mm, which mending cannot correct"
-    for wave_mm, word in ((0.05, "Y without a sure fault"), (0.001, "Y healthy")):  # a note says whose it may be
+    for wave_mm, word in ((0.05, "Y has no certain fault"), (0.001, "Y healthy")):  # a note says whose it may be
         told = diagnose([part("carriage_wave", 1, [wave_mm, 0.0], (40.0,))], SCENES["ender3"]).summary
         assert told == f"X healthy; {word}"
         later = diagnose([part("play", 0, [0.3])], SCENES["ender3"], before=told).summary
