@@ -244,6 +244,21 @@ def test_a_mended_test_print_shows_play_as_it_is_now(bent: SavedModel, tmp_path:
     assert {("X", "play")} <= {(change.part, change.kind) for change in newer.changes} <= {("X", "play"), ("Y", "play")}
 
 
+def test_a_check_print_goes_as_its_file_does_where_home_lies_between_two_steps(tmp_path: Path) -> None:
+    """The K1's home is no whole number of micro-steps away, and its test print begins with a line."""
+    k1 = read_printer("k1")
+    model = exact_model(Corruption((Drive(pulley=EccentricBore(0.2, 1.0)), Drive(belt=Play(0.15)))).lower(k1))
+    plan = design_probe(k1, size_mm=100)
+    write_probe(tmp_path / "check.gcode", plan)
+    mend_gcode(tmp_path / "check.gcode", model, tmp_path / "mended.gcode", force=True)
+    moves = read_gcode(tmp_path / "mended.gcode", printer=k1).moves
+    goes = (moves.start_mm[:, :2] != moves.end_mm[:, :2]).any(axis=1)
+    commanded, _ = made(model, plan.trace(plan.marks_mm))
+    last = int(np.flatnonzero(commanded.measured_rows)[-1])
+    off_mm = commanded.commanded_mm[1 : last + 1] - moves.end_mm[goes, :2][:last]
+    assert np.abs(off_mm).max() < 0.01
+
+
 def test_the_model_is_brought_up_to_date_with_what_was_really_commanded(bent: SavedModel) -> None:
     trace = checked(bent, machine(0.4), 0.05)
     commanded, wanted_mm = made(bent, trace)

@@ -33,6 +33,7 @@ from printmend.model import SavedModel
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.promise.belief import Belief, belief_of, parse_belief
+from printmend.probe.layout import purge_mm, snapped
 from printmend.promise.predict import HIGH, LOW, Errors, Outlook, PathPlaces, Promise, promised
 
 _LEAST_STRETCH_PERCENT = 0.01  # a smaller stretch by the instrument is not reported
@@ -301,8 +302,8 @@ def made(model: SavedModel, trace: Trace) -> tuple[Trace, np.ndarray]:
     Dots get the moves of the mended file, which takes another path between them. Walls, and prints with heights or
     without a home, are taken place by place.
     """
-    dots = np.flatnonzero(trace.measured_rows)
-    begins = np.allclose(trace.commanded_mm[0], model.printer.home_mm)
+    dots, printer = np.flatnonzero(trace.measured_rows), model.printer
+    begins = np.array_equal(*(snapped(printer, each) for each in (trace.commanded_mm[:1], np.array([printer.home_mm]))))
     if not (trace.homed and begins and len(dots)) or trace.wall_rows.any() or trace.z_mm is not None:
         return _each_made(model, trace), trace.commanded_mm
     moves, rests = _mended_dots(model, trace.commanded_mm, dots)
@@ -322,8 +323,13 @@ def made(model: SavedModel, trace: Trace) -> tuple[Trace, np.ndarray]:
 
 def _mended_dots(model: SavedModel, wanted_mm: np.ndarray, dots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the places [N, 2] to which a mended file goes from home along wanted places [M, 2], and which of them are
-    the ``dots``; home, row 0, is left out."""
+    the ``dots``; home, row 0, is left out.
+
+    A test print begins with a line: it decides on which side of their slack the belts lie from there on."""
     lines = [f"G0 X{x:.5f} Y{y:.5f} F6000" for x, y in wanted_mm[1:].tolist()]
+    first_mm, line_mm = (snapped(model.printer, each) for each in (wanted_mm[1:3], np.array(purge_mm(model.printer))))
+    if np.array_equal(first_mm, line_mm):
+        lines[1] += " E1"
     for dot in dots[dots > 0]:
         lines[dot - 1] += "\nG1 E1"
     with TemporaryDirectory() as folder:
@@ -332,7 +338,7 @@ def _mended_dots(model: SavedModel, wanted_mm: np.ndarray, dots: np.ndarray) -> 
         mend_gcode(source, model, output, force=True)
         moves = read_gcode(output, printer=model.printer).moves
     goes = (moves.start_mm[:, :2] != moves.end_mm[:, :2]).any(axis=1)
-    return moves.end_mm[goes, :2], np.cumsum(goes)[moves.extrusion_mm > 0] - 1
+    return moves.end_mm[goes, :2], np.cumsum(goes)[~goes & (moves.extrusion_mm > 0)] - 1
 
 
 def _each_made(model: SavedModel, trace: Trace) -> Trace:
