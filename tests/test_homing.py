@@ -173,7 +173,8 @@ def test_a_second_measurement_sees_how_far_the_end_stop_was_off(by_mm: float) ->
     old = believed(machine)
     trace = printed(homed_again(machine, np.array([by_mm, 0.0])), 5)
     scene = both_seen(old.scene, scene_of(trace, ENDER3, (40.0, 40.0)))
-    found = renewed(old.parts, machine.homed(), trace, scene, np.random.default_rng(1), months=0.0)
+    rng = np.random.default_rng(1)
+    found = renewed(old.parts, machine.homed(), trace, scene, rng, first=old.scene, months=0.0)
     assert found.changes == ()
     (shift_mm, sd_mm), *_ = found.homed_mm
     assert shift_mm == pytest.approx(by_mm, abs=3 * sd_mm + 0.02)

@@ -46,7 +46,8 @@ def old() -> tuple[Fit, Posterior]:
 def again(old: tuple[Fit, Posterior], trace: Trace, **options: Any) -> Renewed:
     fit, posterior = old
     scene = both_seen(posterior.scene, scene_of(trace, ENDER3, (40.0, 40.0)))
-    return renewed(posterior.parts, fit.mechanism, trace, scene, np.random.default_rng(1), **options)
+    rng = np.random.default_rng(1)
+    return renewed(posterior.parts, fit.mechanism, trace, scene, rng, first=posterior.scene, **options)
 
 
 def size(parts: tuple[Part, ...], effect: str, where: int) -> tuple[float, float, float]:
@@ -87,7 +88,8 @@ def test_a_print_that_tells_everything_ends_where_learning_anew_ends() -> None:
         Part("play", at, (), each[has].mean(keepdims=True), (each * has)[None]) for at, each in enumerate(drawn_mm)
     )
     mechanism, _ = machine_of(whole, those_acting(parts))
-    found, anew = renewed(parts, mechanism, scan, both_seen(whole, now), rng), posterior_of(fitted(scan, now), rng)
+    found = renewed(parts, mechanism, scan, both_seen(whole, now), rng, first=whole)
+    anew = posterior_of(fitted(scan, now), rng)
     for motor in range(2):
         (acts, mean, sd), (best, _, best_sd) = (size(each.parts, "play", motor) for each in (found.now, anew))
         assert acts == pytest.approx(best, abs=best_sd)

@@ -26,7 +26,7 @@ from printmend.measure.table import write_trace
 from printmend.mend import check_gcode, mend_gcode
 from printmend.mend.against import judge_gcode
 from printmend.mend.history import read_history, remember_learned
-from printmend.mend.update import update
+from printmend.mend.update import believed, update
 from printmend.model import SavedModel, screw_of, with_screw, write_model
 from printmend.path import Trace
 from printmend.printer import read_printer
@@ -191,6 +191,18 @@ def test_a_tower_completes_a_planar_model(bent: SavedModel) -> None:
     other = replace(SCREW, wobble_phase_rad=2.0)
     turned = update(bent, measured(other, tower(), heights=False, seed=4), rng=np.random.default_rng(0))
     assert errors_mm(turned.model, other)[1] < 0.025
+
+
+def test_a_bent_screw_is_no_change_of_healthy_axes_but_a_straight_one_is_one_of_the_screw() -> None:
+    """A flat print shows no push, so a tower that does says nothing of X and Y; nor does a screw that was replaced."""
+    flat = body(1)
+    bow = replace(SCREW, wobble_mm=0.12)
+    planar = learned(measured(None, np.concatenate([flat, flat[::-1]] * 3), heights=False, drives=SOUND))
+    done = update(planar, measured(bow, tower(), seed=2, drives=SOUND), rng=np.random.default_rng(0))
+    assert done.anew == ()
+    assert believed(done.model).scene.bed_span_mm == believed(planar).scene.bed_span_mm
+    straight = measured(replace(bow, wobble_mm=0.0), tower(), seed=3, drives=SOUND)
+    assert update(done.model, straight, rng=np.random.default_rng(0)).anew == ()
 
 
 def test_a_flat_print_leaves_the_screw_as_it_was(bent: SavedModel) -> None:

@@ -105,12 +105,14 @@ class Event:
 @dataclass(frozen=True, eq=False)
 class Story:
     """A story of an old machine: its remaining ``parts``, the ``events`` since then, and the motors with new parts
-    (``anew``); ``whole``: nothing of it remains. Its belts were worked on in a ``refit``."""
+    (``anew``); ``whole``: nothing of it remains. ``unseen`` are the effects that no measurement of what is there now
+    could show: to find one is no change. Its belts were worked on in a ``refit``."""
 
     parts: tuple[Part, ...]
     events: tuple[Event, ...] = ()
     anew: tuple[int, ...] = ()
     whole: bool = False
+    unseen: frozenset[str] = frozenset()
     log_odds: float = 0.0
     refit: bool = False
 
@@ -419,6 +421,7 @@ def renewed(
     scene: Scene,
     rng: np.random.Generator,
     *,
+    first: Scene,
     months: float = 1.0,
     grown: Mapping[tuple[str, int], tuple[float, float]] | None = None,
     stories: bool = True,
@@ -426,7 +429,7 @@ def renewed(
 ) -> Renewed:
     """Return what a trace says of a machine of which ``parts`` were believed and ``mechanism`` made.
 
-    ``scene`` spans what both measurements saw. ``months`` are since the first one; ``grown`` is by how much (mean,
+    ``scene`` spans what both measurements saw, ``first`` what those before this one did. ``months`` are since the first one; ``grown`` is by how much (mean,
     standard deviation) the first size of an effect at a motor should have grown. Without ``stories`` the machine is the
     old one with changes; after a ``refit`` its belts were worked on.
     """
@@ -437,7 +440,8 @@ def renewed(
     # machines of a homing of their own are drawn by a generator of their own: other figures stay as they are
     old = homed_again(before, scene, np.random.default_rng(SEED))
     shift = [Part("shift", 0, (), np.zeros(2), np.zeros((2, DRAWS)))] if scene.placed else []  # which end stops make
-    story, whole, turned_rad = Story((*old, *shift), refit=refit), trace, 0.0
+    unseen = frozenset(EFFECTS) - {block.effect for block in blocks_of(first)}
+    story, whole, turned_rad = Story((*old, *shift), unseen=unseen, refit=refit), trace, 0.0
     wearing = Wearing(math.sqrt(max(months, 0.0)), grown or {}, scene, spread_mm(scene))
     seen = replace(scene, bed_span_mm=scene_of(trace, scene.printer).bed_span_mm)  # no mark tells a border elsewhere
     at: _Pass | None = None
@@ -536,7 +540,7 @@ def _search(sums: Sums, story: Story, left: Left) -> Search:
 @lru_cache(maxsize=16)  # each story is searched more than once
 def _seldom(blocks: tuple[Block, ...], story: Story, known: tuple[Part, ...]) -> tuple[Block, ...]:
     """Return blocks with the odds of changes: what a machine has since, it seldom has; what does not wear comes only
-    with other parts. After a ``refit`` belts may well rest elsewhere at home. What was in doubt at a place comes as
+    with other parts; what was never seen is as likely as on any machine. After a ``refit`` belts may well rest elsewhere at home. What was in doubt at a place comes as
     often, and as large, as the drawn machines had it. Another belt has another pitch. Both are the last alternatives of
     their blocks."""
     parts: dict[_Slot, list[Part]] = {}
@@ -554,7 +558,7 @@ def _seldom(blocks: tuple[Block, ...], story: Story, known: tuple[Part, ...]) ->
         effect = EFFECTS[one.effect]
         of_belt = one.where in story.belts and one.effect in belt_effects()
         is_anew = effect.acts is Acts.DRIVE and one.where in story.anew
-        if effect.of is not Of.MACHINE or story.whole or is_anew or of_belt:
+        if effect.of is not Of.MACHINE or story.whole or is_anew or of_belt or one.effect in story.unseen:
             return one
         doubt, sds_mm, log_odds = doubts.get((*one.slot, one.width)), one.sds_mm, one.log_odds
         if not story.refit or effect.from_home:
@@ -636,7 +640,12 @@ def _others(at: _Pass, always: Set, wearing: Wearing) -> Iterator[Story]:
                     events=(*story.events, event),
                     log_odds=story.log_odds + math.log(number_of("since", event.kind)) + ANGLE_NATS,
                 )
-    yield replace(story, parts=(), anew=(0, 1), whole=True, log_odds=story.log_odds + 2 * other)
+    screw = {part.effect for part in story.parts if EFFECTS[part.effect].acts is Acts.SCREW}
+    if screw:
+        rest = tuple(part for part in story.parts if part.effect not in screw)
+        yield replace(story, parts=rest, unseen=story.unseen | screw, log_odds=story.log_odds + other)
+    drives = 2 + bool(screw)
+    yield replace(story, parts=(), anew=(0, 1), whole=True, log_odds=story.log_odds + drives * other)
 
 
 def _likeliest(event: Event, at: _Pass, always: Set, wearing: Wearing) -> Event:

@@ -156,8 +156,8 @@ def measured_again(
     }  # fmt: skip
     months = 0.0 if ageing is None else ageing.months
     again = partial(
-        renewed, mechanism=old.mechanism, trace=trace, scene=scene, rng=rng, months=months, grown=grown,
-        stories=stories, refit=refit,
+        renewed, mechanism=old.mechanism, trace=trace, scene=scene, rng=rng, first=belief.scene, months=months,
+        grown=grown, stories=stories, refit=refit,
     )  # fmt: skip
     found = again(belief.parts)
     if (mean := times_seen(found.now.parts).mean()) == 1.0:
