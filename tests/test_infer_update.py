@@ -108,7 +108,8 @@ def test_a_cause_of_two_possible_shapes_stays_one_as_large() -> None:
     mechanism, _ = machine_of(scene, those_acting(parts))
     way = stairs(300, 60.0, 130.0)
     trace = Trace(way, Twin(mechanism).follow(way) + rng.normal(0, NOISE_MM, way.shape), homed=True)
-    found = renewed(parts, mechanism, trace, both_seen(scene, scene_of(trace, ENDER3, (40.0, 40.0))), rng)
+    both = both_seen(scene, scene_of(trace, ENDER3, (40.0, 40.0)))
+    found = renewed(parts, mechanism, trace, both, rng, first=scene)
     assert (found.changes, found.story.anew) == ((), ())
     joints = [part for part in found.now.parts if part.effect == "splice"]
     assert sum(part.acts_mm[0] for part in joints) == pytest.approx(0.2, abs=0.02)

@@ -105,12 +105,14 @@ class Event:
 @dataclass(frozen=True, eq=False)
 class Story:
     """A story of an old machine: its remaining ``parts``, the ``events`` since then, and the motors with new parts
-    (``anew``); ``whole``: nothing of it remains. ``unseen`` are the effects that no measurement of what is there now
+    (``anew``) or with belts that became slack or tight (``slack``), which then rest elsewhere at home; ``whole``:
+    nothing of it remains. ``unseen`` are the effects that no measurement of what is there now
     could show: to find one is no change. Its belts were worked on in a ``refit``."""
 
     parts: tuple[Part, ...]
     events: tuple[Event, ...] = ()
     anew: tuple[int, ...] = ()
+    slack: tuple[int, ...] = ()
     whole: bool = False
     unseen: frozenset[str] = frozenset()
     log_odds: float = 0.0
@@ -429,9 +431,9 @@ def renewed(
 ) -> Renewed:
     """Return what a trace says of a machine of which ``parts`` were believed and ``mechanism`` made.
 
-    ``scene`` spans what both measurements saw, ``first`` what those before this one did. ``months`` are since the first one; ``grown`` is by how much (mean,
-    standard deviation) the first size of an effect at a motor should have grown. Without ``stories`` the machine is the
-    old one with changes; after a ``refit`` its belts were worked on.
+    ``scene`` spans what both measurements saw, ``first`` what those before this one did. ``months`` are since the first
+    one; ``grown`` is by how much (mean, standard deviation) the first size of an effect at a motor should have grown.
+    Without ``stories`` the machine is the old one with changes; after a ``refit`` its belts were worked on.
     """
     if scene.homed:
         scene = replace(scene, home_sd_mm=home_sd_of(mechanism, scene))
@@ -540,9 +542,9 @@ def _search(sums: Sums, story: Story, left: Left) -> Search:
 @lru_cache(maxsize=16)  # each story is searched more than once
 def _seldom(blocks: tuple[Block, ...], story: Story, known: tuple[Part, ...]) -> tuple[Block, ...]:
     """Return blocks with the odds of changes: what a machine has since, it seldom has; what does not wear comes only
-    with other parts; what was never seen is as likely as on any machine. After a ``refit`` belts may well rest elsewhere at home. What was in doubt at a place comes as
-    often, and as large, as the drawn machines had it. Another belt has another pitch. Both are the last alternatives of
-    their blocks."""
+    with other parts; what was never seen is as likely as on any machine. After a ``refit`` belts may well rest elsewhere
+    at home, as slack ones do. What was in doubt at a place comes as often, and as large, as the drawn machines had it.
+    Another belt has another pitch. Both are the last alternatives of their blocks."""
     parts: dict[_Slot, list[Part]] = {}
     sure = {part.key for part in known}
     for part in story.parts:
@@ -561,7 +563,8 @@ def _seldom(blocks: tuple[Block, ...], story: Story, known: tuple[Part, ...]) ->
         if effect.of is not Of.MACHINE or story.whole or is_anew or of_belt or one.effect in story.unseen:
             return one
         doubt, sds_mm, log_odds = doubts.get((*one.slot, one.width)), one.sds_mm, one.log_odds
-        if not story.refit or effect.from_home:
+        is_slack = one.where in story.slack and one.effect in ("play", "place")
+        if not is_slack and (not story.refit or effect.from_home):
             log_odds = log_odds + math.log(number_of("since", "changed" if wear_share(one.effect) else "replaced"))
         if doubt is not None:
             more_mm, more = doubt.alternatives(one)
@@ -620,8 +623,11 @@ def _news(at: _Pass) -> list[Block]:
 def _others(at: _Pass, always: Set, wearing: Wearing) -> Iterator[Story]:
     """Yield the stories that tell one thing more than one does."""
     story = at.story
-    other = math.log(number_of("since", "replaced"))
+    other, new = math.log(number_of("since", "replaced")), {block.slot for block in _news(at)}
     for motor in range(2):
+        if ("play", motor) in new and motor not in story.slack:
+            changed = math.log(number_of("since", "changed"))
+            yield replace(story, slack=(*story.slack, motor), log_odds=story.log_odds + changed)
         own = [part for part in story.parts if is_of_drive(part, motor)]
         if not own:
             continue

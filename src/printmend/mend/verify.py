@@ -32,8 +32,8 @@ from printmend.messages import say, say_count, together
 from printmend.model import SavedModel
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
-from printmend.promise.belief import Belief, belief_of, parse_belief
 from printmend.probe.layout import purge_mm, snapped
+from printmend.promise.belief import Belief, belief_of, parse_belief
 from printmend.promise.predict import HIGH, LOW, Errors, Outlook, PathPlaces, Promise, promised
 
 _LEAST_STRETCH_PERCENT = 0.01  # a smaller stretch by the instrument is not reported
@@ -303,7 +303,7 @@ def made(model: SavedModel, trace: Trace) -> tuple[Trace, np.ndarray]:
     without a home, are taken place by place.
     """
     dots, printer = np.flatnonzero(trace.measured_rows), model.printer
-    begins = np.array_equal(*(snapped(printer, each) for each in (trace.commanded_mm[:1], np.array([printer.home_mm]))))
+    begins = np.array_equal(snapped(printer, trace.commanded_mm[:1]), snapped(printer, np.array([printer.home_mm])))
     if not (trace.homed and begins and len(dots)) or trace.wall_rows.any() or trace.z_mm is not None:
         return _each_made(model, trace), trace.commanded_mm
     moves, rests = _mended_dots(model, trace.commanded_mm, dots)
@@ -327,8 +327,8 @@ def _mended_dots(model: SavedModel, wanted_mm: np.ndarray, dots: np.ndarray) -> 
 
     A test print begins with a line: it decides on which side of their slack the belts lie from there on."""
     lines = [f"G0 X{x:.5f} Y{y:.5f} F6000" for x, y in wanted_mm[1:].tolist()]
-    first_mm, line_mm = (snapped(model.printer, each) for each in (wanted_mm[1:3], np.array(purge_mm(model.printer))))
-    if np.array_equal(first_mm, line_mm):
+    line_mm = snapped(model.printer, np.array(purge_mm(model.printer)))
+    if np.array_equal(snapped(model.printer, wanted_mm[1:3]), line_mm):
         lines[1] += " E1"
     for dot in dots[dots > 0]:
         lines[dot - 1] += "\nG1 E1"
