@@ -17,11 +17,11 @@ from printmend.effects.homing import shifted, waves_of
 from printmend.infer.fit import looked
 from printmend.infer.gram import Block, blocks_of, dictionary_of, seen
 from printmend.infer.machine import Part, machine_of, those_acting
-from printmend.infer.update import ALIKE_NATS, rebased
+from printmend.infer.update import ALIKE_NATS, is_peak, rebased
 from printmend.machine import Mechanism
 from printmend.path import Trace
 
-COARSE_MM, FINE_MM, ROUND_MM = 0.1, 0.01, 0.3  # of the shifts that are tried: over a turn, then about the best of them
+COARSE_MM, FINE_MM, ROUND_MM = 0.1, 0.01, 1.0  # of the shifts that are tried: over a turn, then about the best of them
 PASSES = 2  # of contacts, then shifts
 FREE = ("place", "play")
 LOOSE = ("idler",)  # effects whose waves no motor turns: after work on the belt they stand anywhere
@@ -167,8 +167,8 @@ def _turn(turn_mm: float) -> np.ndarray:
 
 
 def _smallest(scores: np.ndarray, grids: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the smallest pair of shifts [2] of those that fit as well as the best."""
+    """Return the smallest pair of shifts [2] of the peaks that fit as well as the best."""
     size = np.hypot(grids[0][:, None], grids[1][None])
-    best = np.argmin(np.where(scores >= scores.max() - ALIKE_NATS, size, np.inf))
+    best = np.argmin(np.where(is_peak(scores) & (scores >= scores.max() - ALIKE_NATS), size, np.inf))
     i, j = np.unravel_index(best, scores.shape)
     return np.array([grids[0][i], grids[1][j]])

@@ -542,8 +542,8 @@ def _search(sums: Sums, story: Story, left: Left) -> Search:
 @lru_cache(maxsize=16)  # each story is searched more than once
 def _seldom(blocks: tuple[Block, ...], story: Story, known: tuple[Part, ...]) -> tuple[Block, ...]:
     """Return blocks with the odds of changes: what a machine has since, it seldom has; what does not wear comes only
-    with other parts; what was never seen is as likely as on any machine. After a ``refit`` belts may well rest elsewhere
-    at home, as slack ones do. What was in doubt at a place comes as often, and as large, as the drawn machines had it.
+    with other parts; what was never seen is as likely as on any machine. After a ``refit``, or when slack, belts may
+    well rest elsewhere at home. What was in doubt at a place comes as often, and as large, as the drawn machines had it.
     Another belt has another pitch. Both are the last alternatives of their blocks."""
     parts: dict[_Slot, list[Part]] = {}
     sure = {part.key for part in known}
@@ -670,10 +670,16 @@ def _likeliest(event: Event, at: _Pass, always: Set, wearing: Wearing) -> Event:
 
     angles = np.arange(-PHASES // 2 + 1, PHASES // 2 + 1) * (2 * np.pi / PHASES)
     scores = np.array([score(float(each)) for each in angles])
-    alike = angles[scores > scores.max() - ALIKE_NATS]
+    alike = angles[is_peak(scores) & (scores > scores.max() - ALIKE_NATS)]
     best = float(alike[np.argmin(np.abs(alike))])
     around = best + 2 * np.pi / PHASES * np.linspace(-1.0, 1.0, 17)
     return replace(event, by_rad=float(around[np.argmax([score(float(each)) for each in around])]))
+
+
+def is_peak(scores: np.ndarray) -> np.ndarray:
+    """Tell which scores of shifts by whole turns of one motor [G] or two [G, H] are no lower than their neighbours'."""
+    around = [np.roll(scores, by, axis) for axis in range(scores.ndim) for by in (-1, 1)]
+    return np.all([scores >= each for each in around], axis=0)
 
 
 def _finer(at: _Pass, weight: np.ndarray) -> _Pass:

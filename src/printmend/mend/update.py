@@ -339,6 +339,19 @@ def _z_changed(was: Fault, new: Fault) -> str:
     return say("z-was-is", what, f"{was.value:.3f}", f"{new.value:.3f}", new.unit)
 
 
+def _angles_rad(part: Part, draws_mm: np.ndarray, by_rad: float = 0.0) -> np.ndarray:
+    """Return by how much farther than ``by_rad`` draws of a pulley [P, D] are turned from the mean of a part of it."""
+    old, now = (cos - 1j * sin for cos, sin in (np.split(each, 2) for each in (part.mean_mm, draws_mm)))
+    old = old * np.exp(-1j * HARMONICS * by_rad)
+    more = -(HARMONICS * np.conj(old)) @ now / np.sum(HARMONICS**2 * np.abs(old) ** 2)
+    return np.asarray(more.imag)
+
+
+def _angle_sd_rad(part: Part) -> float:
+    """Return how exactly the angle of a pulley is known."""
+    return float(_angles_rad(part, part.draws_mm).std())
+
+
 def _happened(found: Renewed, event: Event) -> Change:
     """Return by how much a pulley turned on its shaft or stands elsewhere, or an end stop moved, refined harmonic by
     harmonic.
@@ -349,13 +362,12 @@ def _happened(found: Renewed, event: Event) -> Change:
     scene, motor, name = found.now.scene, event.where, found.now.scene.printer.motors[event.where].upper()
     way = float(scene.printer.to_motor(np.eye(2))[motor, motor]) if event.kind == "stop" else 1.0
     (before, *_), (now, *_) = found.of("pulley", motor)
-    cos, sin = np.split(before.mean_mm, 2)
-    old = (cos - 1j * sin) * np.exp(-1j * HARMONICS * event.by_rad * way)
-    cos, sin = np.split(now.draws_mm, 2)
-    more_rad = -(HARMONICS * np.conj(old)) @ (cos - 1j * sin) / np.sum(HARMONICS**2 * np.abs(old) ** 2)
-    angles_rad = event.by_rad + more_rad.imag / way
-    shifts_mm, angles = event.shift_mm(angles_rad, scene), np.degrees(angles_rad)
-    shift_mm, shift_sd_mm, value, sd = (float(each) for of in (shifts_mm, angles) for each in (of.mean(), of.std()))
+    angles_rad = event.by_rad + _angles_rad(before, now.draws_mm, event.by_rad * way) / way
+    by_rad, sd_rad = float(angles_rad.mean()), float(np.hypot(angles_rad.std(), _angle_sd_rad(before) / way))
+    (shift_mm, shift_sd_mm), (value, sd) = (
+        event.shift_mm(np.array([by_rad, -sd_rad]), scene),
+        np.degrees([by_rad, sd_rad]),
+    )
     is_alike = not (scene.placed or scene.corexy)
     if event.kind == "stop" and not is_alike:
         axis = "XY"[motor]
@@ -459,7 +471,11 @@ def _homes(old: SavedModel, found: Renewed) -> list[Change]:
 def _shifts(old: SavedModel, phase: Phase) -> list[Change]:
     found = []
     for motor, name in enumerate(old.printer.motors):
-        by_mm, sd_mm = float(phase.by_mm[motor]), float(phase.sd_mm[motor])
+        before_rad = [
+            _angle_sd_rad(part) for part in phase.parts if part.key[:2] == ("pulley", motor) and part.mean_mm.any()
+        ]
+        before_mm = np.array(before_rad) * old.printer.mm_per_turn[motor] / (2 * np.pi)
+        by_mm, sd_mm = float(phase.by_mm[motor]), float(np.hypot(phase.sd_mm[motor], np.sum(before_mm)))
         if np.isfinite(sd_mm) and abs(by_mm) > max(LEAST_SHIFT_MM, 2 * sd_mm):
             words = say("motor-stands-elsewhere", name.upper(), f"{by_mm:+.2f}", f"{sd_mm:.2f}")
             found.append(Change(name.upper(), "phase", 0.0, by_mm, sd_mm, "mm", words))
