@@ -313,6 +313,7 @@ def test_the_command_notes_the_verdict(bent: SavedModel, tmp_path: Path) -> None
         assert done.exit_code == code, done.output
         assert "distances on the bed, about 1.4 times the distance across a line" in done.output
         assert read_model(new).document["update"]["from"] == bent.digest
+        assert (f"Mend again with {new}" in done.output) == (name == "slipped")
     history = [json.loads(line) for line in (tmp_path / "printer.mend.history.jsonl").read_text().splitlines()]
     assert [each["result"] for each in history] == [KEPT, BROKEN, UNSURE]
     wanted = stairs(200)

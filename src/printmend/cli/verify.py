@@ -87,7 +87,7 @@ def command(
     if as_json:
         click.echo(json.dumps({**verdict.json(), "history": str(history)}))
     else:
-        echo(verdict.words)
+        echo(verdict.words_beside(output))
         echo(say("distances-on-bed"))
         if newer is not None:
             echo(update_words(verdict, newer))

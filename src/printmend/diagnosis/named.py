@@ -44,9 +44,10 @@ from printmend.printer import Printer
 # How it pushes the layers aside is an effect like others (`effects.wobble`).
 
 KINDS = ("lead", "periodic", "backlash")
+NOT_DOWN = "z-backlash-no-height-measured-after"  # message: what a tower without a way down leaves open
 _GAPS = (  # messages: gaps of Z
-    "z-heights-span-mm-turn-screw", "z-told-mm-only-measure-more", "z-backlash-no-height-measured-after",
-    "z-lead-backlash-no-heights-were", "z-wobble-flat-print",
+    "z-heights-span-mm-turn-screw", "z-told-mm-only-measure-more", NOT_DOWN, "z-lead-backlash-no-heights-were",
+    "z-wobble-flat-print",
 )  # fmt: skip
 Z_SAID = "z"  # the document's key of what was said of the lift, kind by kind
 
@@ -157,7 +158,7 @@ def find_lift(trace: Trace, printer: Printer) -> Lift | None:
         faults = (Fault("z", "backlash", backlash_mm, sd, "mm", said),) if backlash_mm else ()
         known["backlash"] = Quantity(np.array([backlash_mm]), said, faults, sd)
     else:
-        gaps["backlash"] = say("z-backlash-no-height-measured-after")
+        gaps["backlash"] = say(NOT_DOWN)
     return Lift(known, gaps)
 
 

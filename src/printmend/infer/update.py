@@ -543,8 +543,8 @@ def _search(sums: Sums, story: Story, left: Left) -> Search:
 def _seldom(blocks: tuple[Block, ...], story: Story, known: tuple[Part, ...]) -> tuple[Block, ...]:
     """Return blocks with the odds of changes: what a machine has since, it seldom has; what does not wear comes only
     with other parts; what was never seen is as likely as on any machine. After a ``refit``, or when slack, belts may
-    well rest elsewhere at home. What was in doubt at a place comes as often, and as large, as the drawn machines had it.
-    Another belt has another pitch. Both are the last alternatives of their blocks."""
+    well rest elsewhere at home. What was in doubt at a place comes as often, and as large, as the drawn machines had
+    it. Another belt has another pitch. Both are the last alternatives of their blocks."""
     parts: dict[_Slot, list[Part]] = {}
     sure = {part.key for part in known}
     for part in story.parts:

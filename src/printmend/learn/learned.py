@@ -14,7 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.advice import gaps_of
-from printmend.diagnosis.named import Z_SAID, Lift, diagnose, find_lift, is_gap_of_z, misfits_of
+from printmend.diagnosis.named import NOT_DOWN, Z_SAID, Lift, diagnose, find_lift, is_gap_of_z, misfits_of
 from printmend.effects import EFFECTS, Of, Scene, scene_of
 from printmend.effects.effect import SCALE_MM
 from printmend.effects.prior import share_of
@@ -374,5 +374,6 @@ def report(model: SavedModel) -> str:
 
 def todo(gaps: Sequence[str]) -> tuple[str, ...]:
     """Return the prints that would close a trace's gaps."""
-    of_z = {is_gap_of_z(gap) for gap in gaps if not is_one_of(gap, UNTOLD)}  # no print of ours tells whose a scale is
+    # no print of ours tells whose a scale is; of a nut's play its gap says what is missing
+    of_z = {is_gap_of_z(gap) for gap in gaps if not is_one_of(gap, (*UNTOLD, NOT_DOWN))}
     return tuple(what for screw, what in ((False, _PROBE_TODO), (True, _TOWER_TODO)) if screw in of_z)

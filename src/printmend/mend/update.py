@@ -82,13 +82,15 @@ class Change:
 @dataclass(frozen=True, eq=False)
 class Updated:
     """The new model, the changes, and the motors that were learned anew. ``is_known``: the model was learned from this
-    measurement, so it stays unchanged. ``settled`` says which scales a rule settled."""
+    measurement, so it stays unchanged. ``is_other``: nothing of the old machine explains it. ``settled`` says which
+    scales a rule settled."""
 
     model: SavedModel
     changes: tuple[Change, ...]
     anew: tuple[str, ...]
     is_known: bool = False
     settled: str = ""
+    is_other: bool = False
 
     @property
     def words(self) -> str:
@@ -97,7 +99,7 @@ class Updated:
             return say("model-learned-very-measurement-counted-once")
         rows = [*(change.words for change in self.changes), *filter(None, [self.settled])]
         rows += [say("old-model-knew-learned-anew", name) for name in self.anew]
-        if len(self.anew) == len(self.model.printer.motors):
+        if self.is_other:
             rows.append(say("nothing-old-model-left-measurement-same"))
         return together("\n", rows or [say("nothing-changed-more-trace-can-tell")])
 
@@ -174,7 +176,8 @@ def _anew(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated:
     names = tuple(name.upper() for name in old.printer.motors)
     model = learn(trace, old.printer, rng=rng).saved
     details = {"update": {"from": old.digest, "changes": [], "anew": list(names)}}
-    return Updated(with_screw(model, screw_of(model), findings=model.findings, details=details), (), names)
+    model = with_screw(model, screw_of(model), findings=model.findings, details=details)
+    return Updated(model, (), names, is_other=True)
 
 
 def _lifted(old: SavedModel, belief: Belief, trace: Trace, said: Sequence[Misfit], digest: str) -> Updated:

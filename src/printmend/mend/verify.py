@@ -98,6 +98,10 @@ class Verdict:
     @property
     def words(self) -> str:
         """Return the verdict in one line, the numbers first."""
+        return self.words_beside(None)
+
+    def words_beside(self, newer_path: Path | None) -> str:
+        """Return the verdict in one line; ``newer_path`` is the model that the measurement brought up to date."""
         now = f"{self.now_mm:.3f}" if self.at_most_mm is None else say("less-than", f"{self.at_most_mm:.3f}")
         promised = f"{self.promised_low_mm:.3f}–{self.promised_high_mm:.3f}"
         numbers = say("before-now-promised", f"{self.before_mm:.3f}", now, promised)
@@ -117,6 +121,8 @@ class Verdict:
             if self.unlike_mm < _SAME_FAULT_SHARE * self.now_mm:
                 return say("verdict-as-before-mending", numbers)
             return say("verdict-farther-off" if self.now_low_mm > self.before_mm else "verdict-another-fault", numbers)
+        if newer_path is not None:
+            return say("verdict-broken-newer", numbers, newer_path)
         return say("verdict-broken", numbers)
 
     def json(self) -> dict[str, Any]:
