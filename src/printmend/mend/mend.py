@@ -310,8 +310,8 @@ def mend_gcode(
     """Write ``source`` (`-` for the standard input) as the printer of ``model`` must read it to print it right.
 
     ``output`` may be the source itself; None is the standard output. Nothing is written unless all went well. A file
-    that would gain nothing is returned byte for byte. Each plate of a project is a print of its own. ``fineness`` says how
-    far the path may be off, and which firmware reads it. ``watch`` gets the plan of each program.
+    that would gain nothing is returned byte for byte. Each plate of a project is a print of its own. ``fineness`` says
+    how far the path may be off, and which firmware reads it. ``watch`` gets the plan of each program.
 
     Raises `GcodeError` for a file that cannot be read or was mended before, `ModelError` for another printer's file,
     and, unless ``force``, `RefusedError` if mending is not sure to help or would add too much time.
