@@ -239,8 +239,6 @@ def test_homing_goes_to_the_printers_home_and_makes_the_place_certain():
         ("M6 T1", k.EVENT_TOOL, False),
         ("EXCLUDE_OBJECT_START NAME=G1_part", k.EVENT_EXCLUDE, True),
         ("M486 S1", k.EVENT_EXCLUDE, True),
-        ("; printing object a.stl id:0 copy 0", k.EVENT_EXCLUDE, True),
-        (";MESH:a.stl", k.EVENT_EXCLUDE, True),
         ("@Object a.stl", k.EVENT_EXCLUDE, True),
         ("G29", k.EVENT_PROBE, False),
         ("G12", k.EVENT_UNKNOWN, False),
@@ -260,7 +258,7 @@ def test_what_makes_the_place_uncertain(line, event, place_is_certain):
 @pytest.mark.parametrize(
     "line", ["M104 S200", "M106 S255", "G4 P500", "M73 P5 R10", "SET_PRESSURE_ADVANCE ADVANCE=0.05", "M84 S60", "M18 E",
              "EXCLUDE_OBJECT_DEFINE NAME=a", "M204 P500", "hello: world", "%", "M220 S100", "M900 K0.05",
-             "@sound G1 X5"]
+             "@sound G1 X5", "; printing object a.stl id:0 copy 0", ";MESH:a.stl"]
 )  # fmt: skip
 def test_what_does_not_concern_motion_has_no_record(line):
     records = records_of(f"G28\n{line}\n")

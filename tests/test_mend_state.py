@@ -144,7 +144,7 @@ AGAIN = b"G1 X60 Y70 E1\nG1 X64 Y60 E1\n"
 @pytest.mark.parametrize(
     "event",
     [b"PAUSE", b"M600", b"M0", b"M25", b"M486 S1", b"EXCLUDE_OBJECT_START NAME=a", b"EXCLUDE_OBJECT_END NAME=a",
-     b"@pause", b"; printing object a id:0 copy 0"],
+     b"@pause", b"@Object a"],
 )  # fmt: skip
 def test_pauses_and_objects_are_anchored_again(event: bytes) -> None:
     """The belts may be anywhere in their play afterwards: wherever they are, the next line is where it should be."""

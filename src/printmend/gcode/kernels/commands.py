@@ -173,10 +173,6 @@ _PAUSING = np.array([name_hash(name) for name in ("PAUSE", "RESUME", "CANCEL_PRI
 # OctoPrint obeys these behind an @, and its plug-in for objects the last two; others it leaves alone.
 _AT_PAUSING = np.array([name_hash(name) for name in ("PAUSE", "RESUME")])
 _AT_EXCLUDING = np.array([name_hash(name) for name in ("OBJECT", "ENDOBJECT")])
-# Comments by which hosts know objects (Moonraker's preprocess_cancellation, OctoPrint's plug-in), and skip them.
-_OBJECTS = tuple(
-    np.frombuffer(text, np.uint8) for text in (b"PRINTING OBJECT", b"STOP PRINTING OBJECT", b"MESH:", b"PRINTING:")
-)
 _TOOLING = np.array([name_hash("ACTIVATE_EXTRUDER")])
 _BLOCKS = np.array([name_hash(name) for name in ("IF", "ELIF", "ELSE", "WHILE")])  # RepRapFirmware's
 _SKEWING = np.array([name_hash(name) for name in ("SKEW_PROFILE", "SET_SKEW")])
@@ -274,16 +270,11 @@ def long_command(r, buf, p, stop, column, numbers, counts):
 
 @inner
 def host_event(buf, p, stop):
-    """Return what event a line is to a host: a comment whose text begins at p, or what stands behind an @; or 0."""
-    if buf[p] == AT:
-        name, _ = word_hash(buf, p + 1, stop)
-        if among(name, _AT_PAUSING):
-            return EVENT_PAUSE
-        return EVENT_EXCLUDE if among(name, _AT_EXCLUDING) else 0
-    for text in _OBJECTS:
-        if starts_with(buf, p, stop, text):
-            return EVENT_EXCLUDE
-    return 0
+    """Return what event a line with an @ at p is to a host, or 0."""
+    name, _ = word_hash(buf, p + 1, stop)
+    if among(name, _AT_PAUSING):
+        return EVENT_PAUSE
+    return EVENT_EXCLUDE if among(name, _AT_EXCLUDING) else 0
 
 
 @inner

@@ -605,15 +605,16 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
         p += 3
     if p >= stop:
         return n
-    if buf[p] == SEMICOLON or buf[p] == AT:
-        text = p if buf[p] == AT else _after_blanks(buf, p + 1, stop)
-        if text == stop:
-            return n
-        _comment(buf, text, stop, counts)
-        counts.role = role_of(buf, text, stop, counts.role)
-        if len(notes) > 0:
-            note_comment(buf, p, text, stop, notes, counts, n)
-        what = host_event(buf, text, stop)
+    if buf[p] == SEMICOLON:
+        text = _after_blanks(buf, p + 1, stop)
+        if text < stop:
+            _comment(buf, text, stop, counts)
+            counts.role = role_of(buf, text, stop, counts.role)
+            if len(notes) > 0:
+                note_comment(buf, p, text, stop, notes, counts, n)
+        return n
+    if buf[p] == AT:
+        what = host_event(buf, p, stop)
         if what != 0:
             begin_record(records[n], p, stop, after, numbers, counts, 0)
             records[n].words = 0
