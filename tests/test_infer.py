@@ -17,7 +17,7 @@ from printmend.effects.prior import NEAR_SHARE, share_of
 from printmend.effects.sized import Sized, frame_of
 from printmend.effects.words import Found
 from printmend.infer import kernels
-from printmend.infer.fit import fitted, home_sd_of, weighed, worn
+from printmend.infer.fit import fitted, home_sd_of, reweighed, weighed, worn
 from printmend.infer.gram import Block, Dictionary, Look, Rows, blocks_of, dictionary_of, gram_of, seen
 from printmend.infer.machine import DRAWS, Part, machine_of
 from printmend.infer.posterior import acting, central, drawn_by, drawn_of, drawn_sets, likely_set, posterior_of, seen_at
@@ -398,6 +398,14 @@ def test_normal_noise_is_taken_for_what_it_is(rng: np.random.Generator) -> None:
     assert gram.square / gram.count == pytest.approx(NOISE_MM**2, rel=0.02)
     noise[:40] = 1.0
     assert weighed(rows, noise)[:40].max() < 0.01
+
+
+def test_each_axis_counts_by_its_own_scatter(rng: np.random.Generator) -> None:
+    along = np.repeat(np.eye(2), 4000, axis=0)
+    noise, ones = NOISE_MM * (along @ [1.0, 3.0]) * rng.standard_normal(8000), np.ones(8000)
+    weight = reweighed(Rows(np.arange(8000), along, noise, ones, ones), noise)
+    assert np.median(weight[:4000]) / np.median(weight[4000:]) == pytest.approx(9.0, rel=0.15)
+    assert np.exp(np.log(weight).mean()) == pytest.approx(1.0, abs=0.02)
 
 
 def _moved(part: object, sizes: np.ndarray, places: object, scene: Scene) -> np.ndarray:

@@ -210,12 +210,16 @@ def test_a_scan_of_a_skewed_frame_is_mended_whichever_axis_leans() -> None:
     assert abs(xy + yx) / frame.scale_mm == pytest.approx(np.radians(0.6), abs=0.002)
 
 
-def test_a_carriage_that_jitters_is_no_dented_belt(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_scanner_that_runs_unevenly_is_no_uneven_belt(axis: int, rng: np.random.Generator) -> None:
+    """Neither in steps from line to line nor smoothly, as a bar that sags."""
     seen = scanned(measured(HEALTHY, 0.003, 3), np.zeros((2, 2)))
+    place_mm = np.linspace(0, 220, 1101)
     jitter_mm = np.cumsum(rng.normal(0, 0.0015, 1101))  # 0.022 mm from one end of the bed to the other, each 0.2 mm
-    off_mm = np.interp(seen.commanded_mm[:, 1], np.linspace(0, 220, 1101), jitter_mm)
-    model = learn_model(replace(seen, measured_mm=seen.measured_mm + off_mm[:, None] * [0.0, 1.0]), ENDER3)
-    assert model.document["diagnosis"] == []
+    for uneven_mm in (jitter_mm, 0.02 * np.cos(2 * np.pi * place_mm / 230)):
+        off_mm = np.interp(seen.commanded_mm[:, axis], place_mm, uneven_mm)
+        model = learn_model(replace(seen, measured_mm=seen.measured_mm + off_mm[:, None] * np.eye(2)[axis]), ENDER3)
+        assert model.document["diagnosis"] == []
 
 
 @pytest.mark.parametrize(
