@@ -49,7 +49,7 @@ FEW_MARKS = 600  # that a first look is for
 PASSES = 4  # of contacts, then search, at most
 SETTLED_MM = 0.02  # belts that move less from pass to pass change the columns too little to matter
 WEIGHINGS = 2  # of rows in each pass
-FEW_ALIKE = 30  # numbers that outweigh what all say of the scatter along one axis: an estimate to one digit
+FEW_ALIKE = 30  # numbers of one axis that weigh as much as the variance of all: an estimate to one digit
 NEWS, MOST_NEWS = 0.25, 0.99  # share of a wall's place that is news: at first, and most
 FEWEST_READ = 4  # with fewer marks a coordinate may look as if it had never been measured
 BEGUN_WITH = ("place", "scale")  # a search from nothing may explain a pulley's size by a skewed frame, bit by bit
@@ -434,8 +434,8 @@ def reweighed(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
 
 
 def _variances_mm2(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
-    """Return how residuals scatter along X and Y [2]: some instruments read one axis worse than the other, as a
-    scanner whose carriage jitters. `FEW_ALIKE` numbers that scatter as all do are counted to those of each axis."""
+    """Return the variances of residuals along X and Y [2]: some instruments read one axis worse, as a scanner whose
+    carriage jitters. The variance of all residuals counts as `FEW_ALIKE` numbers of each axis."""
     away, least_mm = np.abs(left_mm) * np.sqrt(rows.weight), max(LEAST_SIGMA_MM, rows.least_mm)
     whole_mm2, found = scale_of(away, least_mm) ** 2, []
     for own in (away[numbers] for numbers, _ in rows.by_axis[:2]):
@@ -445,7 +445,7 @@ def _variances_mm2(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
 
 
 def _by_axis(rows: Rows, variances_mm2: np.ndarray) -> Rows:
-    """Return rows weighed by how numbers along X and Y scatter [2], without a change of their mean logarithm."""
+    """Return rows weighted by variances along X and Y [2]. The mean logarithm of the weights stays as it is."""
     variance = np.square(rows.along) @ variances_mm2
     return replace(rows, weight=rows.weight * np.exp(np.log(variance).mean()) / variance)
 

@@ -106,8 +106,8 @@ class Event:
 class Story:
     """A story of an old machine: its remaining ``parts``, the ``events`` since then, and the motors with new parts
     (``anew``) or with belts that became slack or tight (``slack``), which then rest elsewhere at home; ``whole``:
-    nothing of it remains. ``unseen`` are the effects that no measurement of what is there now
-    could show: to find one is no change. Its belts were worked on in a ``refit``."""
+    nothing of it remains. ``unseen`` are the effects that no measurement so far could show: to find one is no change.
+    Its belts were worked on in a ``refit``."""
 
     parts: tuple[Part, ...]
     events: tuple[Event, ...] = ()
