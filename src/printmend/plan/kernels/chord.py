@@ -98,20 +98,6 @@ def _made_up(model, curve, k, mode, t):
 
 # These kernels take many parameters: the curve, the motors and their modes, and what may be spared.
 @inner
-def _end(model, curve, state, mode0, mode1, end, stop, u0, u1):
-    """Return where the motors are at ``end``, and how far the belts are told to be off the path there.
-
-    At ``stop`` they are told to be at (u0, u1): ahead of a path that turns back.
-    """
-    m0, m1 = along_curve(model, curve, state, mode0, mode1, end)
-    if end < stop:
-        return m0, m1, 0.0
-    to0, to1 = motor_along(model, state, 0, mode0, u0, stop), motor_along(model, state, 1, mode1, u1, stop)
-    x, y = from_motors(model, to0 - m0, to1 - m1)
-    return to0, to1, norm(x, y)
-
-
-@inner
 def _score(model, curve, state, mode0, mode1, t, end, m0, m1, spare_aside, spare_along, tip):
     """Return the largest error of the chord from t to ``end`` in units of what is allowed; the motors end at (m0, m1).
 
@@ -138,8 +124,11 @@ def _score(model, curve, state, mode0, mode1, t, end, m0, m1, spare_aside, spare
 
 
 @inner
-def _longest(model, curve, state, mode0, mode1, t, whole, u0, u1, bound, shortest):
-    """Return the length, in t, of the longest admissible chord, by growing and shrinking a guess from the curvature."""
+def _longest(model, curve, state, mode0, mode1, t, whole, to0, to1, tip, bound, shortest):
+    """Return the length, in t, of the longest admissible chord, by growing and shrinking a guess from the curvature.
+
+    After the ``whole`` length the motors are at (to0, to1), by ``tip`` ahead of the path.
+    """
     x, y = printed(model, middle(state, 0), middle(state, 1))
     aside, along = aside_and_along(curve, x, y, t)
     step = whole
@@ -147,8 +136,11 @@ def _longest(model, curve, state, mode0, mode1, t, whole, u0, u1, bound, shortes
         step = min(whole, max(shortest, 2.0 * whole * np.sqrt(8.0 * model.head.chord / bound)))
     good = 0.0
     for _ in range(24):
-        m0, m1, tip = _end(model, curve, state, mode0, mode1, t + step, t + whole, u0, u1)
-        score = _score(model, curve, state, mode0, mode1, t, t + step, m0, m1, aside + along, aside + along, tip)
+        m0, m1, ahead = to0, to1, tip
+        if step < whole:
+            m0, m1 = along_curve(model, curve, state, mode0, mode1, t + step)
+            ahead = 0.0
+        score = _score(model, curve, state, mode0, mode1, t, t + step, m0, m1, aside + along, aside + along, ahead)
         if score <= 1.0:
             good = step
             if step >= whole or score > 0.7:
@@ -181,18 +173,17 @@ def _look_mm(model, way0, way1, m0, m1, most, even):
 # Long because its checks along the line are one loop. Its many parameters are the line, where the motors are on it,
 # and how far the command may stray.
 @inner
-def _reach(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest, even):
+def _reach(model, curve, state, mode0, mode1, t, stop, to0, to1, tip_x, tip_y, shortest, even):
     """Return (end, m0, m1): where the longest straight command from t ends that stays near a line's exact command.
 
     The command must pass the exact command at each place within half the tolerance, which leaves it an interval of
     directions. It goes on for as long as these intervals share a direction. So its ends lie on the outer side of a
     bend, its middle on the inner side, and it goes straight through smaller ripples. Along the line its ends are exact.
     If ``even``, the exact command is nowhere much faster or slower. The command ends exactly at ``stop``, where the
-    belts are wanted at (u0, u1). Before a short rest it ends in the middle, if that is no ``shortest`` one: two of a
-    length instead of one and a rest.
+    motors are at (to0, to1), by (tip_x, tip_y) ahead of a path that turns back. Before a short rest it ends in the
+    middle, if that is no ``shortest`` one: two of a length instead of one and a rest.
     """
     length, aside_most = curve.length, model.head.chord
-    to0, to1 = motor_along(model, state, 0, mode0, u0, stop), motor_along(model, state, 1, mode1, u1, stop)
     from0, from1 = state.mended.m[0], state.mended.m[1]
     x, y = from_motors(model, to0 - from0, to1 - from1)
     long = norm(x, y)
@@ -202,11 +193,9 @@ def _reach(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest, even):
     way0, way1 = (to0 - from0) / ((stop - t) * length), (to1 - from1) / ((stop - t) * length)
     m0, m1 = along_curve(model, curve, state, mode0, mode1, t)
     x, y = from_motors(model, m0 - from0, m1 - from1)
-    end0, end1 = along_curve(model, curve, state, mode0, mode1, stop)
-    end_x, end_y = from_motors(model, to0 - end0, to1 - end1)  # a belt is to be ahead of a path that turns back
-    least_along = max(abs(x * tx + y * ty), abs(end_x * tx + end_y * ty))
+    least_along = max(abs(x * tx + y * ty), abs(tip_x * tx + tip_y * ty))
     along_most = max(SHORTEST_EVEN_MM / 4.0 if even else ALONG_PER_ASIDE * aside_most, least_along)
-    near = max(aside_most, abs(tx * y - ty * x), abs(tx * end_y - ty * end_x))
+    near = max(aside_most, abs(tx * y - ty * x), abs(tx * tip_y - ty * tip_x))
     low, high, slow, fast = -np.inf, np.inf, -np.inf, np.inf
     last = behind = x * tx + y * ty
     slowest, fastest = -np.inf, np.inf
@@ -255,11 +244,11 @@ def _reach(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest, even):
         d0 += _made_up(model, curve, 0, mode0, end)
         d1 += _made_up(model, curve, 1, mode1, end)
     if mode0 == 0:  # it stands, or crosses its slack
-        d0 = motor_along(model, state, 0, mode0, u0, end) - from0
+        d0 = motor_along(model, state, 0, mode0, 0.0, end) - from0
     elif mode0 * d0 < 0.0 and mode0 != 2:
         d0 = 0.0
     if mode1 == 0:
-        d1 = motor_along(model, state, 1, mode1, u1, end) - from1
+        d1 = motor_along(model, state, 1, mode1, 0.0, end) - from1
     elif mode1 * d1 < 0.0 and mode1 != 2:
         d1 = 0.0
     return end, from0 + d0, from1 + d1
@@ -274,21 +263,21 @@ def _is_even(model, curve):
 
 # As `_reach`.
 @inner
-def _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest):
+def _longest_line(model, curve, state, mode0, mode1, t, stop, to0, to1, tip_x, tip_y, shortest):
     """Return (end, m0, m1): where the longest admissible chord of a line ends; t if that would be a short one.
 
     Belts that lag, or that are not yet driven, do not follow the exact command. Then the chord is refused.
     """
     most, even = model.head.chord, _is_even(model, curve)
     least = shortest if even else max(shortest, SHORT_MM / curve.length)
-    end, m0, m1 = _reach(model, curve, state, mode0, mode1, t, stop, u0, u1, least, even)
+    end, m0, m1 = _reach(model, curve, state, mode0, mode1, t, stop, to0, to1, tip_x, tip_y, least, even)
     if end < stop and end - t < least:
         return t, m0, m1
     x, y = printed(model, middle(state, 0), middle(state, 1))
     aside, along = aside_and_along(curve, x, y, t)
     # along a wall a chord may lead by what a shaper will take from it
     aside, along = max(aside - most, 0.0), np.inf if even else max(along - ALONG_PER_ASIDE * most, 0.0)
-    _, _, tip = _end(model, curve, state, mode0, mode1, end, stop, u0, u1)
+    tip = norm(tip_x, tip_y) if end == stop else 0.0
     if _score(model, curve, state, mode0, mode1, t, end, m0, m1, aside, along, tip) > MOST_SCORE:
         return t, m0, m1
     return end, m0, m1
@@ -322,6 +311,8 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     step = whole
     if bound > 8.0 * _bulge(model, whole * length) or ((d0 > _FAR_MM or d1 > _FAR_MM) and model.head.bent != 0.0):
         end = t
+        path0, path1 = along_curve(model, curve, state, mode0, mode1, stop)
+        tip_x, tip_y = from_motors(model, m0 - path0, m1 - path1)
         bend = bound / (whole * whole * length * length)  # a mm, at most
         if _is_even(model, curve):
             bends = bend * SHORT_EVEN_MM > 1.0
@@ -329,12 +320,13 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
             bends = bend * SHORT_MM * SHORT_MM > 64.0 * model.head.chord  # all chords are short
         crosses = max(abs(state.crossing[0]), abs(state.crossing[1])) > GENTLY * length
         if curve.arc == 0.0 and not crosses and not bends:
-            end, n0, n1 = _longest_line(model, curve, state, mode0, mode1, t, stop, u0, u1, shortest)
+            end, n0, n1 = _longest_line(model, curve, state, mode0, mode1, t, stop, m0, m1, tip_x, tip_y, shortest)
         step = end - t
         if end > t:
             m0, m1 = n0, n1
         else:
-            step = _longest(model, curve, state, mode0, mode1, t, whole, u0, u1, bound, shortest)
+            tip = norm(tip_x, tip_y)
+            step = _longest(model, curve, state, mode0, mode1, t, whole, m0, m1, tip, bound, shortest)
             if step < whole:
                 m0, m1 = along_curve(model, curve, state, mode0, mode1, t + step)
     part = step * advance
