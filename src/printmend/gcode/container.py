@@ -3,9 +3,10 @@
 import shutil
 import sys
 import tempfile
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import IO, Literal
@@ -31,6 +32,7 @@ class Part:
 
     source: "GcodeFile"
     member: str | None = None
+    _summed: list[bool] = field(default_factory=list, init=False, repr=False, compare=False)
 
     @property
     def name(self) -> str:
@@ -74,13 +76,15 @@ class Part:
     def flavour(self) -> Flavour:
         return detect_flavour(*self.hints())
 
-    @cached_property
+    @property
     def is_as_summed(self) -> bool:
-        """Tell whether a plate is what its project's checksum says, by what was read of it last; other files have
+        """Tell whether a plate is what its project's checksum says, by its last whole reading; other files have
         none."""
-        for _ in self._pieces() if self.member is not None else ():
-            pass
-        return bool(self.__dict__.get("is_as_summed", True))
+        if self.member is None:
+            return True
+        if not self._summed:
+            deque(self._pieces(), maxlen=0)
+        return self._summed[-1]
 
     def _pieces(self) -> Iterator[bytes]:
         if self.source.container == "plain":
@@ -90,8 +94,7 @@ class Part:
             yield from _bgcode_texts(self.source.path, self.name)
         else:
             with self.source.path.open("rb") as handle, threemf.open_zip(handle, self.name) as archive:
-                is_as_summed = yield from threemf.plate_pieces(archive, str(self.member), self.name)
-                self.__dict__["is_as_summed"] = is_as_summed
+                self._summed.append((yield from threemf.plate_pieces(archive, str(self.member), self.name)))
 
 
 Told = Callable[[Part, bytes], bytes]
