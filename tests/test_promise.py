@@ -230,15 +230,17 @@ def test_a_longer_print_has_a_larger_largest_error(bent: SavedModel) -> None:
     angle = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     tangent = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
     most_mm = []
-    for length_mm in (1.0, 100.0):  # of each place: 0.4 m, and 40 m of lines over the same places
+    for length_mm in (2.5e-4, 1.0, 100.0):  # of each place: 0.1 mm, 0.4 m, and 40 m of lines over the same places
         path = PathPlaces(
             110 + 30 * np.stack([np.cos(angle), np.sin(angle)], axis=1), tangent, np.zeros(400), np.sign(tangent),
             np.full(400, length_mm),
         )  # fmt: skip
         outlook = promised(bent.mechanism, belief, path, error, error)
         assert outlook is not None
+        assert outlook.after.rms_mm < outlook.after.p95_mm <= outlook.after.max_mm
         most_mm.append(outlook.after.max_mm)
-    assert 1.05 * most_mm[0] < most_mm[1] < 2 * most_mm[0]
+    assert most_mm[0] < most_mm[1]
+    assert 1.05 * most_mm[1] < most_mm[2] < 2 * most_mm[1]
 
 
 def test_a_motor_that_rounding_moves_stands_still(rng: np.random.Generator) -> None:

@@ -49,7 +49,7 @@ FEW_MARKS = 600  # that a first look is for
 PASSES = 4  # of contacts, then search, at most
 SETTLED_MM = 0.02  # belts that move less from pass to pass change the columns too little to matter
 WEIGHINGS = 2  # of rows in each pass
-FEW_ALIKE = 30  # numbers of one axis that weigh as much as the variance of all: an estimate to one digit
+FEW_ALIKE = 30  # numbers of one axis that count as much as the variance of all: an estimate to one digit
 NEWS, MOST_NEWS = 0.25, 0.99  # share of a wall's place that is news: at first, and most
 FEWEST_READ = 4  # with fewer marks a coordinate may look as if it had never been measured
 BEGUN_WITH = ("place", "scale")  # a search from nothing may explain a pulley's size by a skewed frame, bit by bit
@@ -434,8 +434,9 @@ def reweighed(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
 
 
 def _variances_mm2(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
-    """Return the variances of residuals along X and Y [2]: some instruments read one axis worse, as a scanner whose
-    carriage jitters. The variance of all residuals counts as `FEW_ALIKE` numbers of each axis."""
+    """Return the variances of residuals along X and Y [2], because some instruments measure one axis less exactly, such
+    as a scanner whose carriage jitters. Each is a mean of the axis's own variance and that of all residuals, which
+    counts as much as `FEW_ALIKE` numbers."""
     away, least_mm = np.abs(left_mm) * np.sqrt(rows.weight), max(LEAST_SIGMA_MM, rows.least_mm)
     whole_mm2, found = scale_of(away, least_mm) ** 2, []
     for own in (away[numbers] for numbers, _ in rows.by_axis[:2]):

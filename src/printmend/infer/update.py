@@ -105,9 +105,9 @@ class Event:
 @dataclass(frozen=True, eq=False)
 class Story:
     """A story of an old machine: its remaining ``parts``, the ``events`` since then, and the motors with new parts
-    (``anew``) or with belts that became slack or tight (``slack``), which then rest elsewhere at home; ``whole``:
-    nothing of it remains. ``unseen`` are the effects that no measurement so far could show: to find one is no change.
-    Its belts were worked on in a ``refit``."""
+    (``anew``). ``slack`` are the motors whose belt became slack or tight, and so rests elsewhere at home. If ``whole``,
+    nothing of the old machine remains. ``unseen`` are the effects that no measurement could show until now; finding one
+    is not a change. After a ``refit``, somebody worked on the belts."""
 
     parts: tuple[Part, ...]
     events: tuple[Event, ...] = ()

@@ -77,10 +77,10 @@ class Prediction:
     both files take, None if not asked for.
 
     Not corrected: ``unknown`` counts extruding moves left as they are, because the file does not say what all their
-    words do (``unread``), or where the head is; ``unknown_lines`` are the lines of the first, ``doubted_line`` is the
-    line that made that uncertain, 0 for none; ``mended_mm`` of the length are other moves. ``splines`` counts such
-    curves (G5). ``geometry`` counts the commands that make the firmware scale, skew or lengthen its targets.
-    ``warnings`` say that, and where the file was read otherwise than its firmware may read it.
+    words do (``unread``), or where the head is; ``unknown_lines`` are the lines of the first few, and ``doubted_line``
+    is the line that made them uncertain (0 if none). ``mended_mm`` is the length of the other moves. ``splines`` counts
+    such curves (G5). ``geometry`` counts the commands that make the firmware scale, skew or lengthen its targets.
+    ``warnings`` report these commands, and where the firmware may read the file otherwise.
 
     Bed: printing moves end between ``low_mm`` and ``high_mm``. Everything printed, dots and the beginnings of moves
     included, lies between ``printed_low_mm`` and ``printed_high_mm``; ``on_bed`` says whether that is on the bed.

@@ -423,7 +423,7 @@ def _extremes(
     machines.
 
     ``shift``, the best one of the whole part, is taken off first. A place stands for as many independent errors as its
-    length holds `CELL_MM`.
+    length holds `CELL_MM`, and a whole path at least for one.
     """
     error = columns[:, 2:] @ drawn - columns[:, :2] @ shift
     sd2 = sum(each.columns @ each.drawn for each in side.local.values())
@@ -432,10 +432,10 @@ def _extremes(
     sd = np.sqrt(sd2)
     found = np.abs(error + sd * rng.standard_normal(error.shape))
     p95 = float(np.quantile(_weighted_p95(found.T, side.path.weight), HIGH))
-    cells = side.path.weight[:, None] / CELL_MM
+    cells = side.path.weight[:, None] / min(CELL_MM, float(side.path.weight.sum()))
     above, below = (sd * _largest_of(cells, rng.uniform(size=error.shape)) for _ in range(2))
     most = float(np.quantile(np.maximum(above + error, below - error).max(axis=0), HIGH))
-    return p95, most if side.signed else max(most, side.known.max_mm)
+    return p95, max(most, p95, 0.0 if side.signed else side.known.max_mm)
 
 
 def _largest_of(count: np.ndarray | float, uniform: np.ndarray) -> np.ndarray:

@@ -147,7 +147,7 @@ def condition(buf, p, stop):
 
 @inner
 def _after_conditions(buf, p, stop, counts):
-    """Obey the conditions at p, if any, and return what follows them: ``block`` is minus the number of open ones."""
+    """Skip the conditions at p and return where they end. ``block`` becomes −n while n conditions are open."""
     while p < stop:
         p = _after_blanks(buf, p, stop)
         name, after = condition(buf, p, stop) if p < stop else (np.uint64(0), p)

@@ -102,7 +102,7 @@ def _score(model, curve, state, mode0, mode1, t, end, m0, m1, spare_aside, spare
     """Return the largest error of the chord from t to ``end`` in units of what is allowed; the motors end at (m0, m1).
 
     At t the error may be larger by ``spare_aside`` and ``spare_along``; both shrink to nothing at ``end``. Towards
-    there it may reach ``tip`` beside a chord's tolerance: that far ahead of the path a belt is told to be.
+    ``end`` it may grow by ``tip``, by which a belt is commanded ahead of the path.
     """
     samples = max(3, np.int64(np.ceil(min((end - t) * curve.length, 4096.0) / model.head.sample)))
     from0, from1 = state.mended.m[0], state.mended.m[1]
@@ -178,10 +178,10 @@ def _reach(model, curve, state, mode0, mode1, t, stop, to0, to1, tip_x, tip_y, s
 
     The command must pass the exact command at each place within half the tolerance, which leaves it an interval of
     directions. It goes on for as long as these intervals share a direction. So its ends lie on the outer side of a
-    bend, its middle on the inner side, and it goes straight through smaller ripples. Along the line its ends are exact.
-    If ``even``, the exact command is nowhere much faster or slower. The command ends exactly at ``stop``, where the
-    motors are at (to0, to1), by (tip_x, tip_y) ahead of a path that turns back. Before a short rest it ends in the
-    middle, if that is no ``shortest`` one: two of a length instead of one and a rest.
+    bend, its middle on the inner side, and it goes straight through smaller ripples. Along the line its ends are
+    exact. If ``even``, the exact command is nowhere much faster or slower. The command ends exactly at ``stop``,
+    where the motors are at (to0, to1), by (tip_x, tip_y) ahead of a path that turns back. If only a short rest
+    would remain, it ends in the middle instead, unless both halves would be below ``shortest``.
     """
     length, aside_most = curve.length, model.head.chord
     from0, from1 = state.mended.m[0], state.mended.m[1]
